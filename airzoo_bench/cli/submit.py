@@ -113,7 +113,7 @@ def submit(
     place = find_place(values["protocol"], values["method"], rules, data)
     written = write_submission(root, place, values, files, rules, replace=force)
     put(f"{written}\n")
-    if not _passes(written, root, fetch=False, score=False):
+    if not _passes(written, root, fetch=False):
         say(f"mend {written / 'submission.toml'}, or submit again with --force; nothing was sent")
         raise typer.Exit(1)
     if commit:
@@ -146,11 +146,11 @@ def check(
             expected="the folder of one submission, submissions/BENCHMARK/TRACK/FOLDER",
             fix="`airzoo-bench submit` makes one",
         )
-    if not _passes(folder, board_root(folder), fetch=fetch, score=True):
+    if not _passes(folder, board_root(folder), fetch=fetch):
         raise typer.Exit(1)
 
 
-def _passes(folder: Path, root: Path, *, fetch: bool, score: bool) -> bool:
+def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     """Check a submission, score it where that can be done, print, and say whether it passes."""
     data, rules, run = data_root(), read_board(root / BOARD_FILE), Run(progress=progress)
     checked = check_submission(
@@ -159,7 +159,7 @@ def _passes(folder: Path, root: Path, *, fetch: bool, score: bool) -> bool:
     for warning in checked.warnings:
         say(f"{folder}: {warning}")
     errors, done = [*checked.errors], "checked"
-    if score and not errors:
+    if not errors:
         sealed = rules.archive(checked.place.benchmark) is not None
         if hindrance := _hindrance(checked, data, sealed=sealed):
             say(f"{folder}: not scored: {hindrance}")

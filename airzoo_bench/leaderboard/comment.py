@@ -41,6 +41,9 @@ _LONGEST_BLOCK, _LONGEST_SPAN, _MOST_PARTS = 4000, 120, 200
 _CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
 _UNITS = {"share": "%", "m": "m", "deg": "°"}
 
+Numbers = Annotated[  # JSON has lists
+    tuple[Finite | None, Finite | None, Finite | None, Finite | None], Field(strict=False)
+]
 Commit = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
 
 
@@ -52,7 +55,7 @@ class SceneScores(Strict):
 
     title: str
     queries: int
-    scores: dict[str, tuple[Finite | None, Finite | None, Finite | None, Finite | None]]
+    scores: dict[str, Numbers]
 
 
 class Standing(Strict):

@@ -117,12 +117,14 @@ class SealedAnswer(Strict):
 
 def read_run(folder: Path) -> Run:
     """Read the facts of a run."""
-    return _read_json(folder / RUN_FILE, Run, "run file")
+    found: Run = _read_json(folder / RUN_FILE, Run, "run file")
+    return found
 
 
 def read_answer(folder: Path) -> SealedAnswer:
     """Read the sealed answer of a run."""
-    return _read_json(folder / ANSWER_FILE, SealedAnswer, "sealed answer")
+    found: SealedAnswer = _read_json(folder / ANSWER_FILE, SealedAnswer, "sealed answer")
+    return found
 
 
 def _read_json(path: Path, model: Any, what: str) -> Any:

@@ -211,7 +211,8 @@ def read_files(
 ) -> list[UserError]:
     """Write the files of a submission into a fresh folder, if names, kinds and sizes are right."""
     cut = len(place.path) + 1
-    entries = [(path[cut:], *more) for path, *more in repository.entries(commit, place.path)]
+    found = repository.entries(commit, place.path)
+    entries = [(path[cut:], mode, object_id) for path, mode, object_id in found]
     if not entries:
         return [RefusedError("not the folder of a submission: it has no files", where=place.path)]
     faults = [*check_listing([(p, mode, 0) for p, mode, _ in entries], place.path, board.limits)]

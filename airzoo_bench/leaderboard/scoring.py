@@ -66,6 +66,7 @@ from airzoo_bench.results.result import read_result
 __all__ = [
     "Rules",
     "answer_path",
+    "find_standing",
     "score_against_truth",
     "score_merged",
     "score_pull_request",
@@ -108,7 +109,8 @@ def score_submission(
         predictions, data=data, protocol=given.protocol, method=given.method, run=run,
         read_by=checked.read_by,
     )  # fmt: skip
-    lines, refusal = [], None
+    lines: list[str] = []
+    refusal: UserError | None = None
     if checked.claimed is not None:
         rescored = Scored(given.method, scored.result, scored.records)
         lines, refusal = check_claim(checked.claimed, rescored)
@@ -121,7 +123,11 @@ def score_submission(
 
 def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Artifact:
     """Check a pull request, and score it where the truth is public."""
-    about = {"pull_request": pull.number, "account": pull.account, "head": pull.head}
+    about: dict[str, Any] = {
+        "pull_request": pull.number,
+        "account": pull.account,
+        "head": pull.head,
+    }
     if pull.base != rules.board.branch:
         return Artifact(kind="nothing", **about)
     repository = Repository.create(work / "pull.git", remote)
@@ -145,9 +151,9 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
         about |= _score_touched(pull, repository, branch, found, rules, work)
     except UserError as error:
         about |= {"kind": "refused", "problems": [error]}
-    for error in about.get("problems", ()):
-        if isinstance(error, _OF_BOARD):
-            raise error
+    for problem in about.get("problems", ()):
+        if isinstance(problem, _OF_BOARD):
+            raise problem
     for key in ("problems", "warnings", "claimed"):
         about[key] = tuple(_without(str(text), work) for text in about.get(key, ()))
     return Artifact(**about)
@@ -203,7 +209,7 @@ def _score_touched(
         "columns": scored.result.columns,
         "notes": scored.result.notes,
         "truth": scored.result.truth.fingerprint,
-        **_standing(place, home / "runs", work / "cache"),
+        **find_standing(place, home / "runs", work / "cache"),
     }
 
 
@@ -267,7 +273,7 @@ def _copies(
             )
 
 
-def _standing(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
+def find_standing(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
     """Return the rows of a method and its rank among those of the board, as a build ranks it."""
     cache.mkdir(parents=True, exist_ok=True)
     entries = read_entries(runs, runs / "none", cache, lambda _: None)
@@ -297,7 +303,7 @@ def _standing(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
 def _rows(own: Entry) -> Iterator[SceneScores]:
     measured, before = own.measured, own.older[0].measured if own.older else None
     assert measured is not None
-    comparable = before is not None and before.measures == measured.measures
+    known = before.scores if before and before.measures == measured.measures else {}
     parts = {one["id"]: (one["title"], one["queries"]) for one in measured.scenes}
     every = ("average", sum(queries for _, queries in parts.values()))
     for scene, (title, queries) in (parts | {OVERALL: every}).items():
@@ -305,15 +311,13 @@ def _rows(own: Entry) -> Iterator[SceneScores]:
         for column in measured.score_columns:
             numbers = measured.scores[scene].get(column.key)
             if column.headline and numbers is not None:
-                last = (
-                    before.scores[scene].get(column.key, [None])
-                    if comparable and before
-                    else [None]
-                )
-                every_one = (*numbers[:3], last[0])
-                finite = (v if v is not None and math.isfinite(v) else None for v in every_one)
-                scores[column.key] = tuple(finite)
-        yield SceneScores(title=title, queries=queries, scores=scores)
+                (value, low, high), last = numbers[:3], known.get(scene, {}).get(column.key, [None])
+                scores[column.key] = (*map(_finite, (value, low, high, last[0])),)
+        yield SceneScores.model_validate({"title": title, "queries": queries, "scores": scores})
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
 
 
 # --- a sealed truth ---

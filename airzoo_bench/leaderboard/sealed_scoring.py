@@ -106,8 +106,9 @@ def score_sealed(
                 where=predictions,
                 fix="ask the host, who has the truth and can score it by `airzoo-bench eval`",
             ) from None
-        if stated is not None and (error := check_pipeline(stated, evaluation.result)):
-            raise OpenedTruthError(error.what, expected=error.expected, fix=error.fix)
+        fault = check_pipeline(stated, evaluation.result) if stated else None
+        if fault is not None:
+            raise OpenedTruthError(fault.what, expected=fault.expected, fix=fault.fix)
     result, sealed = evaluation.result, public.file.sealed
     columns = tuple(column for column in result.columns if column.headline)
     return SealedAnswer(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.leaderboard.keys import KEY_VARIABLE, load_pyrage
+from airzoo_bench.leaderboard.sealing import KEY_VARIABLE, load_pyrage
 from tests.api.place import NAME
 from tests.leaderboard.sealed.conftest import SealedField, field, sealed
 from tests.support import run_main

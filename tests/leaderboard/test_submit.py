@@ -18,7 +18,7 @@ from typer.testing import Result
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.leaderboard.submission import read_submission
 from airzoo_bench.results.result import write_result
-from tests.leaderboard.ci.repositories import AUTHOR, git
+from tests.leaderboard.hosting import AUTHOR, git
 from tests.leaderboard.submission.support import PROTOCOL, write_board
 from tests.support import write_predictions
 
@@ -26,7 +26,7 @@ Command = Callable[..., Result]
 OPTIONS = [
     *("--method", "SALAD", "--team", "Example Lab", "--contact", "ada@example.org"),
     *("--author", "Ada Example", "--author", "Grace Example", "--licence", "CC-BY-4.0"),
-    *("--training-data", "none", "--stages", "single-stage", "--account", 1001),
+    *("--training-data", "none", "--stages", "single-stage", "--set", "account=1001"),
 ]
 FOLDER = "submissions/made/retrieval/salad"
 
@@ -54,11 +54,18 @@ def test_one_command_makes_a_branch_with_the_checked_folder(
 ) -> None:
     claimed = preds.with_name("result.json")
     write_result(claimed, evaluate(preds, data=data, method="SALAD").result)
-    more = ("--uses", "prior", "--result", claimed, "--set", "code=https://example.org/salad")
+    more = (
+        "--set",
+        'pipeline.uses=["prior"]',
+        "--result",
+        claimed,
+        "--set",
+        "code=https://example.org/salad",
+    )
     cost = ("--set", "cost.hardware=1 x RTX 4090", "--set", "cost.seconds_per_query=0.5")
     made = command("submit", preds, *OPTIONS, *more, *cost)
     assert made.exit_code == 0, made.output
-    assert "every score is as claimed" in made.stdout
+    assert "checked and scored, nothing wrong" in made.stdout
     assert made.stdout.splitlines()[-2:] == [
         "git push -u origin submit-salad",
         "gh pr create --fill",
@@ -98,7 +105,6 @@ def test_a_fault_is_found_before_anything_is_sent(
     [
         (("--protocol", "made-retrieva"), "did you mean 'made-retrieval'"),
         (("--licence", "CC-BY-4"), "did you mean 'CC-BY-4.0'"),
-        (("--folder", "a b"), "no name for a folder"),
         (("--set", "paper"), "is no key with a value"),
         (("--set", "papr=https://a.org"), "papr"),
         (("--url", "ftp://a.org/p.npz"), "https"),

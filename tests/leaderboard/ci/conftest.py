@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.leaderboard.ci.walk import BOARD, Board, Run
+from tests.leaderboard.walk import BOARD, Board, Run
 
 
 @pytest.fixture

@@ -6,10 +6,18 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.leaderboard.artifact import Artifact, Problem, SceneScores, Shown, Standing
-from airzoo_bench.leaderboard.comment import MARK, MOST_BYTES, code, comment_on
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.leaderboard.comment import (
+    MARK,
+    MOST_BYTES,
+    Artifact,
+    SceneScores,
+    Standing,
+    code,
+    comment_on,
+)
 from airzoo_bench.results.result import ScoreColumn
-from tests.leaderboard.ci.rendered import outside_code
+from tests.leaderboard.rendered import outside_code
 
 HOSTILE = [
     "@everyone #1 GH-1 a@b.example 0123456789abcdef0123456789abcdef01234567",
@@ -38,9 +46,9 @@ def artifact(kind: Any = "scored", **more: Any) -> Artifact:
 
 @pytest.mark.parametrize("text", HOSTILE, ids=lambda text: ascii(text)[:30])
 def test_names_are_not_rendered(text: str) -> None:
-    row = SceneScores(title=text, queries=3, scores={"recall@1": Shown(value=0.5, before=0.4)})
+    row = SceneScores(title=text, queries=3, scores={"recall@1": (0.5, None, None, 0.4)})
     standing = Standing(score=text, first=1, last=3, methods=4, alike=(text, text))
-    said = {"warnings": (text,), "notes": (text,), "claimed": (text,), "agrees": True}
+    said = {"warnings": (text,), "notes": (text,), "claimed": (text,)}
     facts = {"method": text or "x", "team": text, "columns": (COLUMN,), "rows": (row,)}
     found = comment_on(artifact(**facts, **said, standing=standing, update=True))
     seen = outside_code(found)
@@ -53,20 +61,20 @@ def test_names_are_not_rendered(text: str) -> None:
 
 @pytest.mark.parametrize("text", HOSTILE, ids=lambda text: ascii(text)[:30])
 def test_messages_are_not_rendered(text: str) -> None:
-    problem = Problem(what=text, where=text, expected=text, fix=text)
+    problem = str(SubmissionError(text, where=text, expected=text, fix=text))
     found = comment_on(artifact("refused", problems=(problem,) * 3, warnings=(text,)))
     assert not [part for part in BAD if part in outside_code(found)]
     assert found.startswith(f"{MARK}\n")
 
 
 def test_comments_are_bounded_and_their_blocks_are_closed() -> None:
-    problem = Problem(what="\U0001f4a3" * 60_000, where="w")
+    problem = "\U0001f4a3" * 60_000
     found = comment_on(artifact("refused", problems=(problem,) * 500))
     assert len(found.encode()) <= MOST_BYTES
     assert "did not fit" in found
     assert "This is about commit aaaaaaaaaaaa" in outside_code(found)
     columns = tuple(COLUMN.model_copy(update={"key": f"k{n}"}) for n in range(60))
-    scores = {c.key: Shown(value=0.5, low=0.4, high=0.6, before=0.3) for c in columns}
+    scores = {c.key: (0.5, 0.4, 0.6, 0.3) for c in columns}
     rows = tuple(SceneScores(title="s" * 120, queries=1, scores=scores) for _ in range(1000))
     found = comment_on(artifact(columns=columns, rows=rows, update=True))
     assert len(found.encode()) <= MOST_BYTES
@@ -74,7 +82,7 @@ def test_comments_are_bounded_and_their_blocks_are_closed() -> None:
 
 
 def test_scores_have_intervals_ranks_and_changes() -> None:
-    shown = Shown(value=0.5, low=0.25, high=0.75, before=0.4)
+    shown = (0.5, 0.25, 0.75, 0.4)
     rows = (SceneScores(title="East", queries=1234, scores={"recall@1": shown}),)
     standing = Standing(score="R@1", first=2, last=5, methods=9, alike=("A", "B"))
     facts = {"method": "Salad", "team": "Lab", "columns": (COLUMN,), "rows": rows}
@@ -82,7 +90,7 @@ def test_scores_have_intervals_ranks_and_changes() -> None:
     assert "Rank **2 to 5** of 9 by `R@1`." in found
     assert "Not told apart from `A`, `B`" in found
     assert "| `East` | 1,234 | 50.00 [25.00, 75.00] |" in found
-    assert "| `East` | 40.00 → 50.00 |" in found
+    assert "| `East` | 1,234 | 40.00 → 50.00 |" in found
     assert "gh pr merge 5 --squash --match-head-commit " + "a" * 40 in found
-    infinite = (SceneScores(title="East", queries=1, scores={"recall@1": Shown(value=None)}),)
+    infinite = (SceneScores(title="East", queries=1, scores={"recall@1": (None,) * 4}),)
     assert "| `East` | 1 | inf |" in comment_on(artifact(columns=(COLUMN,), rows=infinite))

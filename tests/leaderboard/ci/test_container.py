@@ -15,7 +15,7 @@ from airzoo_bench.core.sandbox import Limits, call_limited
 
 yaml = pytest.importorskip("yaml")
 ROOT = Path(__file__).resolve().parents[3]
-WORKFLOW = ROOT / "airzoo_bench/leaderboard/starter/files/leaderboard.yml"
+WORKFLOW = ROOT / "airzoo_bench/leaderboard/starter/leaderboard.yml"
 
 
 def look(path: str, other: str) -> list[str]:

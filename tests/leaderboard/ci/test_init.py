@@ -9,7 +9,7 @@ import pytest
 
 from airzoo_bench.leaderboard.board import read_board
 from airzoo_bench.leaderboard.submission import SCHEMA_LINE, schema_text
-from tests.leaderboard.ci.repositories import Hosted, event, write_event
+from tests.leaderboard.hosting import Hosted, event, write_event
 from tests.support import run_main
 
 
@@ -18,7 +18,6 @@ def test_init_writes_a_board_that_can_be_read(tmp_path: Path) -> None:
     assert run_main("leaderboard", "init", home, "--repository", "lab/x-1") == 0
     board = read_board(home / "leaderboard.toml")
     assert (board.url, board.repository) == ("https://lab.github.io/x-1/", "lab/x-1")
-    assert board.data_url == "https://github.com/lab/x-1/tree/leaderboard-data"
     assert (home / ".github" / "workflows" / "board.yml").is_file()
     _, _, place = SCHEMA_LINE.partition("#:schema ")
     folder = home / "submissions" / "benchmark" / "track" / "method"
@@ -63,7 +62,7 @@ def test_faults_of_the_board_are_none_of_a_submission(
     if fault == "work":
         (tmp_path / "work" / "submissions").mkdir(parents=True)
     call = ("leaderboard", "score", "--event", file, "--remote", remote, "--root", tmp_path / "b")
-    places = ("--data", tmp_path, "--work", tmp_path / "work", "--out", tmp_path / "f")
+    places = ("--work", tmp_path / "work", "--out", tmp_path / "f")
     assert run_main(*call, *places) == 2
     assert not (tmp_path / "f").exists()
     assert capsys.readouterr().err.count("airzoo-bench: ") == 1

@@ -17,9 +17,9 @@ from typer.testing import Result
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.leaderboard import sealed_scoring as scoring
-from airzoo_bench.leaderboard.keys import KEY_VARIABLE, load_pyrage
-from tests.leaderboard.ci.repositories import event, git, write_event
-from tests.leaderboard.ci.walk import ADA, BOARD, Board, submit
+from airzoo_bench.leaderboard.sealing import KEY_VARIABLE, load_pyrage
+from tests.leaderboard.hosting import event, git, write_event
+from tests.leaderboard.walk import ADA, BOARD, Board, submit
 from tests.support import write_raster
 
 pytest.importorskip("pyrage")
@@ -189,7 +189,7 @@ def test_class_of_a_sealed_method_is_held_to_its_predictions(
     opened(board, work, code=1)
     found = json.loads((work / "found-sealed.json").read_text())
     assert (found["kind"], found["answer"]) == ("refused", None)
-    assert "the photo's own prior" in found["problems"][0]["what"]
+    assert "the photo's own prior" in found["problems"][0]
 
 
 def test_files_that_changed_between_the_jobs_are_not_scored(

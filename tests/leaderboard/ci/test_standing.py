@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airzoo_bench.leaderboard.artifact import Standing
 from airzoo_bench.leaderboard.board import Place
-from airzoo_bench.leaderboard.standing import standing_of
+from airzoo_bench.leaderboard.comment import Standing
+from airzoo_bench.leaderboard.scoring import find_standing
 from airzoo_bench.statistics.significance import LEVEL
 from tests.leaderboard.site.support import board_of, built, method, some_runs, write_version
 
@@ -29,7 +29,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def placed(root: Path, folder: str) -> Standing | None:
     """Return what the comment says."""
-    found = standing_of(Place("made", "retrieval", folder), root / "runs", root / "of comment")
+    found = find_standing(Place("made", "retrieval", folder), root / "runs", root / "of comment")
     standing: Standing | None = found["standing"]
     return standing
 
@@ -55,7 +55,9 @@ def test_comment_and_board_say_the_same(root: Path) -> None:
 
 
 def test_intervals_are_those_of_the_board(root: Path) -> None:
-    rows = standing_of(Place("made", "retrieval", "m0"), root / "runs", root / "of comment")["rows"]
+    rows = find_standing(Place("made", "retrieval", "m0"), root / "runs", root / "of comment")[
+        "rows"
+    ]
     tables = board_of(root / "site")["tables"].values()
     board = next(row for t in tables for row in t["rows"] if row["id"] == "m0")
     for row in rows:
@@ -64,9 +66,9 @@ def test_intervals_are_those_of_the_board(root: Path) -> None:
             expected = [score[name] for name in ("value", "low", "high")]
             if row.title != "average":
                 expected = board["scenes"][row.title.lower()][key]
-            assert [shown.value, shown.low, shown.high] == expected
+            assert list(shown[:3]) == expected
     assert rows[-1].title == "average"
-    assert all(shown.before is not None for shown in rows[-1].scores.values())
+    assert all(shown[3] is not None for shown in rows[-1].scores.values())
 
 
 def test_another_truth_is_ranked_alone(root: Path) -> None:

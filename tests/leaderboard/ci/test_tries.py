@@ -9,7 +9,7 @@ import pytest
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.data_branch import DataBranch, Try, check_tries
 from airzoo_bench.leaderboard.git import RefusedError
-from tests.leaderboard.ci.repositories import Hosted
+from tests.leaderboard.hosting import Hosted
 
 LIMITS = Limits(tries=2, days=30)
 

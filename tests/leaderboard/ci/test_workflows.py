@@ -15,7 +15,7 @@ import pytest
 yaml = pytest.importorskip("yaml")
 
 ROOT = Path(__file__).resolve().parents[3]
-STARTER = ROOT / "airzoo_bench" / "leaderboard" / "starter" / "files"
+STARTER = ROOT / "airzoo_bench" / "leaderboard" / "starter"
 WORKFLOWS = sorted([*(ROOT / ".github" / "workflows").glob("*.y*ml"), *(STARTER).glob("[!z]*.yml")])
 LEADERBOARD = STARTER / "leaderboard.yml"
 DOCS = [ROOT / "docs" / "leaderboard.md", STARTER / "SUBMITTING.md"]

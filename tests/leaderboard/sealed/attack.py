@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.leaderboard.sealed_scoring import told
+from airzoo_bench.leaderboard.sealed_scoring import round_score
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
 
@@ -32,7 +32,7 @@ def exact(hits: Hits) -> float:
 
 
 def rounded(hits: Hits) -> float:
-    return told(exact(hits), hits, R1).value or 0.0
+    return round_score(exact(hits), hits, R1).value or 0.0
 
 
 def attacked(

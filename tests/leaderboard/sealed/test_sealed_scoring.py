@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import PredictionError, SubmissionError
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.leaderboard import sealed_scoring
-from airzoo_bench.leaderboard.answer import SealedAnswer
-from airzoo_bench.leaderboard.sealed_scoring import FLIPS, score_sealed, told
+from airzoo_bench.leaderboard.data_branch import SealedAnswer
+from airzoo_bench.leaderboard.sealed_scoring import FLIPS, round_score, score_sealed
 from airzoo_bench.results.result import ScoreColumn
 from tests.api.place import NAME
 from tests.leaderboard.sealed.conftest import SALT, SealedField
@@ -144,7 +144,9 @@ def test_errors_are_those_of_repeated_samples(column: ScoreColumn, count: int) -
     values = (draws < 0.4).astype(float) if column is SHARE else -np.log1p(-draws)
     average = np.median if column is MEDIAN else np.mean
     means = average(values, axis=2).mean(axis=1)
-    found = [told(float(mean), [*row], column) for mean, row in zip(means, values, strict=True)]
+    found = [
+        round_score(float(mean), [*row], column) for mean, row in zip(means, values, strict=True)
+    ]
     stated = np.array([one.standard_error for one in found], float)
     # Order statistics of few queries are careful, and digits are rounded upward.
     assert 0.9 < np.sqrt(np.mean(stated**2)) / np.std(means) < 2
@@ -158,21 +160,21 @@ def test_steps_by_hand() -> None:
     (0.509 x 0.491 / 60) ** 0.5 = 0.0645, of both 0.0456: 0.05.
     """
     half = np.repeat((0.0, 1.0), 30)
-    found = told(0.5, [half, half], SHARE)
+    found = round_score(0.5, [half, half], SHARE)
     assert (found.value, found.step, found.standard_error) == (0.51, 0.034, 0.05)
-    large = told(0.5, [np.repeat((0.0, 1.0), 5000)], SHARE)
+    large = round_score(0.5, [np.repeat((0.0, 1.0), 5000)], SHARE)
     assert (large.value, large.step, large.standard_error) == (0.5, 0.0025, 0.005)
     for value in (0.0, 1.0):
-        perfect = told(value, [np.full(100, value)], SHARE)
+        perfect = round_score(value, [np.full(100, value)], SHARE)
         assert (perfect.value, perfect.standard_error) == (value, 0.02)
 
 
 def test_failures() -> None:
     values = np.array([1.0, 2.0, 3.0, *[math.inf] * 5])
     nothing = {"value": None, "standard_error": None, "step": None}
-    assert told(math.inf, [values], MEDIAN).model_dump() == nothing
+    assert round_score(math.inf, [values], MEDIAN).model_dump() == nothing
     half = np.array([*range(1, 12), *[math.inf] * 9], float)
-    found = told(float(np.median(half)), [half], MEDIAN)
+    found = round_score(float(np.median(half)), [half], MEDIAN)
     assert found.value is not None
     assert found.standard_error is None
     assert found.step is not None
@@ -185,14 +187,16 @@ def test_a_scene_of_one_query_is_not_read_off_the_mean() -> None:
     answers = set()
     for hit in (0.0, 1.0):
         scenes = [*others, np.array([hit])]
-        answers.add(told(float(np.mean([one.mean() for one in scenes])), scenes, SHARE).value)
+        answers.add(
+            round_score(float(np.mean([one.mean() for one in scenes])), scenes, SHARE).value
+        )
     assert len(answers) == 1
 
 
 @given(st.lists(st.booleans(), min_size=10, max_size=400))
 def test_shares_stay_shares_and_within_half_a_step(hits: list[bool]) -> None:
     values = np.array(hits, float)
-    found = told(float(values.mean()), [values], SHARE)
+    found = round_score(float(values.mean()), [values], SHARE)
     assert found.value is not None
     assert found.step is not None
     assert 0.0 <= found.value <= 1.0
@@ -210,7 +214,7 @@ def test_one_query_mostly_changes_nothing(column: ScoreColumn) -> None:
         other, place = values.copy(), random.integers(60)
         other[place] = 1.0 - other[place] if column is SHARE else random.exponential(1.0)
         average = np.median if column is MEDIAN else np.mean
-        same += told(float(average(values)), [values], column) == told(
+        same += round_score(float(average(values)), [values], column) == round_score(
             float(average(other)), [other], column
         )
     assert same >= 400 * 0.7

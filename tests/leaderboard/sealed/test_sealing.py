@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from airzoo_bench.leaderboard.keys import load_pyrage
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UserError
-from airzoo_bench.leaderboard.keys import load_pyrage
 from airzoo_bench.leaderboard.sealed_scoring import opened_truth
 from airzoo_bench.leaderboard.sealing import seal
 from tests.api.place import NAME

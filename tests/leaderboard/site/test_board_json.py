@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.leaderboard.board import Board, Place
+from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_scored
 from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.leaderboard.site.support import (
+    BOARD,
     board_of,
     built,
-    BOARD,
     files_of,
     method,
     rows_of,

@@ -59,11 +59,11 @@ def write(root: Path, arrays: dict[str, Any], folder: str = "salad", **changes: 
     return home
 
 
-def checked(folder: Path, data: Path, **options: Any) -> CheckedSubmission:
+def checked(folder: Path, data: Path, seconds: float = 0.0) -> CheckedSubmission:
     """Check a folder as the command line does."""
     root = folder.parents[3]
     board = read_board(root / BOARD_FILE)
-    return check_submission(folder, board, data, known=[*known_submissions(root)], **options)
+    return check_submission(folder, board, data, known=known_submissions(root), seconds=seconds)
 
 
 def only_error(found: CheckedSubmission) -> str:

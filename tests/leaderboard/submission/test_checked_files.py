@@ -53,14 +53,14 @@ def _changed(home: Path, content: Callable[[bytes], bytes]) -> None:
 FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "a link": (
         lambda home: (home / "names.txt").symlink_to("/etc/passwd"),
-        "a link, a pipe or a device",
+        "is no file: a link",
     ),
-    "a pipe": (lambda home: os.mkfifo(home / "pipe"), "a link, a pipe or a device"),
+    "a pipe": (lambda home: os.mkfifo(home / "pipe"), "is no file: a link"),
     "unnamed": (lambda home: (home / "conftest.py").touch(), "1 entry (conftest.py)"),
-    "blank": (lambda home: (home / "my scene.npz").touch(), "the name has blanks"),
-    "hidden": (lambda home: (home / ".hidden").touch(), "the name begins with a dot"),
-    "device": (lambda home: (home / "aux.npz").touch(), "the name is none on Windows"),
-    "umlaut": (lambda home: (home / "ä.npz").touch(), "other characters than those of plain names"),
+    "blank": (lambda home: (home / "my scene.npz").touch(), "the name is not plain"),
+    "hidden": (lambda home: (home / ".hidden").touch(), "the name is not plain"),
+    "device": (lambda home: (home / "aux.npz").touch(), "the name is not plain"),
+    "umlaut": (lambda home: (home / "ä.npz").touch(), "the name is not plain"),
     "twins": (
         lambda home: (home / "PREDS.npz").touch(),
         "differs from another name only in case",
@@ -78,7 +78,7 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "more bytes": (lambda home: _changed(home, lambda c: c + b"x"), "key 'predictions.bytes' is"),
     "a claim of a million keys": (
         lambda home: (home / "result.json").write_text("[" + "1," * 3_000_000),
-        "more than a result of this suite takes",
+        "at most 4,194,304",
     ),
     "no submission": (
         lambda home: (home / "submission.toml").unlink(),

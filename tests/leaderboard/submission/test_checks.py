@@ -5,18 +5,14 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
-import numpy as np
 import pytest
 
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.datasets.geometry_checks.splits import NamedFootprints
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.leaderboard.checks import FETCHED
 from airzoo_bench.results.result import write_result
 from tests.leaderboard.submission.support import checked, only_error, write, write_board
-from tests.support import MadeScene, made_protocol, write_benchmark
 
 
 def test_a_sound_submission_has_no_fault(board: Path, data: Path, perfect: Any) -> None:
@@ -48,7 +44,7 @@ class TestAddress:
         (home / "preds.npz").unlink()
         asked = []
 
-        def fetch(url: str, into: Path, *, size: int, sha256: str, seconds: None) -> Path:
+        def fetch(url: str, into: Path, *, size: int, sha256: str, seconds: float) -> Path:
             asked.append((url, size, sha256))
             into.mkdir(parents=True)
             (into / ".preds.npz.part").touch()
@@ -56,8 +52,8 @@ class TestAddress:
 
         monkeypatch.setattr("airzoo_bench.leaderboard.checks.fetch", fetch)
         assert checked(home, data).predictions is None
-        for fetched in (True, False):
-            found = checked(home, data, fetched=fetched)
+        for seconds in (1.0, 0.0):
+            found = checked(home, data, seconds)
             assert not found.errors
             assert found.predictions is not None
             assert found.predictions.is_relative_to(data / FETCHED)
@@ -125,26 +121,6 @@ class TestTrainingData:
     def test_the_benchmark_itself(self, board: Path, data: Path, perfect: Any) -> None:
         [warning] = checked(write(board, perfect, training_data=["Made"]), data).warnings
         assert "are, or are of one dataset with, the benchmark made" in warning
-
-    def test_a_slip_of_a_known_name(self, board: Path, data: Path, perfect: Any) -> None:
-        [warning] = checked(write(board, perfect, training_data=["uav-visloq"]), data).warnings
-        assert "did you mean 'uav-visloc'?" in warning
-
-    def test_ground_that_both_see(
-        self, board: Path, data: Path, perfect: Any, scenes: list[MadeScene]
-    ) -> None:
-        write_benchmark(data / "drives", made_protocol(scenes, "drives"), scenes)
-        home = write(board, perfect, training_data=["drives"])
-        # The made benchmark has no poses to see the ground from: that is said, not passed over.
-        [warning] = checked(home, data).warnings
-        assert "training data 'drives' were not compared with the benchmark" in warning
-        corners = np.array([[[0, 0], [0, 1], [1, 1], [1, 0]]]) * 1e-3
-        sets = [NamedFootprints(("a",), corners, np.zeros(1, bool)) for _ in "xy"]
-        with mock.patch("airzoo_bench.leaderboard.checks.read_footprints", side_effect=sets):
-            [warning] = checked(home, data).warnings
-        assert "see the ground of 1 test photo of 1: `airzoo-bench check-split drives made`" in (
-            warning
-        )
 
 
 class TestClaimed:

@@ -38,7 +38,7 @@ def keys_table() -> str:
 def _rows(schema: dict[str, Any], part: dict[str, Any], head: str = "") -> Iterator[str]:
     for key, field in part["properties"].items():
         needed = "yes" if key in part.get("required", ()) else ""
-        inner = field.get("$ref", "").removeprefix("#/$defs/")
+        inner = json.dumps(field).partition("#/$defs/")[2].partition('"')[0]
         if inner:
             optional = "" if needed else " The table may be left out."
             yield f"| `[{key}]` | {needed} | {field['description']}{optional} | |"

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.submission import (
     Submission,
-    read_public_submission,
     read_submission,
     submission_text,
 )
@@ -50,7 +49,7 @@ def test_what_a_board_keeps_has_no_contact(path: Path) -> None:
     assert "ada@example.org" not in text
     assert "contact" not in text
     path.write_text(text, encoding="utf-8")
-    assert read_public_submission(path) == submission().public()
+    assert read_submission(path, public=True) == submission().public()
     assert "key 'contact' is missing" in refusal(path, text)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from typer.testing import Result
 
-from tests.leaderboard.ci.repositories import Hosted, event, git, write_event
+from tests.leaderboard.hosting import Hosted, event, git, write_event
 from tests.support import write_predictions
 
 ADA, BOB, MAINTAINER = 1001, 1002, 1
@@ -98,8 +98,7 @@ class Board:
         data = self.rescore(said=said)
         site = self.home / f"site{self.runs}"
         self.run(
-            "leaderboard", "build", "--runs", data / "runs", "--out", site, "--submissions",
-            self.main / "submissions", "--board", self.main / "leaderboard.toml",
+            "leaderboard", "build", "--runs", data, "--out", site, "--root", self.main,
         )  # fmt: skip
         self.keep(data)
         return site
@@ -114,19 +113,17 @@ def submit(
     arrays: dict[str, Any],
     method: str,
     *more: object,
-    folder: str = "",
     account: int = ADA,
 ) -> Path:
     """Make a submission by the documented command, and return its folder."""
-    name = folder or method.lower()
     predictions = write_predictions(fork.parent / f"{method}.npz", "made-retrieval", **arrays)
     board.run(
         "submit", predictions, "--board", fork, "--method", method, "--team", "Example Lab",
         "--contact", "ada@example.org", "--author", "Ada Example", "--licence", "CC-BY-4.0",
-        "--stages", "single-stage", "--training-data", "none", "--folder", name,
-        "--account", account, "--no-commit", *more,
+        "--stages", "single-stage", "--training-data", "none",
+        "--set", f"account={account}", "--no-commit", *more,
     )  # fmt: skip
-    return fork / "submissions/made/retrieval" / name
+    return fork / "submissions/made/retrieval" / method.lower()
 
 
 def worse(perfect: dict[str, list[Any]]) -> dict[str, list[Any]]:
