@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from airzoo_bench.audit.audit import audit
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.about import about_file, about_of
@@ -337,7 +335,7 @@ class _Builder:
                 "numbers": _printed_numbers(columns, row),
                 "findings": [
                     finding | {"scene": ids[finding["scene"]]}
-                    for finding in self._findings.get("/".join((benchmark, track, row.method)), ())
+                    for finding in _find_doubts().get((benchmark, track, row.method), ())
                     if finding["scene"] in ids
                 ],
             }
@@ -349,35 +347,28 @@ class _Builder:
             notes.append("not the shipped protocol: reported numbers may measure something else")
         return found, notes
 
-    @cached_property
-    def _findings(self) -> dict[str, list[Json]]:
-        """Audit the sources that travel with the package; by benchmark, track and method."""
-        sources = [(path, read_source_file(path)) for path in published_sources().values()]
-        sums = [sha256_of(p) + sha256_of(p.with_name(source.data)) for p, source in sources]
-        mark = hashlib.sha256("".join([__version__, *sums]).encode()).hexdigest()[:32]
-        path = self.cache / f"audit-{mark}.json"
-        if path.is_file():
-            known: dict[str, list[Json]] = json.loads(path.read_text("utf-8"))
-            return known
-        found: dict[str, list[Json]] = {}
-        for file, source in sources:
-            for one in audit(read_published(file.with_name(source.data))).findings:
-                cell = one.cell
-                key = (source.benchmarks.get(cell.benchmark, ""), cell.track, cell.method)
-                found.setdefault("/".join(key), []).append(
-                    {
-                        "scene": OVERALL if cell.is_summary else cell.scene,
-                        "score": source.scores.get(cell.track, {}).get(cell.score.name, ""),
-                        "grade": one.grade.value,
-                        "check": one.check,
-                        "printed": cell.number.text,
-                        "why": one.why,
-                        "source": ", ".join(filter(None, (source.name, cell.table))),
-                    }
-                )
-        with atomic_write(path, "w") as stream:
-            stream.write(json.dumps(found))
-        return found
+
+@cache
+def _find_doubts() -> dict[tuple[str, str, str], list[Json]]:
+    """Audit the sources that travel with the package; by benchmark, track and method."""
+    found: dict[tuple[str, str, str], list[Json]] = {}
+    for path in published_sources().values():
+        source = read_source_file(path)
+        for one in audit(read_published(path.with_name(source.data))).findings:
+            cell = one.cell
+            key = (source.benchmarks.get(cell.benchmark, ""), cell.track, cell.method)
+            found.setdefault(key, []).append(
+                {
+                    "scene": OVERALL if cell.is_summary else cell.scene,
+                    "score": source.scores.get(cell.track, {}).get(cell.score.name, ""),
+                    "grade": one.grade.value,
+                    "check": one.check,
+                    "printed": cell.number.text,
+                    "why": one.why,
+                    "source": ", ".join(filter(None, (source.name, cell.table))),
+                }
+            )
+    return found
 
 
 def _measured(entry: Entry) -> Measured:

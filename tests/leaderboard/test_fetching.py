@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.fetching import fetch
 from tests.leaderboard.web_server import (
     CONTENT,
@@ -49,20 +48,6 @@ def test_a_file_arrives_under_its_name(
     found = arrived(web, tmp_path, f"https://{HOST}{path}")
     assert (found, found.read_bytes()) == (tmp_path / name, CONTENT)
     assert b"\r\nHost: data.example.org\r\n" in web.requests[0]
-
-
-def test_a_file_that_is_there_is_not_fetched_again(web: WebServer, tmp_path: Path) -> None:
-    (tmp_path / "preds.npz").write_bytes(CONTENT)
-    arrived(web, tmp_path)
-    assert web.requests == []
-
-
-def test_a_failed_fetch_leaves_an_earlier_file(web: WebServer, tmp_path: Path) -> None:
-    (tmp_path / "preds.npz").write_bytes(b"earlier")
-    web.answers["/files/preds.npz"] = plain(CONTENT[::-1])
-    with pytest.raises(SubmissionError):
-        arrived(web, tmp_path)
-    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("preds.npz", b"earlier")]
 
 
 class TestContent:

@@ -90,16 +90,6 @@ def test_missing_options_are_named_where_nobody_can_be_asked(
     assert not (board / "submissions").exists()
 
 
-def test_a_fault_is_found_before_anything_is_sent(
-    board: Path, perfect: Any, tmp_path: Path, command: Command
-) -> None:
-    perfect["ranked_ids"][0][1] = perfect["ranked_ids"][0][0]
-    preds = write_predictions(tmp_path / "bad.npz", PROTOCOL, **perfect)
-    made = command("submit", preds, *OPTIONS)
-    assert made.exit_code == 1
-    assert git(board, "branch", "--show-current") == "main"
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -158,10 +148,3 @@ def test_eight_questions_at_most_on_a_terminal(board: Path, preds: Path) -> None
     assert child.wait(60) == 0, said
     assert "an e-mail address" in said  # asked again
     assert read_submission(board / FOLDER / "submission.toml").method == "SALAD"
-
-
-def test_outside_of_a_board_the_way_is_named(
-    tmp_path: Path, preds: Path, command: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert "leaderboard.toml" in str(command("submit", preds, *OPTIONS).exception)

@@ -52,26 +52,3 @@ def test_comment_and_board_say_the_same(root: Path) -> None:
         assert standing.methods == len(ids) == 7
         others = [names[one] for n, one in enumerate(ids) if n != own and alike[own, n]]
         assert standing.alike == tuple(sorted(others))
-
-
-def test_intervals_are_those_of_the_board(root: Path) -> None:
-    rows = find_standing(Place("made", "retrieval", "m0"), root / "runs", root / "of comment")[
-        "rows"
-    ]
-    tables = board_of(root / "site")["tables"].values()
-    board = next(row for t in tables for row in t["rows"] if row["id"] == "m0")
-    for row in rows:
-        for key, shown in row.scores.items():
-            score = board["scores"][key]
-            expected = [score[name] for name in ("value", "low", "high")]
-            if row.title != "average":
-                expected = board["scenes"][row.title.lower()][key]
-            assert list(shown[:3]) == expected
-    assert rows[-1].title == "average"
-    assert all(shown[3] is not None for shown in rows[-1].scores.values())
-
-
-def test_another_truth_is_ranked_alone(root: Path) -> None:
-    standing = placed(root, "far")
-    assert standing is not None
-    assert [standing.first, standing.last, standing.methods] == [1, 1, 1]

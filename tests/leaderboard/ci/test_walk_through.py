@@ -13,7 +13,7 @@ import pytest
 from airzoo_bench.leaderboard import scoring
 from airzoo_bench.leaderboard.git import BoardError
 from tests.leaderboard.hosting import git
-from tests.leaderboard.walk import ADA, BOARD, BOB, MAINTAINER, Board, submit, worse
+from tests.leaderboard.walk import ADA, BOB, Board, submit, worse
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 
@@ -167,47 +167,6 @@ def test_name_that_another_took_meanwhile_stays_off_the_board(
 
 
 @pytest.mark.slow
-def test_what_is_no_submission_is_named_and_skipped(
-    board: Board, perfect: dict[str, list[Any]]
-) -> None:
-    submit(board, board.main, perfect, "Salad")
-    table = board.main / "submissions/made/retrieval"
-    for name in ("../.gitkeep", ".gitkeep", "a folder/notes.txt", "a\nfolder/submission.toml"):
-        (table / name).parent.mkdir(exist_ok=True)
-        (table / name).write_text("x")
-    (table / "notes").symlink_to("salad")
-    board.push_main("One, and what is none")
-    fork = board.clone("ada")
-    submit(board, fork, worse(perfect), "Cress")
-    assert "is refused" not in board.ci(1, board.propose(fork, 1), ADA)
-    data = board.rescore(said="retrieval/a folder: no submission")
-    assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
-    (data / "runs/made/retrieval/a folder").mkdir()
-    site = board.home / "site"
-    done = board.run("leaderboard", "build", "--runs", data, "--out", site)
-    assert "a folder" in done.stderr
-
-
-@pytest.mark.slow
-def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -> None:
-    """Every two of a table are compared: clones would weaken what is found of all others."""
-    (board.main / "leaderboard.toml").write_text(f"{BOARD}\n[limits]\nentries = 1\n")
-    board.push_main("One each")
-    fork = board.clone("fork")
-    submit(board, fork, perfect, "Salad")
-    head = board.propose(fork, 1)
-    assert "is refused" not in board.ci(1, head, ADA)
-    board.merge(1, head)
-    newer = board.clone("newer")
-    submit(board, newer, worse(perfect), "Cress")
-    head = board.propose(newer, 2)
-    refused = board.ci(2, head, ADA, code=1)
-    assert "this account has 1 submission in this table already" in refused
-    assert f"write account = {BOB}" in board.ci(2, head, BOB, code=1)
-    assert "is refused" not in board.ci(2, head, MAINTAINER)
-
-
-@pytest.mark.slow
 def test_run_that_breaks_off_has_read_all_older_runs(
     board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -229,28 +188,3 @@ def test_run_that_breaks_off_has_read_all_older_runs(
     )  # fmt: skip
     assert isinstance(done.exception, BoardError)
     assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
-
-
-def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
-    board: Board, perfect: dict[str, list[Any]]
-) -> None:
-    submit(board, board.main, perfect, "Baseline", account=MAINTAINER)
-    board.push_main("The baseline")
-    fork = board.clone("ada")
-    (fork / "submissions/made/retrieval/baseline/extra.txt").write_text("x")
-    comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
-    assert "belongs to another account" in comment
-    assert list(board.rescore().glob("runs/made/retrieval/baseline/1/run.json"))
-
-
-def test_faulty_metadata_is_refused_with_the_message_of_check(
-    board: Board, perfect: dict[str, list[Any]]
-) -> None:
-    fork = board.clone("ada")
-    folder = submit(board, fork, perfect, "Salad")
-    path = folder / "submission.toml"
-    path.write_text(path.read_text().replace('method = "Salad"', 'method = "<img src=x>"'))
-    comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
-    assert "which is markup" in comment
-    assert "run1" not in comment
-    assert str(board.home) not in comment

@@ -12,11 +12,10 @@ import pandas as pd
 import pytest
 from airzoo_bench.leaderboard.keys import recipient
 
-from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import POSE_COLUMNS
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.leaderboard.sealing import public_files, seal
+from airzoo_bench.leaderboard.sealing import seal
 from tests.api.place import NAME, TILES
 from tests.leaderboard.sealed.conftest import SALT, TRUE_PLACE, SealedField
 
@@ -71,14 +70,6 @@ def test_every_file_that_prepare_writes(sealed: SealedField) -> None:
     assert {name.split("/")[2] for name in seen if name.count("/") > 2} >= set(TRACKS.names())
 
 
-def test_a_file_that_nobody_knows_is_sealed(field: Path) -> None:
-    folder = field
-    unknown = ("notes.txt", f"scenes/{NAME}/retrieval/answers.csv", f"data/{NAME}/images/a.depth")
-    parts = public_files(Benchmark.open(folder))
-    assert not set(unknown) & set(parts)
-    assert "prepared.json" not in parts
-
-
 def test_queries_have_no_pose_and_nothing_made_of_one(sealed: SealedField) -> None:
     path = f"scenes/{NAME}/queries.csv"
     whole, public = (pd.read_csv(of / path, dtype=str) for of in (sealed.folder, sealed.public))
@@ -110,10 +101,6 @@ def test_no_hash_of_what_is_sealed(sealed: SealedField) -> None:
     assert len(names) > 7
     assert not [path for path in names if sha256_of(path) in text]
     assert "cloud" not in text.split("[checksums]")[0].split("[[scenes]]")[1]
-
-
-def test_files_have_one_time(sealed: SealedField) -> None:
-    assert {path.stat().st_mtime for path in sealed.public.rglob("*")} == {315_532_800.0}
 
 
 def copied(field: Path, root: Path) -> Path:
@@ -195,31 +182,3 @@ def test_data_outside_the_folder_are_refused(
     (folder / "benchmark.toml").write_text(moved)
     with pytest.raises(BenchmarkError, match="data outside the folder"):
         sealed_again(folder, str(sealed.key.to_public()))
-
-
-def test_galleries_of_images_and_maps_of_photos(field: Path, tmp_path: Path) -> None:
-    """Of folders only what ids name is public: photos of the gallery, the two maps of a photo."""
-    folder = copied(field, tmp_path)
-    home, data = folder / "scenes" / NAME, folder / "data" / NAME
-    pd.DataFrame({"id": [f"{NAME}/t"], "image": ["t.png"]}).to_parquet(
-        home / "retrieval" / "tiles.parquet"
-    )
-    (home / "retrieval" / "dropped_tiles.csv").write_text(f"id,image\n{NAME}/u,u.png\n")
-    for name in ("t.png", "u.png", "v.png", "answers.json"):
-        (data / "gallery").mkdir(exist_ok=True)
-        (data / "gallery" / name).touch()
-    for name in ("a_dom.tif", "a_dsm.tif", "a_depth.tif", "z_dom.tif"):
-        (data / "maps").mkdir(exist_ok=True)
-        (data / "maps" / name).touch()
-    benchmark = Benchmark.open(field)
-    update = {"gallery": f"data/{NAME}/gallery", "maps": f"data/{NAME}/maps"}
-    scenes = tuple(scene.model_copy(update=update) for scene in benchmark.file.scenes)
-    changed = Benchmark(folder, benchmark.file.model_copy(update={"scenes": scenes}))
-    found = {
-        name.rsplit("/", 1)[1]: how
-        for name, how in public_files(changed).items()
-        if "/gallery/" in name or "/maps/" in name
-    }
-    photos = dict.fromkeys(("t.png", "u.png"), ("photo",))
-    expected = photos | dict.fromkeys(("a_dom.tif", "a_dsm.tif"), ())
-    assert found == expected

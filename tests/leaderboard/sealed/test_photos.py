@@ -103,11 +103,6 @@ def test_nothing_but_the_picture_is_left(made: Callable[[], bytes], tmp_path: Pa
         assert np.array_equal(np.asarray(one), np.asarray(other))
 
 
-@pytest.mark.parametrize("data", [jpeg(), jpeg("CMYK")], ids=["plain", "cmyk"])
-def test_a_plain_photo_is_left_as_it_is(data: bytes) -> None:
-    assert bare_photo(data, Path("photo")) == data
-
-
 @pytest.mark.parametrize(
     "data",
     [

@@ -15,7 +15,6 @@ from typing import Any
 import pytest
 from airzoo_bench.leaderboard.keys import load_pyrage
 
-from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.leaderboard.sealed_scoring import opened_truth
@@ -23,7 +22,6 @@ from airzoo_bench.leaderboard.sealing import seal
 from tests.api.place import NAME
 from tests.hostile.crash_points import Fault, run
 from tests.leaderboard.sealed.conftest import SALT, SealedField
-from tests.support import run_main
 
 _NO_FAULT = 3
 
@@ -45,40 +43,6 @@ def test_opened_is_what_was_sealed(sealed: SealedField) -> None:
     whole, found = content(sealed.folder), opened(sealed.public, sealed.archive, sealed.key)
     assert found.items() <= whole.items()
     assert whole.keys() - found.keys() == {f"data/{NAME}/images/a.png"}  # it had metadata
-
-
-def test_a_method_is_given_what_it_is_given_of_the_whole(sealed: SealedField) -> None:
-    whole, public = load_benchmark(sealed.folder), load_benchmark(sealed.public)
-    for one, other in zip(whole.scenes, public.scenes, strict=True):
-        assert [tile.id for tile in one.tiles()] == [tile.id for tile in other.tiles()]
-        assert [photo.id for photo in one.photos()] == [photo.id for photo in other.photos()]
-        assert [crop.window for crop in one.crops()] == [crop.window for crop in other.crops()]
-        assert {p.id for p in one.queries()} <= {p.id for p in other.queries()}
-
-
-@pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
-def test_templates_are_checked_and_not_scored(
-    track: str, sealed: SealedField, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / ("preds" if track == "reconstruction" else "preds.npz")
-    data = ("--data", sealed.public)
-    assert run_main("template", f"{NAME}-{track}", *data, "--out", out) == 0
-    assert run_main("check", out, *data) == 0
-    assert run_main("eval", track, out, *data) == 2
-    assert "is sealed: only its host can score predictions" in capsys.readouterr().err
-
-
-def test_the_commitment_is_salted(sealed: SealedField, tmp_path: Path) -> None:
-    found = set()
-    for number, salt in enumerate((SALT, SALT, "6b" * 32, "")):
-        public, archive = tmp_path / f"p{number}", tmp_path / f"{number}.age"
-        made, _ = seal(sealed.folder, public, archive, sealed.key.to_public(), salt=salt)
-        found.add(made)
-        stated = Benchmark.open(public, sealed=True).file.sealed
-        assert stated is not None
-        assert stated.commitment == made
-    assert len(found) == 3
-    assert content(tmp_path / "p0") == content(tmp_path / "p1") == content(sealed.public)
 
 
 CHANGES: dict[str, Callable[[bytearray], Any]] = {

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.leaderboard.site.sample import TABLE, spoilt, written
-from tests.report.browser import NEEDS_CHROMIUM, Opened, webdriver
+from tests.report.browser import NEEDS_CHROMIUM, Opened
 
 pytestmark = NEEDS_CHROMIUM
 PAGES = [
@@ -154,33 +154,6 @@ def test_a_comparison_shows_the_pairs_of_the_board(
     opened.until(lambda: opened.one("#overall tbody td:nth-child(2)").text == f"{100 * other:.2f}")
 
 
-def test_two_chosen_methods_are_compared_and_bibtex_is_copied(table: Opened) -> None:
-    boxes = table.all("#results .pick input")
-    for box in boxes[1:3]:
-        box.click()
-    table.one(".tray a").click()
-    table.until(lambda: table.all("#overall tbody tr"))
-    assert table.driver.current_url.endswith("compare.html#a=method-1&b=method-2")
-    table.one("#name-a").click()
-    table.one("#copy").click()
-    assert table.until(lambda: table.one("#copied").text).startswith(("Copied", "Selected"))
-
-
-def test_without_javascript_tables_read_in_order_and_no_control_is_in_the_way(
-    opened: Opened, board: Path
-) -> None:
-    opened.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
-    try:
-        opened.driver.get((board / TABLE / "index.html").as_uri())
-        names = [link.text for link in opened.all("#results tbody tr.re-scored th a:first-child")]
-        assert names[:2] == ["SALAD", "Net & Co"]
-        assert not any(node.is_displayed() for node in opened.all(".scripted, thead button, input"))
-        opened.driver.get((board / TABLE / "compare.html").as_uri())
-        assert "needs JavaScript" in opened.one("noscript").text
-    finally:
-        opened.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
-
-
 @contextmanager
 def screen(page: Opened, width: int, scheme: str = "light", media: str = "") -> Iterator[None]:
     metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500}
@@ -230,23 +203,6 @@ def test_hostile_texts_run_nothing_and_load_nothing(opened: Opened, hostile: Pat
         "for (const b of document.querySelectorAll('thead button, .pick input')) b.click()"
     )
     assert opened.driver.execute_script("return window.caught || 0") == 0
-
-
-def test_everything_is_reached_by_tab_and_what_has_the_focus_is_seen(table: Opened) -> None:
-    table.press(webdriver.Keys.TAB)
-    assert table.driver.switch_to.active_element.text == "Skip to the content"
-    reached = set()
-    for _ in range(60):
-        table.press(webdriver.Keys.TAB)
-        reached.add(
-            table.driver.execute_script(
-                "const n = document.activeElement, s = getComputedStyle(n);"
-                "return [n.tagName, n.className || n.name || '', s.outlineStyle !== 'none']"
-                ".join(' ')"
-            )
-        )
-    assert [found for found in reached if not found.endswith("true")] == []
-    assert {"INPUT name true", "SELECT part true", "BUTTON  true", "DIV scroll true"} <= reached
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])

@@ -16,8 +16,6 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.errors import UserError
-from airzoo_bench.leaderboard.build import serve_folder
 from tests.leaderboard.site.support import built, files_of, method, some_runs, write_version
 from tests.support import HANGS_S
 
@@ -35,18 +33,6 @@ def test_the_same_bytes_from_nothing_from_a_cache_and_in_any_order(
     shutil.rmtree(tmp_path / "runs/made/retrieval/m1/2")
     assert files_of(built(tmp_path)) == expected
     assert files_of(built(tmp_path, out="other")) == expected
-
-
-def test_the_cache_forgets_what_has_gone(tmp_path: Path) -> None:
-    def kept() -> int:
-        return sum(len(p.stem) == 64 for p in (tmp_path / "site.cache").iterdir())
-
-    some_runs(tmp_path / "runs")
-    built(tmp_path)
-    before = kept()
-    shutil.rmtree(tmp_path / "runs/made/retrieval/m0")
-    built(tmp_path)
-    assert 0 < kept() == before - 2  # of two versions
 
 
 def flipped(content: bytes) -> bytes:
@@ -67,23 +53,6 @@ def test_a_damaged_cache_gives_no_other_page(
     for path in kept:
         path.write_bytes(damage(path.read_bytes()))
     assert files_of(built(tmp_path)) == expected
-
-
-def test_a_folder_that_is_no_board_is_not_replaced(tmp_path: Path) -> None:
-    some_runs(tmp_path / "runs", 1)
-    (tmp_path / "site").mkdir()
-    (tmp_path / "site/thesis.tex").touch()
-    with pytest.raises(UserError, match="not replaced"):
-        built(tmp_path)
-    assert (tmp_path / "site/thesis.tex").exists()
-
-
-def test_two_builds_at_once_are_refused(tmp_path: Path) -> None:
-    from airzoo_bench.core.files import only_writer
-
-    some_runs(tmp_path / "runs", 1)
-    with only_writer(tmp_path / "site"), pytest.raises(UserError, match="another build"):
-        built(tmp_path)
 
 
 _KILLER = """
@@ -159,8 +128,3 @@ def test_serving_a_built_site(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=HANGS_S)
     assert (process.returncode, said) == (0, "")
-
-
-def test_what_is_no_site_is_not_served(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="not the site of a board"):
-        serve_folder(tmp_path, 0, print)

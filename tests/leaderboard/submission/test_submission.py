@@ -114,14 +114,6 @@ def test_nesting_without_end_is_refused(text: str, path: Path) -> None:
     assert len(refusal(path, text)) < 2_000
 
 
-def test_a_file_of_more_than_a_person_writes_is_refused_unread(path: Path) -> None:
-    assert "too large for a submission file" in refusal(path, "method" + ".a" * 30_000 + " = 1")
-
-
-def test_bytes_that_are_no_text_are_refused(path: Path) -> None:
-    assert "not UTF-8" in refusal(path, b'method = "\xff\xfe"')
-
-
 _LEAVES = st.one_of(
     st.text(max_size=20),
     st.integers(),
@@ -147,17 +139,6 @@ def test_any_values_are_taken_or_refused_with_a_message(
     keys = data.draw(st.lists(st.sampled_from(known), max_size=3))
     changed = values() | {key: data.draw(_TREES) for key in keys}
     _taken_or_refused(tmp_path_factory, tomli_w.dumps(changed).encode())
-
-
-@given(st.data())
-def test_any_bytes_are_taken_or_refused_with_a_message(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
-    sound = submission_text(submission()).encode()
-    start = data.draw(st.integers(0, len(sound)))
-    end = data.draw(st.integers(start, len(sound)))
-    middle = data.draw(st.binary(max_size=30) | st.text(max_size=20).map(str.encode))
-    _taken_or_refused(tmp_path_factory, sound[:start] + middle + sound[end:])
 
 
 def _taken_or_refused(factory: pytest.TempPathFactory, content: bytes) -> None:
