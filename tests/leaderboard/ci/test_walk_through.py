@@ -103,6 +103,22 @@ def test_nothing_is_scored_twice_and_what_is_withdrawn_goes(
     assert "belongs to another account" in board.ci(4, board.propose(other, 4), BOB, code=1)
 
 
+def test_new_words_on_the_same_predictions_keep_their_scores(
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submit(board, board.main, perfect, "Salad")
+    board.push_main("One")
+    board.keep(board.rescore())
+    submit(board, board.main, perfect, "Salad", "--force", "--set", "summary=Other words")
+    board.push_main("Other words")
+    monkeypatch.setattr(scoring, "score_submission", None)
+    runs = board.rescore(said="scored") / "runs/made/retrieval/salad"
+    first, second = ((runs / number / "records.csv").read_bytes() for number in "12")
+    assert first == second
+    assert "Other words" in (runs / "2/submission.toml").read_text()
+    assert "Other words" not in (runs / "1/submission.toml").read_text()
+
+
 @pytest.mark.slow
 def test_run_of_an_earlier_truth_or_protocol_is_scored_again(
     board: Board, data: Path, scenes: list[MadeScene], perfect: dict[str, list[Any]]
