@@ -6,10 +6,9 @@ from typing import Any
 from unittest import mock
 
 import pytest
-from airzoo_bench.leaderboard.keys import load_pyrage
 from PIL import Image, PngImagePlugin
 
-from airzoo_bench.leaderboard.sealing import seal
+from airzoo_bench.leaderboard.sealing import load_pyrage, seal
 from tests.api.place import NAME, make_field
 
 SALT = "5a" * 32

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from airzoo_bench.leaderboard.keys import recipient
 
 from airzoo_bench.benchmark.queries import POSE_COLUMNS
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.leaderboard.sealing import seal
+from airzoo_bench.leaderboard.sealing import recipient, seal
 from tests.api.place import NAME, TILES
 from tests.leaderboard.sealed.conftest import SALT, TRUE_PLACE, SealedField
 

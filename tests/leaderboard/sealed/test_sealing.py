@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from airzoo_bench.leaderboard.keys import load_pyrage
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.leaderboard.sealed_scoring import opened_truth
-from airzoo_bench.leaderboard.sealing import seal
+from airzoo_bench.leaderboard.sealing import load_pyrage, seal
 from tests.api.place import NAME
 from tests.hostile.crash_points import Fault, run
 from tests.leaderboard.sealed.conftest import SALT, SealedField
