@@ -123,7 +123,7 @@ def _draw(
 ) -> None:
     """Read the results, draw and save."""
     from airzoo_bench.report.draw import picture
-    from airzoo_bench.report.figures import Sheet, check_ending, letters_note, save_figure
+    from airzoo_bench.report.figures import Sheet, check_ending, save_figure
     from airzoo_bench.report.figures import parse_length as inches
     from airzoo_bench.results.files import results_here
 
@@ -143,7 +143,7 @@ def _draw(
     with working(f"drawing {out}"):
         figure = picture(kind, paths, sheet, **more)
         save_figure(figure, out, dpi=dpi)
-    say("\n".join([f"drew {out}", *aside, *letters_note(figure, out)]))
+    say("\n".join([f"drew {out}", *aside]))
 
 
 for _kind, (_summary, _example, _own) in _KINDS.items():
@@ -153,6 +153,7 @@ for _kind, (_summary, _example, _own) in _KINDS.items():
         *(one for one in _own if one.default is Parameter.empty),
     )
     _rest = [one for one in _own if one.default is not Parameter.empty]
-    app.command(_kind, epilog=examples(f"plot {_kind} results/*/result.json {_example}"))(
+    _named = "results/mymethod" if _kind in ("map", "query", "cloud") else "results/*/result.json"
+    app.command(_kind, epilog=examples(f"plot {_kind} {_named} {_example}"))(
         with_parameters(partial(_draw, _kind), (*_first, *_rest, *_LAST), _summary)
     )

@@ -58,10 +58,7 @@ def kept_ranks(method: Scored) -> int:
         )
     kept = method.result.protocol.settings.get("scores", {}).get("ranks_kept")
     if not isinstance(kept, int) or kept < 1:
-        raise UsageError(
-            "the protocol's settings do not say how many ranks were kept",
-            expected="a number above 0 as scores.ranks_kept",
-        )
+        raise UsageError("the protocol's settings have no scores.ranks_kept above 0")
     return kept
 
 

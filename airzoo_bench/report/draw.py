@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.report.curves import errors, recall, thresholds
-from airzoo_bench.report.figures import Sheet, check_room
+from airzoo_bench.report.figures import Sheet
 from airzoo_bench.report.marks import condition, intervals, scenes
 from airzoo_bench.report.matching import draw_arrows, draw_matches
 from airzoo_bench.report.places import find_places
@@ -24,6 +24,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_KINDS: dict[str, Any] = {
+    "condition": condition,
+    "errors": errors,
+    "intervals": intervals,
+    "recall": recall,
+    "scenes": scenes,
+    "thresholds": thresholds,
+}
 OF_ONE_RUN = ("map", "query", "cloud")
 _WITH_QUERIES = "retrieval or matching"
 
@@ -71,26 +79,16 @@ def picture(
     scene: str | None = None,
     **more: Any,
 ) -> Figure:
-    """Draw what ``airzoo-bench plot KIND`` does, and refuse sizes that leave no room."""
+    """Draw a kind of picture as ``airzoo-bench plot`` does."""
     if kind in OF_ONE_RUN:
-        figure = of_run(kind, paths, scene, sheet, **more)
-    else:
-        methods = read_scored(paths)
-        check_same_queries(methods)
-        if scene is not None:
-            methods = of_scene(methods, scene)
-        chosen = choose_score(methods, score, of_errors=kind == "errors")
-        scores = [] if kind in ("recall", "thresholds") else [chosen]
-        draw: Any = {
-            "condition": condition,
-            "errors": errors,
-            "intervals": intervals,
-            "recall": recall,
-            "scenes": scenes,
-            "thresholds": thresholds,
-        }[kind]
-        figure = draw(methods, *scores, sheet=sheet, **more)
-    check_room(figure)
+        return of_run(kind, paths, scene, sheet, **more)
+    methods = read_scored(paths)
+    check_same_queries(methods)
+    if scene is not None:
+        methods = of_scene(methods, scene)
+    chosen = choose_score(methods, score, of_errors=kind == "errors")
+    scores = [] if kind in ("recall", "thresholds") else [chosen]
+    figure: Figure = _KINDS[kind](methods, *scores, sheet=sheet, **more)
     return figure
 
 

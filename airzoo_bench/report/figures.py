@@ -41,7 +41,7 @@ _LINES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _MOST_IN_LEGEND, _MOST_IN = 40, 40.0
 _LONGEST = 48
-_NARROW_IN, _LEAST_PICTURE_IN, _LOWEST_IN = 5.0, 0.7, 0.15
+_NARROW_IN, _LEAST_PICTURE_IN = 5.0, 0.7
 _LEAST_PT, _POINTS, _LETTER, _LINE = 6.0, 72.0, 0.53, 1.25
 # SVG keeps text as text, and names its parts by a fixed salt.
 _FILES = {"svg.hashsalt": "airzoo-bench", "svg.fonttype": "none", "pdf.fonttype": 42}
@@ -55,25 +55,13 @@ _METADATA: dict[str, dict[str, None]] = {
 
 @dataclass(frozen=True)
 class Sheet:
-    """How a picture is laid out, and what is written around it.
+    """How a picture is laid out, in inches, and what is written around it."""
 
-    Attributes
-    ----------
-    width_in, height_in : float, optional
-        Inches, of all that is drawn; where they are not given, what the content needs.
-    title : str
-        Above the picture; empty for none.
-    notes : tuple of str
-        Small print below.
-    aside : list of str, optional
-        Takes the small print, which is then left out of the picture.
-    """
-
-    width_in: float | None = None
+    width_in: float | None = None  # where it is not given, what the content needs
     title: str = ""
-    notes: tuple[str, ...] = ()
-    height_in: float | None = None
-    aside: list[str] | None = None
+    notes: tuple[str, ...] = ()  # small print below
+    height_in: float | None = None  # of all that is drawn
+    aside: list[str] | None = None  # takes the small print instead of the picture
 
     def wide(self, usual: float) -> float:
         """Return the width in inches: the one asked for, else the usual one of the content."""
@@ -97,13 +85,6 @@ def new_canvas(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-@default_style()
-def new_figure(width_in: float = 6.0, height_in: float = 4.0) -> tuple[Figure, Axes]:
-    """Return a figure and its axes."""
-    figure = new_canvas(width_in, height_in)
-    return figure, figure.add_subplot()
 
 
 def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
@@ -188,26 +169,6 @@ def _any_letters() -> Iterator[None]:
         yield
 
 
-@default_style()
-def check_room(figure: Figure) -> None:
-    """Refuse a picture whose labels leave no room for its axes."""
-    lowest = 0.0
-    with _any_letters():
-        warnings.filterwarnings("error", _NO_ROOM, UserWarning)
-        try:
-            figure.draw_without_rendering()
-            heights = [axes.get_position().height for axes in figure.axes]
-            lowest = min(heights) * figure.get_figheight()
-        except UserWarning:
-            pass
-    if lowest < _LOWEST_IN:
-        raise UsageError(
-            f"{figure.get_figwidth():g} by {figure.get_figheight():.2g} inches are too little for "
-            "this picture's labels",
-            fix="give a larger --width or --height, or fewer results",
-        )
-
-
 def parse_length(text: str | None, option: str = "--width") -> float | None:
     """Convert ``8.4cm`` or ``3.3in`` to inches; None stays None."""
     if text is None:
@@ -221,23 +182,6 @@ def parse_length(text: str | None, option: str = "--width") -> float | None:
             expected=f"such as 3.3in or 8.4cm, between {least:g}in and {_MOST_IN:g}in",
         )
     return length
-
-
-def letters_note(figure: Figure, path: Path) -> list[str]:
-    """Name the letters in a picture's texts that the font lacks, unless an .svg keeps them."""
-    if path.suffix.lower() == ".svg":
-        return []
-    with default_style():
-        from matplotlib.font_manager import FontProperties, findfont, get_font
-        from matplotlib.text import Text
-
-        font = get_font(findfont(FontProperties()))
-        texts: list[Any] = figure.findobj(Text)
-    letters = dict.fromkeys(letter for text in texts for letter in text.get_text())
-    lacking = [c for c in letters if c != "\n" and not font.get_char_index(ord(c))]
-    shown = " ".join(lacking[:10]) + " ..." * (len(lacking) > 10)
-    note = f"{path}: boxes stand for what the font, DejaVu Sans, lacks: {shown}; an .svg shows them"
-    return [note] if lacking else []
 
 
 def figure_bytes(figure: Figure, form: str, dpi: int | None = None) -> bytes:

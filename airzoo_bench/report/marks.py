@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 _COLOURS = "viridis"  # even steps of lightness, for print and colour-blind readers
 _DARK = 0.18  # black and white have the same contrast on it (WCAG 2.2, relative luminance)
-_LEAST_SPAN, _LEAST_RATIO = 10.0, 0.25
+_LEAST_SPAN = 10.0  # percent: near shares are near in colour
 _POINTS, _LETTER = 72.0, 0.6
 _LEAST_PT, _MOST_PT = 6.0, 8.0
 _WIDEST_IN = 14.0
@@ -201,21 +201,14 @@ def scenes(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = 
 
 
 def _colour_scale(score: ScoreColumn, finite: Floats) -> Normalize:
-    """Return the colour scale: of a least span, logarithmic if errors span decades."""
+    """Return the colour scale, logarithmic if errors span decades."""
     from matplotlib.colors import LogNorm, Normalize
 
-    if not len(finite):
-        return Normalize(0.0, 1.0)
-    low, high = float(finite.min()), float(finite.max())
     if spans_decades(score, finite):
-        return LogNorm(low, high)
-    least = _LEAST_SPAN if score.unit == "share" else _LEAST_RATIO * high or 1.0
-    lack = max(0.0, least - (high - low)) / 2
-    low, high = low - lack, high + lack
-    if score.unit == "share":
-        shift = min(0.0, 100.0 - high) - min(0.0, low)
-        low, high = low + shift, high + shift
-    return Normalize(low, high)
+        return LogNorm(float(finite.min()), float(finite.max()))
+    least = _LEAST_SPAN if score.unit == "share" else 0.0
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    return Normalize(low, max(high, low + least))
 
 
 def _write_numbers(axes: Axes, shown: Floats, rgba: Floats, cell_pt: float) -> str:

@@ -22,7 +22,7 @@ from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import world_to_camera
-from airzoo_bench.geometry.rasters import gsd_m, read_rgb
+from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.predictions import Correspondences
 from airzoo_bench.matching.solving import PoseEstimate
@@ -37,7 +37,7 @@ from airzoo_bench.report.figures import (
     new_canvas,
     save_figure,
 )
-from airzoo_bench.report.places import Place, places_of, true_window
+from airzoo_bench.report.places import Place, draw_ground, places_of, true_window
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.records import Scored
 
@@ -56,33 +56,16 @@ _FACTORS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Q queries of all scenes with some of their matches, which a run keeps for pictures.
-
-    Attributes
-    ----------
-    queries : (Q,) array of str
-    centres : (Q, 3) array
-        Estimated camera centres in the scene's CRS, NaN where there is no pose.
-    counts : (Q, 2) array
-        Inliers, and matches, before some were chosen to be drawn.
-    offsets : (Q + 1,) array
-        Of each query's matches in the arrays below.
-    query_xy, map_xy : (M, 2) array
-        Pixels of the photo and of the whole map.
-    inliers : (M,) bool array
-    residual_px : (M,) array
-        How far the photo's pixel is from where the true camera sees the map's point; NaN where
-        that is not known.
-    """
+    """Q queries of all scenes with some of their matches, which a run keeps for pictures."""
 
     queries: NDArray[np.str_]
-    centres: Floats
-    counts: Ints
-    offsets: Ints
-    query_xy: Floats
-    map_xy: Floats
+    centres: Floats  # (Q, 3), estimated, in the scene's CRS; NaN without a pose
+    counts: Ints  # (Q, 2), inliers and matches, before some were chosen to be drawn
+    offsets: Ints  # (Q + 1,), of each query's matches in the arrays below
+    query_xy: Floats  # (M, 2), pixels of the photo
+    map_xy: Floats  # (M, 2), pixels of the whole map
     inliers: Bools
-    residual_px: Floats
+    residual_px: Floats  # from the photo's pixel to where the true camera sees the map's point
 
 
 def read_matches(folder: Path) -> Matches | None:
@@ -264,20 +247,14 @@ def draw_arrows(
     section: Section, place: Place, sheet: Sheet | None = None, number: int = 0
 ) -> Figure:
     """Draw arrows on the map from true to estimated places, magnified by a stated factor."""
-    sheet, dom = sheet or Sheet(), place.dom
+    sheet = sheet or Sheet()
     _need_matches(section, number)
+    figure, axes, metres = draw_ground(place, sheet)
     estimates = estimates_on_map(section, place, number)
-    if estimates is None or dom is None:
-        raise UsageError(f"scene {place.scene} has no map", expected="queries that share one")
-    side = max(dom.width, dom.height)
+    assert estimates is not None
+    assert place.dom is not None
     gaps = estimates - place.centres
-    factor = arrow_factor(np.linalg.norm(gaps, axis=1), side)
-    metres = gsd_m(dom)[0]
-    wide = sheet.wide(7.0)
-    figure = new_canvas(wide, wide * min(dom.height / dom.width, 1.5) * 0.9 + 0.6)
-    axes = figure.add_subplot()
-    extent = (0.0, dom.width * metres, dom.height * metres, 0.0)
-    axes.imshow(read_rgb(dom.path, long_side_px=_LONG_SIDE_PX), extent=extent)
+    factor = arrow_factor(np.linalg.norm(gaps, axis=1), max(place.dom.width, place.dom.height))
     starts, failed = place.centres * metres, ~np.isfinite(estimates).all(axis=1)
     axes.quiver(
         *starts[~failed].T,
@@ -294,8 +271,6 @@ def draw_arrows(
     if failed.any():
         label = f"no pose ({int(failed.sum())})"
         axes.plot(*starts[failed].T, "X", color=COLOURS[1], markersize=7, label=label)
-    axes.set(xlabel="metres from the left of the map", ylabel="metres from its top")
-    axes.set(xlim=(0, extent[1]), ylim=(extent[2], 0))
     axes.legend(loc="best", fontsize=8)
     name = section.methods[number].name
     finish(figure, sheet.noting(f"{name}, scene {place.scene}; arrows: errors × {factor}"))

@@ -20,7 +20,7 @@ from airzoo_bench.results.comparison import (
     make_sample,
     notes_of,
 )
-from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL, holm
@@ -236,10 +236,10 @@ def _data(
     ]
 
 
-def _head(section: Section, score: ScoreColumn, text: str = "") -> Head:
+def _head(section: Section, score: ScoreColumn) -> Head:
     best = "descending" if score.higher_is_better else "ascending"
     hint = meaning(section.track, score)
-    return Head(text or heading(score), False, hint, best, not score.headline)
+    return Head(heading(score), False, hint, best, not score.headline)
 
 
 def summary_panes(section: Section, found: Findings) -> list[Pane]:
@@ -254,13 +254,8 @@ def summary_panes(section: Section, found: Findings) -> list[Pane]:
     ]
 
 
-def _of_scope(numbers: object, scope: str) -> Mapping[str, float]:
-    """Return the values of a result or a reference in a scope."""
-    if scope in (OVERALL, POOLED):
-        values: Mapping[str, float] = getattr(numbers, scope)
-        return values
-    scenes: Mapping[str, Mapping[str, float]] = numbers.scenes  # type: ignore[attr-defined]
-    return scenes[scope]
+def _by_scope(numbers: Result | Reference) -> dict[str, dict[str, float]]:
+    return {OVERALL: numbers.overall, POOLED: numbers.pooled, **numbers.scenes}
 
 
 def _scores_pane(section: Section, found: Findings, scope: str, title: str) -> Pane:
@@ -268,9 +263,9 @@ def _scores_pane(section: Section, found: Findings, scope: str, title: str) -> P
     columns: list[list[Datum]] = []
     tests, limits = found.tests.get(scope, {}), found.limits.get(scope, {})
     for score in section.scores:
-        values = [_of_scope(method.result, scope)[score.key] for method in section.methods]
+        values = [_by_scope(m.result)[scope][score.key] for m in section.methods]
         marks = marks_of(score, values, tests.get(score.key))
-        floors = [_of_scope(one, scope).get(score.key) for one in references.values()]
+        floors = [_by_scope(one)[scope].get(score.key) for one in references.values()]
         data = _data(score, values, marks, limits.get(score.key))
         columns.append([*data, *_data(score, floors)])
     names = [m.name + f" {FLOOR_MARK}" * bool(floor_note(m.result)) for m in section.methods]
@@ -286,14 +281,12 @@ def _scores_pane(section: Section, found: Findings, scope: str, title: str) -> P
 
 def scene_panes(section: Section, found: Findings) -> list[Pane]:
     """Return a table a headline score, of scenes and methods."""
-    result, tested = section.first, section.first.scenes and found.tests
-    panes = []
+    result, panes = section.first, []
     for score in section.headline:
         rows, every = [], []
         for scene, title in result.truth.scene_titles.items():
             values = [method.result.scenes[scene][score.key] for method in section.methods]
-            tests = found.tests.get(scene, {}).get(score.key) if tested else None
-            marks = marks_of(score, values, tests)
+            marks = marks_of(score, values, found.tests.get(scene, {}).get(score.key))
             every += marks
             count = result.counts[scene]["queries"]
             counts = [Datum(f"{count}", count)] if section.by_query else []

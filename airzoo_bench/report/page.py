@@ -63,15 +63,7 @@ _FRAME = (0.2, 99.8)
 
 @dataclass(frozen=True)
 class Report:
-    """A page, and notes for the user.
-
-    Attributes
-    ----------
-    page : str
-        HTML that needs no other file and no network.
-    notes : list of str
-        What was left out, and why.
-    """
+    """A page that needs no other file and no network, and notes on what was left out."""
 
     page: str
     notes: list[str]
@@ -167,7 +159,7 @@ def _part(
         "query_scores": section.query_scores,
         "condition_figures": [
             (by, *_image(f"{axis_label(section.headline[0])} by {condition_title(by)}", figure))
-            for by, figure in _condition_figures(section)
+            for by, figure in _condition_figures(section, found)
         ],
         "by_query": section.by_query,
         "maps": maps,
@@ -232,9 +224,12 @@ def _figures(section: Section, found: Findings, notes: list[str]) -> Iterator[tu
         yield "Precision, recall and F1 over the distance d", thresholds(methods)
 
 
-def _condition_figures(section: Section) -> Iterator[tuple[str, Figure]]:
-    for by in section.conditions if section.by_query else ():
-        yield by, condition(section.methods, section.headline[0], by)
+def _condition_figures(section: Section, found: Findings) -> Iterator[tuple[str, Figure]]:
+    """Yield a picture a condition, unless intervals would take too long."""
+    main = section.headline[0]
+    drawn = section.by_query and main.key in found.limits.get(OVERALL, {})
+    for by in section.conditions if drawn else ():
+        yield by, condition(section.methods, main, by)
 
 
 def _image(title: str, figure: Figure) -> tuple[str, str]:

@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark, needed
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import fingerprint
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import LONLAT_CRS
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, read_rgb, to_map_pixels
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, read_rgb, to_map_pixels
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
+from airzoo_bench.report.figures import Sheet, new_canvas
 from airzoo_bench.report.sections import Section, tile_columns
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.truth import (
@@ -33,50 +34,30 @@ from airzoo_bench.retrieval.truth import (
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 Pixels = NDArray[np.uint8]
 Window = tuple[int, int, int, int]
+_LONG_SIDE_PX = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A scene with its photos and its map, of Q queries and T tiles.
-
-    Attributes
-    ----------
-    dom : RasterInfo or None
-        The map; None where there is none of the whole scene.
-    photos : dict of str to Path
-        By the ids of the queries.
-    outlines : (Q, 4, 2) array
-        Of the footprints in pixels of the map, NaN where a query has none.
-    centres : (Q, 2) array
-        Where the query is, in pixels of the map; NaN where that is not known.
-    gallery : Path, optional
-        The map that tiles are cut from, or the folder of the images.
-    tiles : DataFrame, optional
-        With the windows in pixels of the gallery's map, or the files of the images.
-    tile_outlines : (T, 4, 2) array
-    positives : Positives, optional
-        Which tiles answer which query; of the retrieval track.
-    matching : MatchingTruth, optional
-        Of the matching track.
-    to_map : callable, optional
-        Takes places (N, 2) of the scene's CRS to pixels of the map.
-    """
+    """A scene with its photos and its map, of Q queries and T tiles; pixels are the map's."""
 
     scene: str
-    dom: RasterInfo | None
-    photos: dict[str, Path]
-    outlines: Floats
-    centres: Floats
-    gallery: Path | None = None
-    tiles: pd.DataFrame | None = None
-    tile_outlines: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))
-    positives: Positives | None = None
+    dom: RasterInfo | None  # the map of the whole scene
+    photos: dict[str, Path]  # by the ids of the queries
+    outlines: Floats  # (Q, 4, 2), of the footprints; NaN where a query has none
+    centres: Floats  # (Q, 2); NaN where the place of a query is not known
+    gallery: Path | None = None  # the map of the tiles, or the folder of the images
+    tiles: pd.DataFrame | None = None  # windows of the gallery's map, or files of images
+    tile_outlines: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))  # (T, 4, 2)
+    positives: Positives | None = None  # of retrieval: the tiles that answer each query
     matching: MatchingTruth | None = None
-    to_map: Callable[[Floats], Floats] | None = None
+    to_map: Callable[[Floats], Floats] | None = None  # from the scene's CRS to pixels
 
     def rows_of(self, queries: Iterable[str]) -> NDArray[np.intp]:
         """Return the rows of queries in the arrays of this place."""
@@ -192,18 +173,10 @@ def _on_map(dom: RasterInfo, lonlat: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Retrieved:
-    """First tiles of M methods on Q queries of a scene, at D ranks.
+    """First tiles of M methods on Q queries of a scene, at D ranks."""
 
-    Attributes
-    ----------
-    tiles : (M, Q, D) int32
-        Rows of the scene's tiles; -1 where a list is shorter, or records do not say.
-    hits : (M, Q, D) bool
-        Which of them are positives of the query.
-    """
-
-    tiles: NDArray[np.int32]
-    hits: NDArray[np.bool_]
+    tiles: NDArray[np.int32]  # (M, Q, D), rows of the scene's tiles; -1 for none
+    hits: NDArray[np.bool_]  # (M, Q, D), which of them are positives of the query
 
 
 def retrieved(section: Section, place: Place, rows: NDArray[np.intp]) -> Retrieved | None:
@@ -265,3 +238,18 @@ def jpeg(pixels: Pixels, quality: int = 72) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "JPEG", quality=quality, optimize=True)
     return stream.getvalue()
+
+
+def draw_ground(place: Place, sheet: Sheet) -> tuple[Figure, Axes, float]:
+    """Draw the map of a place; return its figure, axes in metres, and metres per pixel."""
+    if place.dom is None:
+        raise UsageError(f"scene {place.scene} has no map", expected="queries that share a map")
+    wide, high, metres = place.dom.width, place.dom.height, gsd_m(place.dom)[0]
+    inches = sheet.wide(7.0)
+    figure = new_canvas(inches, inches * min(high / wide, 1.5) * 0.9 + 0.6)
+    axes = figure.add_subplot()
+    extent = (0.0, wide * metres, high * metres, 0.0)
+    axes.imshow(read_rgb(place.dom.path, long_side_px=_LONG_SIDE_PX), extent=extent)
+    axes.set(xlabel="metres from the left of the map", ylabel="metres from its top")
+    axes.set(xlim=extent[:2], ylim=extent[2:], autoscale_on=False)
+    return figure, axes, metres

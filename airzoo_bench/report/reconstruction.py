@@ -49,25 +49,14 @@ _CELLS = 160  # along the longer side of a map
 
 @dataclass(frozen=True, eq=False)
 class Clouds:
-    """An even choice of the points of both clouds of a scene, which a run keeps for pictures.
+    """An even choice of the points of both clouds of a scene, which a run keeps for pictures."""
 
-    Attributes
-    ----------
-    origin : (3,) array
-        In the scene's CRS; points are relative to it.
-    predicted, true : (N, 3) array
-    precision_m, recall_m : (N,) array
-        Distances of predicted points to the truth, and of true ones to the prediction.
-    curve : (3, K) array
-        Distances, and the precision and the recall below them.
-    """
-
-    origin: Floats
-    predicted: Floats
+    origin: Floats  # (3,), in the scene's CRS; points are relative to it
+    predicted: Floats  # (N, 3)
     true: Floats
-    precision_m: Floats
-    recall_m: Floats
-    curve: Floats
+    precision_m: Floats  # (N,), distances of predicted points to the truth
+    recall_m: Floats  # of true points to the prediction
+    curve: Floats  # (3, K): distances, the precision and the recall below them
 
 
 def read_clouds(folder: Path) -> dict[str, Clouds]:

@@ -8,16 +8,15 @@ import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import default_style
-from airzoo_bench.geometry.rasters import gsd_m, read_rgb
+from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.report.figures import COLOURS, Sheet, finish, label_text, new_canvas
-from airzoo_bench.report.places import Place, read_tile, retrieved, true_window
+from airzoo_bench.report.places import Place, draw_ground, read_tile, retrieved, true_window
 from airzoo_bench.report.sections import Section
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_LONG_SIDE_PX = 1000
 _TILE_PX = 300
 
 
@@ -26,17 +25,13 @@ def draw_hits(
     section: Section, place: Place, sheet: Sheet | None = None, number: int = 0
 ) -> Figure:
     """Draw footprints on the map, by whether a method's first tile answers, and misses' tiles."""
-    sheet, dom, rows = sheet or Sheet(), place.dom, section.rows_of(place.scene)
+    sheet, rows = sheet or Sheet(), section.rows_of(place.scene)
+    figure, axes, metres = draw_ground(place, sheet)
     found = retrieved(section, place, rows)
-    if dom is None or found is None:
-        raise UsageError(f"scene {place.scene} has no map, or its records name no tiles")
+    if found is None:
+        raise UsageError("the records name no tiles", fix="score the predictions again")
     order = place.rows_of(section.methods[0].records["query"].iloc[rows])
     first, hits = found.tiles[number, :, 0], found.hits[number, :, 0]
-    metres, wide = gsd_m(dom)[0], sheet.wide(7.0)
-    figure = new_canvas(wide, wide * min(dom.height / dom.width, 1.5) * 0.9 + 0.6)
-    axes = figure.add_subplot()
-    extent = (0.0, dom.width * metres, dom.height * metres, 0.0)
-    axes.imshow(read_rgb(dom.path, long_side_px=_LONG_SIDE_PX), extent=extent)
     for tile in np.unique(first[~hits & (first >= 0)]):
         axes.fill(*(place.tile_outlines[tile] * metres).T, fill=False, ec=COLOURS[3], lw=0.8)
     kinds = ((~hits, COLOURS[1], "x", "--", "miss"), (hits, COLOURS[5], "o", "-", "hit"))
@@ -47,8 +42,6 @@ def draw_hits(
         style: Any = {"color": colour, "marker": marker, "linestyle": "none", "label": label}
         axes.plot(*(place.centres[order[kind]] * metres).T, **style)
     axes.plot([], [], "s", mfc="none", color=COLOURS[3], label="first tile of a miss")
-    axes.set(xlabel="metres from the left of the map", ylabel="metres from its top")
-    axes.set(xlim=(0, extent[1]), ylim=(extent[2], 0))
     axes.legend(loc="best", fontsize=8)
     name = section.methods[number].name
     finish(figure, sheet.noting(f"{name}, scene {place.scene}: footprints, by the first tile"))

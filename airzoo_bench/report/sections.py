@@ -30,21 +30,11 @@ _MOST_TILES = 2_000_000  # of all methods and queries: about 4 MB of the page
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Methods that can stand in one table.
-
-    Attributes
-    ----------
-    methods : list of Scored
-        Of one protocol, truth and set of queries, with records in the same order.
-    folders : list of Path
-        Where the results lie, with what the runs have left for pictures.
-    ranks : int
-        So many of the first tiles of each list are shown, where records have them.
-    """
+    """Methods of one protocol, truth and set of queries, with records in the same order."""
 
     methods: list[Scored]
-    folders: list[Path] = field(default_factory=list)
-    ranks: int = _MOST_RANKS
+    folders: list[Path] = field(default_factory=list)  # of the runs
+    ranks: int = _MOST_RANKS  # first tiles of each list that are shown
 
     @property
     def first(self) -> Result:

@@ -76,7 +76,10 @@ async function cloudsView(part, box) {
     const least = Math.min(canvas.width, canvas.height);
     const zoom = [canvas.width, canvas.height].map((side) => (view.zoom * least) / side);
     gl.uniform2fv(uniform("zoom"), zoom);
-    gl.uniform1f(uniform("size"), Math.max(1.5, (least / 350) * Math.sqrt(view.zoom)));
+    gl.uniform1f(
+      uniform("size"),
+      Math.max(1.5, (least / (view.count < 10000 ? 180 : 350)) * Math.sqrt(view.zoom)),
+    );
     gl.drawArrays(gl.POINTS, 0, view.count);
   }
 
