@@ -245,9 +245,12 @@ def series_style(number: int) -> dict[str, Any]:
 
 def error_colours(errors: Floats, limit: float) -> NDArray[np.uint8]:
     """Colour errors (N,) as (N, 3): dark to bright up to the limit, vermilion from there on."""
-    colours = error_palette()[np.minimum(errors / limit * 255, 255).astype(np.intp)]
-    colours[errors >= limit] = _BEYOND
-    return colours
+    return error_palette()[error_codes(errors, limit)]
+
+
+def error_codes(errors: Floats, limit: float) -> NDArray[np.int64]:
+    """Return the rows of errors (N,) in `error_palette`."""
+    return np.where(errors >= limit, 255, np.minimum(errors / limit * 255, 254)).astype(np.int64)
 
 
 def error_palette() -> NDArray[np.uint8]:

@@ -235,7 +235,8 @@ def estimates_on_map(section: Section, place: Place, number: int) -> Floats | No
     if matches is None or place.to_map is None:
         return None
     known = {query: row for row, query in enumerate(matches.queries.tolist())}
-    centres = matches.centres[[known[query] for query in place.photos]]
+    rows = [known.get(query, -1) for query in place.photos]
+    centres = np.vstack([matches.centres, np.full((1, 3), np.nan)])[rows]
     found = np.full((len(centres), 2), np.nan)
     posed = np.isfinite(centres).all(axis=1)
     found[posed] = place.to_map(centres[posed, :2])

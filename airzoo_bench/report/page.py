@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,9 +15,9 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, coun
 from airzoo_bench.core.files import canonical_json
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.version import __version__
-from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.report.clouds import error_bar, pack_clouds
 from airzoo_bench.report.curves import errors, kept_ranks, recall, threshold_scores, thresholds
-from airzoo_bench.report.figures import Sheet, error_colours, error_palette, figure_bytes
+from airzoo_bench.report.figures import Sheet, error_palette, figure_bytes
 from airzoo_bench.report.labels import axis_label, error_label, meaning
 from airzoo_bench.report.marks import condition, draw_intervals, over_what, scenes
 from airzoo_bench.report.numbers import (
@@ -37,10 +35,9 @@ from airzoo_bench.report.numbers import (
     summary_panes,
 )
 from airzoo_bench.report.packing import Blobs, data_uri, page_json
-from airzoo_bench.report.places import Place, find_places, jpeg
+from airzoo_bench.report.places import Place, find_places
 from airzoo_bench.report.policy import content_policy
 from airzoo_bench.report.queries import hardest, order_said, pack_maps, pack_queries
-from airzoo_bench.report.reconstruction import error_limit, read_clouds
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.tables.breakdown import condition_title
 from airzoo_bench.tables.method_table import shared_references
@@ -57,8 +54,6 @@ _TRACKS = {
 _SCRIPTS = ("core.js", "tables.js", "queries.js", "map.js", "clouds.js", "main.js")
 _STYLES = ("style.css", "report.css")
 _MOST_ERRORS = 2
-_CLOUD_BYTES, _POINT_BYTES, _PHOTO_PX = 1536 << 10, 8, 800
-_FRAME = (0.2, 99.8)
 
 
 @dataclass(frozen=True)
@@ -137,7 +132,7 @@ def _part(
     references, _ = shared_references([method.result for method in section.methods])
     summary, conditions = summary_panes(section, found), breakdown_panes(section)
     queries = pack_queries(section, blobs)
-    clouds = _pack_clouds(section, places, blobs)
+    clouds = pack_clouds(section, places, blobs)
     maps = pack_maps(section, places, blobs, notes)
     return {
         "id": key,
@@ -264,68 +259,6 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
         yield key, value if isinstance(value, str) else canonical_json(value)
 
 
-def _pack_clouds(section: Section, places: Sequence[Place], blobs: Blobs) -> list[dict[str, Any]]:
-    """Pack predicted and true clouds of each scene and method that a run has kept."""
-    kept = [read_clouds(folder) for folder in section.folders]
-    kept = kept if section.track == "reconstruction" else []
-    clouds = [
-        (scene, number, which)
-        for scene in section.first.scenes
-        for number, found in enumerate(kept)
-        if scene in found
-        for which in ("predicted", "true")
-    ]
-    titles, packed = section.first.truth.scene_titles, []
-    photos = {place.scene: _photo(place) for place in places} if clouds else {}
-    for scene, number, which in clouds:
-        found = kept[number][scene]
-        predicted = which == "predicted"
-        both = [one[scene] for one in kept if scene in one]
-        limit = error_limit([one.precision_m if predicted else one.recall_m for one in both])
-        points = found.predicted if predicted else found.true
-        errors = found.precision_m if predicted else found.recall_m
-        low, high = np.percentile(found.true, _FRAME, axis=0) if len(found.true) else np.eye(3)[:2]
-        side = 1.3 * max(float((high - low).max()), 1.0)
-        places_ = (points - (low + high) / 2) / side + 0.5
-        chosen = np.flatnonzero(((places_ >= 0) & (places_ < 1)).all(axis=1))
-        step = max(1, -(-len(chosen) * len(clouds) * _POINT_BYTES // _CLOUD_BYTES))
-        chosen = chosen[::step]
-        codes = np.minimum(errors[chosen] / limit * 255, 255).astype(np.int64)
-        codes[errors[chosen] >= limit] = 255
-        about = "distance to the truth" if predicted else "distance to the prediction"
-        packed.append(
-            {
-                "title": f"{titles[scene]}: {section.methods[number].name}, {which} points",
-                "about": f"{about}, from 0 to {limit:g} m; vermilion: farther; "
-                f"{len(chosen):,} of {len(points):,} kept points",
-                "photo": blobs.picture(photos[scene]) if photos.get(scene) else -1,
-                "points": blobs.array((places_[chosen] * 65535).astype(np.int64).ravel()),
-                "codes": blobs.array(codes),
-            }
-        )
-    return packed
-
-
-def _photo(place: Place) -> str:
-    """Return a photo from the middle of a scene, empty if it cannot be read."""
-    try:
-        path = list(place.photos.values())[len(place.photos) // 2]
-        return data_uri(jpeg(read_rgb(path, long_side_px=_PHOTO_PX), 70), "image/jpeg")
-    except (UserError, IndexError):
-        return ""
-
-
-@cache
-def _bar() -> str:
-    """Return the scale of errors as a picture."""
-    from PIL import Image
-
-    stream = io.BytesIO()
-    scale = np.append(np.linspace(0, 0.999, 240), np.ones(16))
-    Image.fromarray(error_colours(scale, 1.0)[None]).save(stream, "PNG")
-    return data_uri(stream.getvalue(), "image/png")
-
-
 def _read(name: str) -> str:
     return (resources.files("airzoo_bench.report") / "html" / name).read_text(encoding="utf-8")
 
@@ -356,5 +289,5 @@ def _render(title: str, parts: list[dict[str, Any]], blobs: Blobs) -> str:
         parts=parts,
         data=page_json(data),
         blobs=blobs.texts,
-        bar=_bar(),
+        bar=error_bar(),
     )

@@ -19,8 +19,8 @@ DRAW = (
     "from airzoo_bench.core.optional_imports import default_style\n"
     "from airzoo_bench.report.figures import figure_bytes, new_canvas\n"
     "figure = new_canvas(6, 4)\n"
-    "axes = figure.add_subplot()\n"
     "with default_style():\n"
+    "    axes = figure.add_subplot()\n"
     "    axes.plot([0, 1], [1, 2], label='a')\n"
     "    axes.set_title('of a thing')\n"
     "    axes.legend()\n"
@@ -54,9 +54,8 @@ def test_neither_a_folder_nor_a_backend_rules_pictures(tmp_path: Path) -> None:
 def test_settings_of_the_program_rule_no_picture_and_stay() -> None:
     def draw() -> bytes:
         figure = new_canvas(6, 4)
-        axes = figure.add_subplot()
         with default_style():
-            axes.plot([0, 1], [1, 2])
+            figure.add_subplot().plot([0, 1], [1, 2])
         return figure_bytes(figure, "png")
 
     plain = draw()
