@@ -22,7 +22,7 @@ MESH = "raise --max-memory, or sample the mesh and give the points"
     [
         ("eval reconstruction", MESH),
         ("check", MESH),
-        ("seal-score", MESH),
+        ("seal-score", "sample the mesh and give the points"),
         ("prepare photos", "sample the mesh and give the points"),
         ("table", "sample the mesh and give the points"),
     ],
