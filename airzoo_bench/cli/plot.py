@@ -121,7 +121,6 @@ def _draw(
     data: str | None = None,
     **more: Any,
 ) -> None:
-    """Read the results, draw and save."""
     from airzoo_bench.report.draw import picture
     from airzoo_bench.report.figures import Sheet, check_ending, save_figure
     from airzoo_bench.report.figures import parse_length as inches
