@@ -61,11 +61,9 @@ _loaded: dict[str, Any] = {}
 
 
 class DaskEngine(Engine):
-    """Does blocks on the workers of a cluster, again where a worker dies.
+    """Does blocks on the workers of a cluster, again where a worker dies."""
 
-    joblib's own backend for Dask takes all items at once, and hangs where workers may not die
-    twice.
-    """
+    # joblib's backend for Dask takes all items at once, and hangs where no worker may die twice.
 
     distributed = True
 
@@ -165,15 +163,17 @@ def local_cluster(workers: int, memory_bytes: int | None = None) -> Iterator[Das
         try:
             yield DaskEngine(client, "--scheduler local")
         except BaseException:
-            # Workers asked to close would finish their blocks first.
+            # Workers asked to close would finish their blocks first, and nannies wait for them.
             for nanny in cluster.workers.values():
                 nanny.auto_restart = False
             for process in active_children():
                 process.kill()
+            with suppress(TimeoutError):
+                client.close(timeout=0.5)
+                cluster.close(timeout=0.5)
             raise
-        finally:
-            client.close()
-            cluster.close()
+        client.close()
+        cluster.close()
 
 
 @contextmanager
