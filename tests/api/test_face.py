@@ -140,23 +140,3 @@ def test_every_block_of_the_page(
     assert "".join(said) == ""
     shown = {name for name in FUNCTIONS if f"ab.{name}(" in page}
     assert shown == set(FUNCTIONS), "docs/python.md shows every function"
-
-
-def imports_of(path: Path) -> set[str]:
-    """Return the rooms of the package that a module imports."""
-    found = [
-        node.module
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ImportFrom) and node.module
-    ]
-    return {name.split(".")[1] for name in found if name.startswith("airzoo_bench.")}
-
-
-def test_imports_point_one_way() -> None:
-    # The face stands above tracks, statistics and tables; only the command line may call it.
-    for path in (ROOT / "api").glob("*.py"):
-        assert imports_of(path).isdisjoint({"cli", "readers", "datasets", "leaderboard"}), path
-    for path in ROOT.rglob("*.py"):
-        room = path.relative_to(ROOT).parts[0]
-        if room not in ("api", "cli", "__init__.py"):
-            assert "api" not in imports_of(path), path

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from tests.cli.bad_predictions import (
-    Arrays,
-    Make,
-    changed,
-    described,
-    parquet,
-    prediction_file,
-    raw,
-)
 from tests.support import run_main, write_predictions
+
+Arrays = dict[str, Any]
+PROTOCOL = "made-retrieval"
+
+
+def predict(path: Path, arrays: Arrays, **changes: Any) -> Path:
+    """Write predictions with some fields changed; a field is left out where None."""
+    fields = {key: arrays[key] for key in ("query_ids", "ranked_ids")}
+    fields |= {"protocol": PROTOCOL} | changes
+    np.savez(path, **{k: np.array(v) for k, v in fields.items() if v is not None})
+    return path
 
 
 def test_check_lists_everything_and_exits_1(
@@ -32,7 +36,7 @@ def test_check_lists_everything_and_exits_1(
     scores[5] = scores[5, ::-1]
     scores[6, 1] = np.inf
     path = tmp_path / "p.npz"
-    changed(query_ids=ids, ranked_ids=ranked, scores=scores)(path, {})
+    predict(path, arrays, query_ids=ids, ranked_ids=ranked, scores=scores)
     assert run_main("check", path) == 1
     out, message = capsys.readouterr()
     assert out == ""
@@ -47,20 +51,17 @@ def test_check_lists_everything_and_exits_1(
         assert message.count(finding) == 1, finding
 
 
-@pytest.mark.parametrize(
-    ("make", "code"),
-    [(raw(b""), 2), (raw(b"query,tile\n"), 2), (changed(query_ids=np.array(["east/a"] * 10)), 1)],
-)
-def test_check_tells_what_is_wrong_from_what_is_no_prediction(
-    make: Make, code: int, data: Path, tmp_path: Path, arrays: Arrays
-) -> None:
-    assert run_main("check", prediction_file(tmp_path, make, arrays)) == code
+@pytest.mark.parametrize("content", [b"", b"query,tile\n"])
+def test_what_is_no_prediction_exits_2(content: bytes, data: Path, tmp_path: Path) -> None:
+    (tmp_path / "p.npz").write_bytes(content)
+    assert run_main("check", tmp_path / "p.npz") == 2
 
 
 @pytest.mark.parametrize(
     ("fields", "options", "code"),
     [
         ({}, [], 0),
+        ({"query_ids": ["east/a"] * 10}, [], 1),
         ({"centers": np.zeros(3)}, [], 1),
         ({"ranked_ids": "east/t00000"}, [], 1),
         ({"ranked_ids": np.zeros((10, 8))}, [], 1),
@@ -78,18 +79,24 @@ def test_check_tells_what_is_wrong_from_what_is_no_prediction(
 def test_exit_codes_of_check(
     fields: Arrays, options: list[str], code: int, data: Path, tmp_path: Path, arrays: Arrays
 ) -> None:
-    path = prediction_file(tmp_path, changed(**fields), arrays)
+    path = predict(tmp_path / "p.npz", arrays, **fields)
     assert run_main("check", path, *options) == code
 
 
 def test_check_of_a_good_file_exits_0(
     data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for make in (changed(), described(), parquet(protocol="made-retrieval")):
-        assert run_main("check", prediction_file(tmp_path, make, arrays)) == 0
-    changed()(tmp_path / "p.npz", {k: arrays[k] for k in ("query_ids", "ranked_ids")})
-    assert run_main("check", tmp_path / "p.npz") == 0
-    assert "nothing wrong was found" in capsys.readouterr().out
+    described = {
+        "query_descriptors": np.eye(10, 8, dtype=np.float32),
+        "gallery_ids": arrays["gallery_ids"],
+        "gallery_descriptors": np.ones((20, 8), np.float32),
+    }
+    predict(tmp_path / "p.npz", arrays, ranked_ids=None, **described)
+    table = pd.DataFrame({key: arrays[key] for key in ("query_ids", "ranked_ids")})
+    table.assign(protocol=PROTOCOL).to_parquet(tmp_path / "p.parquet")
+    for name in ("p.npz", "p.parquet"):
+        assert run_main("check", tmp_path / name) == 0
+        assert "nothing wrong was found" in capsys.readouterr().out
 
 
 def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
