@@ -22,6 +22,7 @@ from airzoo_bench.datasets.truths import build_truths
 from airzoo_bench.geometry.poses import depth_to_points
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 
 _TRACKS = MappingProxyType({"matching": read_matching, "reconstruction": read_reconstruction})
@@ -46,8 +47,10 @@ def flights(home: Path) -> dict[str, str]:
             write_raster(files[key], np.repeat(dsm[..., None], 3, axis=2).astype(np.uint8), region)
         photos = mini_photos(region, dsm, 0)
         inputs = airzoo_mini.scene_inputs(region, photos, files, 0)
-        gallery = protocols.retrieval.gallery.model_copy(update={"gsd_m": "any"})
-        retrieval = protocols.retrieval.model_copy(update={"gallery": gallery})
+        own = protocols.first(RetrievalProtocol)
+        assert own is not None
+        gallery = own.gallery.model_copy(update={"gsd_m": "any"})
+        retrieval = own.model_copy(update={"gallery": gallery})
         every = (retrieval, *(one for one in protocols.every if one.track != "retrieval"))
         truths = build_truths(inputs, replace(protocols, every=every))
         truth, crops = truths.retrieval.truth, truths.matching

@@ -38,7 +38,7 @@ class _Part:
 def make_table(asked: TableRequest) -> Table:
     """Read the results that a request names, lay them out and mark the best."""
     parts = _read_parts(asked)
-    layout = asked.layout_for(len(parts))
+    layout = asked.layout_for(len(parts), sum(len(part.results) for part in parts))
     for name in asked.scores or ():
         check_score(name, [c for part in parts for c in part.table.scores], "--score")
     chosen = [_chosen(part.table.scores, asked.scores) for part in parts]

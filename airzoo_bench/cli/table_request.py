@@ -88,8 +88,8 @@ class TableRequest:
         Texts, _option("LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable.")
     ] = None
 
-    def layout_for(self, protocols: int) -> Layout:
-        """Return the layout for results of so many protocols; refuse what does not go with it."""
+    def layout_for(self, protocols: int, results: int) -> Layout:
+        """Return the layout for so many results; refuse what does not go with it."""
         among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
         asked = [f"--{name}" for name in among_methods if getattr(self, name)]
         layout = self.layout
@@ -97,10 +97,10 @@ class TableRequest:
             layout = Layout.BENCHMARKS
         elif layout is None:
             # One result has nothing to be compared with, unless that is asked for.
-            layout = Layout.METHODS if asked or len(self.results) > 1 else Layout.RESULT
+            layout = Layout.METHODS if asked or results > 1 else Layout.RESULT
         wrong = ""
-        if layout is Layout.RESULT and (asked or len(self.results) > 1):
-            wrong = f"layout result shows one result alone, and here are {len(self.results)} "
+        if layout is Layout.RESULT and (asked or results > 1):
+            wrong = f"layout result shows one result alone, and here are {results} "
             wrong += f"results {' '.join(asked)}".rstrip()
         elif self.scene and layout is not Layout.METHODS:
             wrong = f"--scene does not go with layout {layout}"

@@ -286,3 +286,8 @@ def test_folder_that_changed_on_main_meanwhile(world: World) -> None:
     world.hosted.move("refs/heads/main", newer)
     [fault] = world.look(1, head)
     assert "has changed on the board since" in str(fault)
+
+
+def test_maintainers_may_change_every_folder(world: World) -> None:
+    head = world.hosted.pull_of(1, {f"{HOME}/theirs/p.npz": b"mended"})
+    assert world.look(1, head, MAINTAINER) == []

@@ -6,6 +6,7 @@ import json
 import os
 import socket
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,39 @@ def test_what_only_the_truth_shows_is_a_try(
     comment = (work / "comment.md").read_text()
     assert "The truth was opened: this counts as a try" in comment
     assert "45.1" not in comment
+
+
+def test_class_of_a_sealed_method_is_held_to_its_predictions(
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluate = scoring.evaluate
+
+    def near(*arguments: Any, **options: Any) -> Any:
+        found = evaluate(*arguments, **options)
+        counts = {scene: one | {"near_prior": 1} for scene, one in found.result.counts.items()}
+        return replace(found, result=found.result.model_copy(update={"counts": counts}))
+
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    monkeypatch.setattr(scoring, "evaluate", near)
+    opened(board, work, code=1)
+    found = json.loads((work / "found-sealed.json").read_text())
+    assert (found["kind"], found["answer"]) == ("refused", None)
+    assert "the photo's own prior" in found["problems"][0]
+
+
+def test_files_that_changed_between_the_jobs_are_not_scored(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    fork = board.clone("ada")
+    submit(board, fork, perfect, "Salad")
+    work = scored(board, 1, board.propose(fork, 1))
+    [path] = (work / "work").rglob("*.npz")
+    path.write_bytes(path.read_bytes() + b"x")
+    done = opened(board, work, code=1)
+    assert "to the last byte" in str(done.exception)
+    assert not (work / "found-sealed.json").exists()
 
 
 def test_truth_is_not_opened_where_there_is_a_network(

@@ -13,7 +13,7 @@ import pytest
 from airzoo_bench.leaderboard import scoring
 from airzoo_bench.leaderboard.git import BoardError
 from tests.leaderboard.hosting import git
-from tests.leaderboard.walk import ADA, BOB, Board, submit, worse
+from tests.leaderboard.walk import ADA, BOARD, BOB, MAINTAINER, Board, submit, worse
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 
@@ -204,3 +204,34 @@ def test_run_that_breaks_off_has_read_all_older_runs(
     )  # fmt: skip
     assert isinstance(done.exception, BoardError)
     assert [path.name for path in data.glob("runs/made/retrieval/*")] == ["salad"]
+
+
+@pytest.mark.slow
+def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -> None:
+    """Every two of a table are compared: clones would weaken what is found of all others."""
+    (board.main / "leaderboard.toml").write_text(f"{BOARD}\n[limits]\nentries = 1\n")
+    board.push_main("One each")
+    fork = board.clone("fork")
+    submit(board, fork, perfect, "Salad")
+    head = board.propose(fork, 1)
+    assert "is refused" not in board.ci(1, head, ADA)
+    board.merge(1, head)
+    newer = board.clone("newer")
+    submit(board, newer, worse(perfect), "Cress")
+    head = board.propose(newer, 2)
+    refused = board.ci(2, head, ADA, code=1)
+    assert "this account has 1 submission in this table already" in refused
+    assert f"write account = {BOB}" in board.ci(2, head, BOB, code=1)
+    assert "is refused" not in board.ci(2, head, MAINTAINER)
+
+
+def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
+    board: Board, perfect: dict[str, list[Any]]
+) -> None:
+    submit(board, board.main, perfect, "Baseline", account=MAINTAINER)
+    board.push_main("The baseline")
+    fork = board.clone("ada")
+    (fork / "submissions/made/retrieval/baseline/extra.txt").write_text("x")
+    comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
+    assert "belongs to another account" in comment
+    assert list(board.rescore().glob("runs/made/retrieval/baseline/1/run.json"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -164,6 +165,17 @@ def test_steps_by_hand() -> None:
     for value in (0.0, 1.0):
         perfect = round_score(value, [np.full(100, value)], SHARE)
         assert (perfect.value, perfect.standard_error) == (value, 0.02)
+
+
+def test_failures() -> None:
+    values = np.array([1.0, 2.0, 3.0, *[math.inf] * 5])
+    nothing = {"value": None, "standard_error": None, "step": None}
+    assert round_score(math.inf, [values], MEDIAN).model_dump() == nothing
+    half = np.array([*range(1, 12), *[math.inf] * 9], float)
+    found = round_score(float(np.median(half)), [half], MEDIAN)
+    assert found.value is not None
+    assert found.standard_error is None
+    assert found.step is not None
 
 
 def test_a_scene_of_one_query_is_not_read_off_the_mean() -> None:
