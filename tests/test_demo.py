@@ -10,25 +10,15 @@ import pytest
 from PIL import Image
 
 from airzoo_bench.benchmark.folder import find_benchmark
-from airzoo_bench.results.result import read_result
 from tests.demo_region import make
 from tests.support import run_main
 
-BETWEEN = {
-    "retrieval": ("recall@1", 0.2, 0.8),
-    "matching": ("within_1m", 0.2, 0.8),
-    "reconstruction": ("f1_10m", 0.4, 0.95),
-}
 
-
-@pytest.mark.slow  # `.ci/run` runs the demo of the wheel
-def test_the_demo_scores_every_track_and_keeps_its_predictions(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_the_demo_keeps_its_predictions(tmp_path: Path) -> None:
     assert run_main("demo", "--out", tmp_path / "demo") == 0
     made = {path: path.stat().st_mtime_ns for path in (tmp_path / "demo").rglob("sift*.npz")}
     assert len(made) == 2
-    for track, (score, low, high) in BETWEEN.items():
-        result = read_result(tmp_path / "demo" / track / "result.json")
-        assert low < result.overall[score] < high
     assert run_main("demo", "--out", tmp_path / "demo") == 0
     assert made == {path: path.stat().st_mtime_ns for path in made}
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -51,10 +52,8 @@ def dead(page: Path) -> list[str]:
     found = []
     for link in links(page.read_text(encoding="utf-8")):
         file, _, anchor = link.partition("#")
-        target = page.parent / file if file else page
-        if not target.exists() or (
-            anchor and anchor not in anchors(target.read_text(encoding="utf-8"))
-        ):
+        target = page.parent / (file or page.name)
+        if not target.exists() or (anchor and anchor not in anchors(target.read_text("utf-8"))):
             found.append(link)
     return found
 
@@ -143,6 +142,16 @@ def test_the_module_of_an_added_benchmark_is_that_of_the_example() -> None:
     [module] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     source = HOME / "examples/benchmark-package/src/airzoo_bench_hills/__init__.py"
     assert module == source.read_text(encoding="utf-8")
+
+
+def test_each_dependency_has_a_line_in_the_table() -> None:
+    project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
+    needed = [project["dependencies"], *project["optional-dependencies"].values()]
+    names = {re.match(r"[\w-]+", one)[0] for part in needed for one in part}  # type: ignore[index]
+    page = (HOME / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.partition("| package | why it |")[2].partition("\n\n")[0]
+    firsts = " ".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE))
+    assert sorted(re.findall(r"[\w-]+", firsts)) == sorted(names - {"airzoo-bench"})
 
 
 if __name__ == "__main__":

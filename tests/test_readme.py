@@ -1,27 +1,70 @@
-"""The README's first command, as a newcomer types it, in a copy of the checkout."""
+"""Commands of the README and of pages, as a newcomer types them, and what they print."""
 
 from __future__ import annotations
 
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 PROJECT = Path(__file__).parents[1]
+# A block of `sh` is run; of `console` the command is run and prints the lines below it.
+BLOCK = re.compile(r"^```(sh|console|csv)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SHELL = f"""set -eu
+pip() {{ :; }}
+airzoo-bench() {{ {sys.executable} -m airzoo_bench "$@"; }}
+export COLUMNS=100 AIRZOO_BENCH_DATA=data
+"""
+
+
+def run(command: str, folder: Path, *allowed: int) -> str:
+    ask = ["bash", "-c", SHELL + command]
+    done = subprocess.run(ask, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode in {0, *allowed}, (command, done.stderr)
+    return "\n".join(line.rstrip() for line in done.stdout.splitlines())
+
+
+def follow(page: str, folder: Path) -> None:
+    """Run the blocks of a page in their order."""
+    for kind, block in BLOCK.findall((PROJECT / page).read_text("utf-8")):
+        if kind == "csv":
+            (folder / "table.csv").write_text(block, encoding="utf-8")
+        elif kind == "sh":
+            run(block, folder)
+        else:
+            command, printed = re.findall(r"^\$ ((?:[^\n]*\\\n)*[^\n]*)\n(.*)", block, re.DOTALL)[0]
+            assert run(command, folder, 1).strip() == printed.strip(), page
+
+
+@pytest.mark.slow
+def test_pages_print_what_they_show(tmp_path: Path) -> None:
+    names = ("index", "retrieval", "matching", "reconstruction", "audit")
+    for page in (*(f"docs/{name}.md" for name in names), "README.md"):
+        folder = tmp_path / page
+        folder.mkdir(parents=True)
+        (folder / "protocols").symlink_to(PROJECT / "protocols")
+        if page != "docs/index.md":  # which makes the demo's results
+            (folder / "airzoo-demo").symlink_to(tmp_path / "docs" / "index.md" / "airzoo-demo")
+        follow(page, folder)
+
+
+@pytest.mark.slow
+def test_the_real_scene_prints_what_its_pages_show(tmp_path: Path, brighton: Path) -> None:
+    (tmp_path / "brighton").symlink_to(brighton.resolve())
+    (tmp_path / "examples").symlink_to(PROJECT / "examples")
+    follow("docs/brighton.md", tmp_path)
 
 
 @pytest.mark.slow
 def test_the_first_command_installs_the_package_and_scores_every_track(tmp_path: Path) -> None:
     readme = (PROJECT / "README.md").read_text("utf-8")
-    command = re.search(r"<!-- try -->\n```sh\n(.*?)```", readme, re.DOTALL)
-    assert command is not None
+    [command] = re.findall(r"<!-- try -->\n```sh\n(.*?)```", readme, re.DOTALL)
     copy = tmp_path / "checkout"
     shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(".*", "tests", "docs"))
-    run = subprocess.run(
-        ["bash", "-euc", command[1]], cwd=copy, capture_output=True, text=True, check=False
-    )
-    assert run.returncode == 0, run.stderr
+    ask = ["bash", "-euc", command]
+    printed = subprocess.run(ask, cwd=copy, stdout=subprocess.PIPE, text=True, check=True).stdout
     for track in ("retrieval", "matching", "reconstruction"):
-        assert f"on airzoo-demo-{track} v" in run.stdout
+        assert f"on airzoo-demo-{track} v" in printed

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import Result
 
 from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb
@@ -67,41 +64,6 @@ def test_crops_are_the_windows_of_the_map(prepared: Path, brighton: Path) -> Non
     dom, crop = open_info(brighton / "dom_10cm.tif"), open_info(written)
     corner = pixel_to_world(dom.transform, [x, y])
     np.testing.assert_allclose(pixel_to_world(crop.transform, [0, 0]), corner, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_the_baseline_is_above_chance(
-    prepared: Path, tmp_path: Path, command: Callable[..., Result]
-) -> None:
-    out = tmp_path / "sift.npz"
-    name = "brighton-retrieval"
-    assert command("baseline", "retrieval", name, "--data", prepared, "-o", out).exit_code == 0
-    run = command("eval", "retrieval", out, "--data", prepared, "--out", tmp_path, "-f", "json")
-    assert run.exit_code == 0, run.output
-    result = json.loads(run.stdout)
-    truth = read_truth(prepared / "brighton" / "scenes" / "brighton", "brighton")
-    chance = float(np.mean(truth.positives.counts / len(truth.tiles)))
-    assert result["overall"]["recall@1"] > 2 * chance
-    assert result["counts"]["brighton"]["missing"] == 0
-    table = command("table", tmp_path / "result.json", "--format", "latex")
-    assert r"\toprule" in table.stdout
-    assert "brighton & 18 &" in table.stdout
-
-
-@pytest.mark.slow
-def test_the_baseline_poses_the_real_photos(prepared: Path, tmp_path: Path) -> None:
-    matches, out, data = tmp_path / "sift.npz", tmp_path / "out", ("--data", prepared)
-    make = ("baseline", "matching", "brighton-matching", *data, "--out", matches)
-    assert run_main(*make, "--jobs", 2) == 0
-    assert run_main("check", matches, *data) == 0
-    assert run_main("eval", "matching", matches, *data, "--out", out, "--jobs", 2) == 0
-    records = pd.read_csv(out / "records.csv")
-    assert len(records) == 18
-    assert records["answered"].all()
-    near = (records["error_m"] < 1) & (records["rotation_deg"] < 1)
-    assert near.sum() >= 15
-    assert records["within_1m_1deg"].sum() == near.sum()
-    assert records["error_m"].median() < 1
 
 
 def test_the_true_cloud_is_perfect(prepared: Path, brighton: Path, tmp_path: Path) -> None:

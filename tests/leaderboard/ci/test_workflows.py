@@ -103,8 +103,9 @@ def test_trigger_and_concurrency() -> None:
 
 @pytest.mark.parametrize("name", ["leaderboard.yml", "board.yml"])
 def test_own_board_has_the_workflows_of_every_board(name: str) -> None:
-    own = ROOT / ".github" / "workflows" / name
-    assert own.read_bytes() == (STARTER / name).read_bytes()
+    own = (ROOT / ".github" / "workflows" / name).read_text(encoding="utf-8")
+    without_docs = re.sub(r", docs/\*\*|\n *# The documentation.*\n.*", "", own)
+    assert without_docs == (STARTER / name).read_text(encoding="utf-8")
     zizmor = "zizmor.yml"
     assert (ROOT / ".github" / zizmor).read_bytes() == (STARTER / zizmor).read_bytes()
 
