@@ -20,8 +20,7 @@ from urllib.parse import urlsplit
 import jinja2
 from markupsafe import Markup, escape
 
-from airzoo_bench.report.packing import page_json
-from airzoo_bench.report.policy import content_policy
+from airzoo_bench.report.packing import content_policy, page_json
 from airzoo_bench.tables.model import show_number
 
 __all__ = ["render_pages", "safe_url", "shown"]

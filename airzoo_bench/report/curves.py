@@ -27,7 +27,6 @@ _LEAST_RATIO = 4.0
 _KS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
 _PERCENT = (-2.0, 102.0)
 _MARKS = 9
-_COUNTED = 6
 _THRESHOLD = re.compile(r"(precision|recall|f1)_([0-9.e+-]+)m")
 
 
@@ -56,10 +55,7 @@ def kept_ranks(method: Scored) -> int:
             f"results of the {method.result.track} track have no ranks",
             expected="results of the retrieval track",
         )
-    kept = method.result.protocol.settings.get("scores", {}).get("ranks_kept")
-    if not isinstance(kept, int) or kept < 1:
-        raise UsageError("the protocol's settings have no scores.ranks_kept above 0")
-    return kept
+    return int(method.result.protocol.settings["scores"]["ranks_kept"])
 
 
 def share_below(errors: Floats, limits: Floats) -> Floats:
@@ -70,11 +66,9 @@ def share_below(errors: Floats, limits: Floats) -> Floats:
 
 def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
     """Return the share of queries with an error strictly below each limit, mean over scenes."""
-    shares = []
-    for _, rows in method.records.groupby("scene", sort=True):
-        shares.append(share_below(rows[key].to_numpy(np.float64), limits))
-    mean: Floats = np.mean(shares, axis=0)
-    return mean
+    scenes = method.records.groupby("scene", sort=True)[key]
+    shares = [share_below(errors.to_numpy(np.float64), limits) for _, errors in scenes]
+    return np.asarray(np.mean(shares, axis=0))
 
 
 def _draw_lines(axes: Axes, xs: Sequence[Floats], ys: Sequence[Floats], **more: Any) -> None:
@@ -157,23 +151,14 @@ def _draw_thresholds(axes: Axes, method: Scored, score: ScoreColumn) -> None:
 
 def _beyond(methods: Sequence[Scored], key: str, right: float, unit: str) -> str:
     """Count the errors beyond the right end of the axis, which curves do not show."""
-    total = f"of {len(methods[0].records)} {unit}"
-    errors = np.array([method.records[key].to_numpy(np.float64) for method in methods])
-    infinite = np.isinf(errors).sum(axis=1)
-    larger = (errors >= right).sum(axis=1) - infinite
-    lacking = np.flatnonzero(infinite + larger)
-    if not len(lacking):
-        return ""
-    if len(lacking) > _COUNTED:
-        least, most = (infinite + larger)[lacking].min(), (infinite + larger)[lacking].max()
-        said = f"between {least} and {most} of each of {len(lacking)} methods"
-        return f"off the axis, {total}: {said}, {infinite.sum()} infinite in all"
     counts = []
-    for n in lacking.tolist():
-        kinds = {"infinite": int(infinite[n]), "larger": int(larger[n])}
+    for method in methods:
+        errors = method.records[key].to_numpy(np.float64)
+        infinite, beyond = np.isinf(errors).sum(), (errors >= right).sum()
+        kinds = {"infinite": infinite, "larger": beyond - infinite}
         parts = " and ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
-        counts.append(f"{name_text(methods[n].name)} {parts}")
-    return f"off the axis, {total}: {'; '.join(counts)}"
+        counts += [f"{name_text(method.name)} {parts}"] if parts else []
+    return f"off the axis, of {len(methods[0].records)} {unit}: {who(counts, '; ')}" * bool(counts)
 
 
 def _scale(axes: Axes, limits: Floats) -> None:

@@ -197,7 +197,7 @@ def figure_bytes(figure: Figure, form: str, dpi: int | None = None) -> bytes:
 def _settle(figure: Figure) -> None:
     """Round the positions of axes, so that files are the same again."""
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # a placeholder would draw everything once more
     for axes in figure.axes:
         x, y, width, height = np.round(axes.get_position(original=True).bounds, _PLACE_DIGITS)
         axes.set_position((float(x), float(y), float(width), float(height)))

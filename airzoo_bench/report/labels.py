@@ -89,10 +89,10 @@ def _small_print(methods: Sequence[Scored]) -> str:
     return f"benchmark {truth.benchmark}, version {truth.version}; {used}: {measured}"
 
 
-def who(names: Sequence[str]) -> str:
+def who(names: Sequence[str], between: str = ", ") -> str:
     """List names; only the first few of many."""
     names = [name_text(name) for name in names]
-    return ", ".join(names) if len(names) <= _NAMED else first_of(names)
+    return between.join(names) if len(names) <= _NAMED else first_of(names)
 
 
 @cache

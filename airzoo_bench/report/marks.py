@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -247,6 +248,7 @@ def condition(
     by: str,
     bins: Sequence[float] | None = None,
     sheet: Sheet | None = None,
+    plan: ResamplingConfig | None = ResamplingConfig(),  # noqa: B008
 ) -> Figure:
     """Draw a score by a condition, with 95 % intervals where a group has enough queries."""
     check_same_column(methods, by)
@@ -254,14 +256,16 @@ def condition(
     values = np.array([method.records[score.key].to_numpy(np.float64) for method in methods])
     medians = np.full(len(methods), score.average == "median")
     averages = group_averages(values, medians, grouping.codes, len(grouping.labels))
-    plan, unit = ResamplingConfig(), methods[0].result.unit
-    shares = np.full(len(methods), is_share(score))
-    found = group_intervals(Sample(unit, ("",), (values,), medians, shares), grouping, plan)
+    unit, shares = methods[0].result.unit, np.full(len(methods), is_share(score))
+    sample = Sample(unit, ("",), (values,), medians, shares)
+    lacking = [[Interval.lacking("")] * len(methods)] * len(grouping.labels)
+    found = group_intervals(sample, grouping, plan) if plan else lacking
+    whiskers = _whiskers(found, plan, plural(unit)) if plan else "no intervals: too many queries"
     titles = methods[0].result.truth.scene_titles if by == "scene" else {}
     infinite = int(np.isposinf(averages).sum())
     over = f"over all {plural(unit)} of a group, whatever their scene"
     sheet = noted(methods, sheet).noting(
-        f"{over}; {_whiskers(found, plan, plural(unit))}",
+        f"{over}; {whiskers}",
         f"open: infinite, {infinite} of {averages.size} values" if infinite else "",
     )
     labels = [titles.get(label, label) for label in grouping.labels]
@@ -279,14 +283,9 @@ def condition(
 
 def _whiskers(found: Sequence[Sequence[Interval]], plan: ResamplingConfig, units: str) -> str:
     """Explain the whiskers, and why some groups have none."""
-    every = [interval for group in found for interval in group]
-    alike = any("alike" in interval.reason for interval in every)
-    why = f"fewer than {FEWEST} {units}" + ", or all are alike" * alike
-    made = intervals_made(every, plan, f"{units} within each group")
-    if not made:
-        return f"no intervals: each group has {why}"
-    lacking = any(interval.reason for interval in every)
-    return f"whiskers: {made}{f', none where a group has {why}' if lacking else ''}"
+    made = intervals_made(chain.from_iterable(found), plan, f"{units} within each group")
+    why = f"a group has fewer than {FEWEST} {units}, or all are alike"
+    return f"whiskers: {made}, none where {why}" if made else f"no intervals: {why}"
 
 
 def _draw_groups(

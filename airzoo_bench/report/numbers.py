@@ -17,6 +17,7 @@ from airzoo_bench.results.comparison import (
     against_best,
     compare,
     floor_note,
+    is_share,
     make_sample,
     notes_of,
 )
@@ -40,7 +41,8 @@ from airzoo_bench.tables.model import Cell, Table, share_to_percent, show_number
 OVERALL, POOLED = "overall", "pooled"
 _BEST, _TIED = "best", "tied"
 _RESAMPLES, _FEWEST_RESAMPLES = 10_000, 1_000
-_WORK = 2.5e9  # resampled values: some seconds
+_WORK = 2.5e9  # values whose signs are drawn for tests: some seconds
+_DRAWN = 1e9  # values drawn for medians: as long
 _FINEST = 40  # resamples a comparison, so that a corrected p can still be a finding
 _MOST_PAIRED = 12  # methods of which every two are compared
 _DIFFERING = 10  # queries that are listed of a pair
@@ -138,12 +140,22 @@ def _ends(interval: Interval) -> list[float] | None:
 
 
 def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:
-    values = len(section.methods) * len(section.methods[0].records)
-    for scores in (section.headline, section.headline[:1]):
-        resamples = min(_RESAMPLES, int(_WORK / (values * len(scores))))
-        if resamples >= _FEWEST_RESAMPLES:
-            return scores, resamples
-    return [], 0
+    """Return the headline scores whose intervals take seconds; those of shares are formulas."""
+    drawn = [score for score in section.headline if not is_share(score)]
+    values = len(section.methods) * len(section.methods[0].records) * max(1, len(drawn))
+    resamples = min(_RESAMPLES, int(_DRAWN / values))
+    if resamples >= _FEWEST_RESAMPLES:
+        return section.headline, resamples
+    return [score for score in section.headline if is_share(score)], _RESAMPLES
+
+
+def plan_groups(section: Section) -> ResamplingConfig | None:
+    """Return a plan of intervals within groups by every condition; None if they take too long."""
+    if is_share(section.headline[0]):  # by a formula
+        return ResamplingConfig()
+    values = len(section.methods) * len(section.methods[0].records) * len(section.conditions)
+    resamples = min(_RESAMPLES, int(_DRAWN / max(values, 1)))
+    return ResamplingConfig(resamples) if resamples >= _FEWEST_RESAMPLES else None
 
 
 def _about_intervals(

@@ -7,6 +7,7 @@ script sorts by codes and shows texts. They are rounded to four digits where the
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import math
 import zlib
@@ -60,8 +61,7 @@ class Blobs:
         """
         different, codes = np.unique(values, return_inverse=True)
         for digits in range(_DIGITS, 0, -1) if len(different) > _FEW else ():
-            short = np.array([float(f"{value:.{digits}g}") for value in different.tolist()])
-            rounded, places = np.unique(short, return_inverse=True)
+            rounded, places = np.unique(_round(different, digits), return_inverse=True)
             if len(rounded) <= _MANY:
                 different, codes = rounded, places[codes]
                 break
@@ -76,6 +76,16 @@ class Blobs:
         """Pack words as codes into the different ones."""
         different, codes = np.unique(np.array(list(values), dtype=object), return_inverse=True)
         return {"texts": self.json(different), "codes": self.array(codes), "missing": -1}
+
+
+def _round(values: Floats, digits: int) -> Floats:
+    """Round to significant digits; infinite values and NaN stay."""
+    known = np.isfinite(values) & (values != 0)
+    sizes = np.floor(np.log10(np.abs(values), out=np.zeros_like(values), where=known))
+    steps, whole = 10.0 ** np.abs(digits - 1 - sizes), sizes >= digits - 1
+    safe = np.where(known, values, 0.0)
+    short = np.where(whole, np.rint(safe / steps) * steps, np.rint(safe * steps) / steps)
+    return np.where(known, short, values)
 
 
 def _smallest_type(values: NDArray[Any]) -> str:
@@ -111,3 +121,17 @@ def page_json(value: Any) -> str:
 def data_uri(content: bytes, kind: str) -> str:
     """Return content as a ``data:`` address."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def content_policy(script: str, style: str) -> str:
+    """Return the policy of a page: only this script and style, by their hashes, and no loading."""
+    scripts = _hash(script) if script else "'none'"
+    return (
+        f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {scripts}; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    digest = hashlib.sha256(text.encode()).digest()
+    return f"'sha256-{base64.b64encode(digest).decode()}'"

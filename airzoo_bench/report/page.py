@@ -31,12 +31,12 @@ from airzoo_bench.report.numbers import (
     find,
     notes_by_method,
     pair_panes,
+    plan_groups,
     scene_panes,
     summary_panes,
 )
-from airzoo_bench.report.packing import Blobs, data_uri, page_json
+from airzoo_bench.report.packing import Blobs, content_policy, data_uri, page_json
 from airzoo_bench.report.places import Place, find_places
-from airzoo_bench.report.policy import content_policy
 from airzoo_bench.report.queries import hardest, order_said, pack_maps, pack_queries
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.tables.breakdown import condition_title
@@ -154,7 +154,7 @@ def _part(
         "query_scores": section.query_scores,
         "condition_figures": [
             (by, *_image(f"{axis_label(section.headline[0])} by {condition_title(by)}", figure))
-            for by, figure in _condition_figures(section, found)
+            for by, figure in _condition_figures(section)
         ],
         "by_query": section.by_query,
         "maps": maps,
@@ -219,12 +219,11 @@ def _figures(section: Section, found: Findings, notes: list[str]) -> Iterator[tu
         yield "Precision, recall and F1 over the distance d", thresholds(methods)
 
 
-def _condition_figures(section: Section, found: Findings) -> Iterator[tuple[str, Figure]]:
-    """Yield a picture a condition, unless intervals would take too long."""
-    main = section.headline[0]
-    drawn = section.by_query and main.key in found.limits.get(OVERALL, {})
-    for by in section.conditions if drawn else ():
-        yield by, condition(section.methods, main, by)
+def _condition_figures(section: Section) -> Iterator[tuple[str, Figure]]:
+    """Yield a picture a condition."""
+    plan = plan_groups(section)
+    for by in section.conditions if section.by_query else ():
+        yield by, condition(section.methods, section.headline[0], by, plan=plan)
 
 
 def _image(title: str, figure: Figure) -> tuple[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,7 @@ _MOST_RANKS = 5
 _MOST_TILES = 2_000_000  # of all methods and queries: about 4 MB of the page
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Section:
     """Methods of one protocol, truth and set of queries, with records in the same order."""
 
@@ -51,22 +52,22 @@ class Section:
         """Whether records are of queries, not of scenes."""
         return self.first.unit == "query"
 
-    @property
+    @cached_property
     def headline(self) -> list[ScoreColumn]:
         """The headline scores that all methods have; the first one ranks queries."""
         return choose_scores(self.methods, [])
 
-    @property
+    @cached_property
     def scores(self) -> list[ScoreColumn]:
         """Every score that all methods have."""
         return choose_scores(self.methods, [], every=True)
 
-    @property
+    @cached_property
     def query_scores(self) -> list[ScoreColumn]:
         """The scores shown for each query: headline scores and errors."""
         return [score for score in self.scores if _is_shown(score)]
 
-    @property
+    @cached_property
     def conditions(self) -> list[str]:
         """Columns of conditions, such as weather, that are the same for all methods."""
         return [name for name in condition_names(self.methods[0]) if not self._is_apart(name)]

@@ -153,8 +153,8 @@ def _with_type(texts: Any) -> Any:
     """Turn texts into what they were before they were written, where that is beyond doubt."""
 
     def all_are(pattern: str) -> bool:
-        matches = pc.match_substring_regex(texts, pattern)
-        return bool(pc.all(matches, min_count=0).as_py())
+        parts = (pc.match_substring_regex(t, pattern) for t in (texts.slice(0, 1), texts))
+        return all(pc.all(part, min_count=0).as_py() for part in parts)  # most fail by the first
 
     if texts.null_count == 0 and all_are(_INTEGER):
         for kind in (pa.int64(), pa.uint64()):

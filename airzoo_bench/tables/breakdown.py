@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError, plural
@@ -27,9 +27,6 @@ from airzoo_bench.tables.intervals import brackets_note, notes_by_reason, score_
 from airzoo_bench.tables.marks import mark_cells
 from airzoo_bench.tables.method_table import UNITS, score_column
 from airzoo_bench.tables.model import Cell, Column, Row, Table
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 UNKNOWN = "unknown"
 """The group of the queries for which a condition has no value."""
@@ -193,7 +190,7 @@ def _by_category(by: str, column: pd.Series[str]) -> Grouping:
     shown = column.to_numpy() if numbers else column.astype(str).to_numpy(object)
     if not numbers:
         missing = missing | (shown == UNKNOWN)  # who writes it means what an empty field does
-    values, codes_of = np.unique(shown[~missing], return_inverse=True)
+    codes_of, values = pd.factorize(shown[~missing], sort=True)
     if len(values) > _MOST_GROUPS:
         many = f"--by {by}: {len(values)} different values are no groups"
         raise UsageError(many, fix="choose a column with fewer values")
