@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
 
 SPLIT_EXAMPLES = examples("check-split training-set airzoo-mini --out overlaps.csv")
-GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --out geometry")
+GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --format json")
 PANELS = {
     "Cameras": ("scene", "poses", "images", "crs"),
     "Depth": ("depth", "depth_kind", "depth_scale", "samples", "seed", "median_below"),
-    "Output": ("out", "form"),
+    "Output": ("form",),
 }
 
 
@@ -56,17 +56,11 @@ def check_geometry(
     median_below: Annotated[
         float, typer.Option(min=0.0, help="The median relative depth error must be below this.")
     ] = 0.00066,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for geometry.json and photos.csv.")
-    ] = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
-    from airzoo_bench.core.files import check_output_folder
-    from airzoo_bench.datasets.geometry_checks import report
+    from airzoo_bench.datasets.geometry_checks.report import geometry_table
 
-    if out is not None:
-        check_output_folder(out, report.OUTPUT_NAMES)
     if depth_scale is not None and not 0.0 < depth_scale < float("inf"):
         what = f"--depth-scale {depth_scale} is not a scale"
         raise UsageError(what, expected="metres of a unit")
@@ -79,13 +73,13 @@ def check_geometry(
     }
     scenes = _scenes(data, scene, poses, images, crs)
     checked = [_checked(one, depth, sampling) for one in scenes]
+    passes = not any(one.failures for one in checked)
     if form is Format.JSON:
-        put(json.dumps(report.report_values(checked), indent=1, allow_nan=False) + "\n")
+        values = {"passes": passes, "scenes": [one.values for one in checked]}
+        put(json.dumps(values, indent=1, allow_nan=False) + "\n")
     else:
-        show(report.geometry_table(checked), form)
-    for path in report.save_report(checked, out) if out is not None else ():
-        say(f"wrote {path}")
-    if any(one.failures for one in checked):
+        show(geometry_table(checked), form)
+    if not passes:
         raise typer.Exit(1)
 
 
@@ -125,9 +119,7 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
     found = None
     if has_depth:
         paths = find_depths(folder, scene.images)
-        found = check_depth_consistency(
-            scene.ids, scene.cameras, scene.poses, paths, **sampling, progress=progress
-        )
+        found = check_depth_consistency(scene, paths, **sampling, progress=progress)
     return SceneGeometry(scene, chain, found)
 
 

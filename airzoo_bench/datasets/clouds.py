@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -69,11 +70,10 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
 
 def _sampled(cloud: Path, paths: list[Path]) -> Floats:
     """Read all of a cloud, and return some 65,000 evenly spaced finite points."""
-    source = (
-        open_shards(cloud, paths)
-        if cloud.is_dir()
-        else open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None)
-    )
+    if cloud.is_dir():
+        source: Any = open_shards(cloud, paths)
+    else:
+        source = open_cloud(cloud, limit_bytes=_CLOUD_BYTES, sampling=None)
     step = max(source.count // _SAMPLES, 1)
     kept = [piece.points[::step].copy() for piece in source.pieces(_PIECE)]
     points: Floats = np.concatenate([*kept, np.empty((0, 3))])

@@ -194,10 +194,8 @@ def _checked_crs(native: NativeScene) -> str:
         check_true_metres(crs, to_lonlat(crs, native.poses.centres[:, :2]), where)
     except CameraError as error:
         raise error.inside(source) from error
-    if path is None:
-        return crs.to_string()
-    dsm = open_info(path)
-    if not same_plane(crs, dsm.crs):
+    dsm = None if path is None else open_info(path)
+    if dsm is not None and not same_plane(crs, dsm.crs):
         raise RasterError(
             f"the poses ({source}) and the DSM ({path}) differ in CRS: {describe_crs(crs)} and "
             f"{describe_crs(dsm.crs)}",
@@ -205,13 +203,10 @@ def _checked_crs(native: NativeScene) -> str:
             fix=f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear makes a DSM in the CRS of the "
             "poses; heights stay as they are",
         )
-    if dsm.bands > _MOST_DSM_BANDS:
-        raise RasterError(
-            f"has {dsm.bands} bands",
-            where=path,
-            expected="one band of heights",
-            fix="look whether --dom and --dsm are the wrong way round",
-        )
+    if dsm is not None and dsm.bands > _MOST_DSM_BANDS:
+        fix = "look whether --dom and --dsm are the wrong way round"
+        what = f"has {dsm.bands} bands"
+        raise RasterError(what, where=path, expected="one band of heights", fix=fix)
     return crs.to_string()
 
 
@@ -257,12 +252,9 @@ def _check_tile_count(inputs: SceneInputs, protocol: RetrievalProtocol | None) -
         for size in gallery.tile_sizes_px
     )
     if count > _MOST_TILES:
-        raise RasterError(
-            f"{info.width} x {info.height} px make {count:,} tiles",
-            where=info.path,
-            expected=f"at most {_MOST_TILES:,}",
-            fix="choose a larger --tile-size, or cut the map to the photos by gdal_translate",
-        )
+        what = f"{info.width} x {info.height} px make {count:,} tiles"
+        fix = "choose a larger --tile-size, or cut the map to the photos by gdal_translate"
+        raise RasterError(what, where=info.path, expected=f"at most {_MOST_TILES:,}", fix=fix)
 
 
 def _nothing_to_ask(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:

@@ -97,12 +97,10 @@ def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, fl
     table = read_table(path, {one: (one,) for one in ("image", *PRIOR_VALUES)}, PRIOR_VALUES)
     table.require_unique("image")
     strange = [name for name in table.names if name not in table.header.values()]
-    odd = sorted({*table.texts("image")} - {*photos})
-    if strange or odd:
+    odd = strange or sorted({*table.texts("image")} - {*photos})
+    if odd:
         raise BenchmarkError(
-            f"has the columns {', '.join(strange)}"
-            if strange
-            else f"names what is no photo: {first_of(map(repr, odd))}",
+            f"has columns or photos that are not known: {first_of(map(repr, odd))}",
             where=path,
             expected=f"image, and some of {', '.join(PRIOR_VALUES)}; each photo once, by its name "
             "relative to the folder of the photos",
@@ -110,9 +108,8 @@ def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, fl
     found: dict[str, dict[str, float]] = {name: {} for name in table.texts("image")}
     for column in (name for name in PRIOR_VALUES if table.has(name)):
         most = _LIMITS.get(column, 1e6)
-        for values, value in zip(
-            found.values(), table.numbers(column, -most, most, empty=True).tolist(), strict=True
-        ):
+        numbers = table.numbers(column, -most, most, empty=True).tolist()
+        for values, value in zip(found.values(), numbers, strict=True):
             values |= {} if math.isnan(value) else {column: value}
     return found
 
@@ -125,11 +122,9 @@ def priors_to_poses(priors: Mapping[str, PhotoPrior], crs: Any) -> Poses:
     beyond = np.isnan(xy).any(axis=1) | np.isnan(convergence)
     if beyond.any():
         names = [name for name, bad in zip(priors, beyond, strict=True) if bad]
-        raise BenchmarkError(
-            f"positions beyond {describe_crs(horizontal_crs(crs))}: {first_of(names, len(priors))}",
-            expected="photos as the drone wrote them, with EXIF GPS and DJI's XMP",
-            fix="give poses for these photos, or take them out",
-        )
+        what = f"positions beyond {describe_crs(horizontal_crs(crs))}"
+        fix = "give poses for these photos, or take them out"
+        raise BenchmarkError(f"{what}: {first_of(names, len(priors))}", fix=fix)
     rotations = angles_to_rotations(*angles.T, convergence_deg=convergence)
     return Poses.from_centres(rotations, np.hstack((xy, altitude)), names=list(priors))
 

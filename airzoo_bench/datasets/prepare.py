@@ -199,8 +199,7 @@ def _difference(records: Mapping[str, Record], source: Source) -> str:
         for name in now
         if before.get(name, now[name]) != now[name]
     ]
-    if set(records) != set(source.scenes):
-        said.append(f"scenes {', '.join(records)}, now {', '.join(source.scenes)}")
+    said += [f"scenes {', '.join(records)}"] * (set(records) != set(source.scenes))
     otherwise = "from files that have changed since, or by another version of this suite"
     return f"with {'; '.join(said)}" if said else otherwise
 
@@ -217,7 +216,10 @@ def prepare_scenes(
             run.finish()
             prepared = run.assemble()
         except BaseException:
-            if not run.note_kept():
+            if len(run.keys) > 1 and run.staging.is_dir() and any(run.staging.iterdir()):
+                kept = f"finished scenes are kept in {run.staging}"
+                settings.note(f"{kept}; the same command goes on from there")
+            else:
                 shutil.rmtree(run.staging, ignore_errors=True)
             raise
         shutil.rmtree(run.staging, ignore_errors=True)
@@ -239,18 +241,6 @@ class _Run:
     def staging(self) -> Path:
         """Where finished scenes are kept until all are."""
         return self.settings.folder.absolute().parent / f".{self.protocols.benchmark}.prepare"
-
-    def note_kept(self) -> bool:
-        """Say how many scenes the next run can take as they are, if any."""
-        found = {scene: _read_records(self.staging / scene).get(scene) for scene in self.keys}
-        kept = [scene for scene, one in found.items() if one and one.key == self.keys[scene]]
-        if not kept or len(self.keys) == 1:
-            return False
-        self.settings.note(
-            f"{counted(len(kept), 'finished scene')} of {len(self.keys)} kept in {self.staging}; "
-            "the same command goes on from there"
-        )
-        return True
 
     def finish(self) -> None:
         """Take the scenes that earlier runs finished, and make the others, each a task."""

@@ -27,25 +27,11 @@ class SourceOptions:
 class PrepareSettings:
     """Options of every dataset.
 
-    Attributes
-    ----------
-    folder : Path
-        The benchmark folder to make; it appears when it is complete.
-    root : Path
-        The data root, for protocols to start from and for what is kept between runs.
-    tiles_on_disk : bool
-        Write each tile as PNG; otherwise tiles are windows of the map.
-    crops_on_disk : bool
-        Write the crop of each query as two GeoTIFF; otherwise crops are windows of the map.
-    copy : bool
-        Copy photos, maps and clouds into the folder; otherwise they are left where they are.
-    replace : bool
-        Whether a folder that stands there is replaced.
-    engine : Engine
-        Where work is done that is shared out; the benchmark does not depend on it.
-    progress : Progress
-    note : callable
-        Takes a sentence for the user while the folder is made.
+    `folder`, which appears when it is complete, is the benchmark folder to make; `root` is the data
+    root, for protocols to start from and for what is kept between runs. Tiles and crops are written
+    as files if they are wanted `on_disk`, else they are windows of the map; `copy` puts photos,
+    maps and clouds into the folder; `replace` allows to replace one that is there. `note` takes
+    sentences for the user. The benchmark does not depend on the `engine`.
     """
 
     folder: Path

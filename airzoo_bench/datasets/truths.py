@@ -61,15 +61,12 @@ class BenchmarkProtocols:
 
     def of_scenes(self, scenes: Collection[str]) -> BenchmarkProtocols:
         """Restrict the protocols to some scenes, and name them so where that cuts one."""
-        kept = []
-        for one in self.every:
-            left = tuple(scene for scene in one.scenes if scene.id in scenes)
-            if left:
-                kept.append((one, left))
-        if all(left == one.scenes for one, left in kept):
-            whole = len(kept) == len(self.every)
-            return self if whole else BenchmarkProtocols(tuple(one for one, _ in kept))
-        return BenchmarkProtocols(tuple(_partial(one, left) for one, left in kept))
+        left = [tuple(scene for scene in one.scenes if scene.id in scenes) for one in self.every]
+        kept = [(one, some) for one, some in zip(self.every, left, strict=True) if some]
+        if any(some != one.scenes for one, some in kept):
+            return BenchmarkProtocols(tuple(_partial(one, some) for one, some in kept))
+        whole = len(kept) == len(self.every)
+        return self if whole else BenchmarkProtocols(tuple(one for one, _ in kept))
 
 
 def _partial(protocol: Protocol, scenes: tuple[ProtocolScene, ...]) -> Protocol:
@@ -115,22 +112,13 @@ def build_truths(
     reconstruction = None
     if protocols.first(ReconstructionProtocol) is not None and cloud is not None:
         reconstruction = build_reconstruction_truth(inputs, cloud, reconstructed)
-    return SceneTruths(
-        _retrieval_truth(inputs, protocols.first(RetrievalProtocol)),
-        _matching_truth(inputs, protocols.first(MatchingProtocol)),
-        reconstruction,
-    )
-
-
-def _retrieval_truth(
-    inputs: SceneInputs, protocol: RetrievalProtocol | None
-) -> PreparedScene | None:
-    if protocol is None:
-        return None
-    gallery, rules = protocol.map_rules()
-    if rules.rule in _BY_POSITION and inputs.dom is None and inputs.gallery is None:
-        return None
-    return build_retrieval_truth(inputs, gallery, rules)
+    retrieval, protocol = None, protocols.first(RetrievalProtocol)
+    if protocol is not None:
+        gallery, rules = protocol.map_rules()
+        if rules.rule not in _BY_POSITION or inputs.dom or inputs.gallery:
+            retrieval = build_retrieval_truth(inputs, gallery, rules)
+    matching = _matching_truth(inputs, protocols.first(MatchingProtocol))
+    return SceneTruths(retrieval, matching, reconstruction)
 
 
 def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol | None) -> MatchingTruth | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
 import tempfile
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -27,9 +25,9 @@ from airzoo_bench.formats.mat5 import MatFile
 from airzoo_bench.formats.npz import NpzFile, map_numbers
 from airzoo_bench.readers.names import (
     ImageNames,
+    folders_of,
     names_in,
     query_names,
-    read_names,
     scene_finder,
     truths_of,
 )
@@ -67,12 +65,12 @@ class SceneImages:
     def tiles(self) -> ImageNames:
         """The galleries."""
         tiles = chain.from_iterable(map(tile_images, self.truths))
-        return ImageNames.build("tile", tiles, scenes=self.reading.scenes, home=self.home)
+        return ImageNames("tile", tiles, scenes=self.reading.scenes, home=self.home)
 
     def of_run(self, folders: Iterable[str]) -> SceneImages:
         """Take the scene that the folders of a run name for that of its names without one."""
         scene_of = scene_finder(truth.scene for truth in self.truths)
-        named = {scene_of(folder) for folder in folders} - {None}
+        named = {scene_of(folders_of(folder)) for folder in folders} - {None}
         return replace(self, home="".join(map(str, named)) if len(named) == 1 else "")
 
 
@@ -181,13 +179,6 @@ class DescribedSets(Reader):
     def described(self, path: Path, kind: str, memory: int) -> Described:
         """Return names and descriptors of "query" or "gallery"."""
 
-    def beside(self, path: Path) -> tuple[Path, ...]:
-        """Return what was read besides the file."""
-        return ()
-
-    def check(self, path: Path, content: Descriptors) -> None:
-        """Refuse what the method would not compare."""
-
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
         images, given = SceneImages(reading, path, str(path)), {}
@@ -196,10 +187,9 @@ class DescribedSets(Reader):
             check_descriptors(path, f"'{kind}' features", rows, len(names))
         queries = query_rows(given["query"], images, path)
         predictions = join(path, [queries], [gallery_rows(given["gallery"], images, path)])
-        self.check(path, predictions.content)  # type: ignore[arg-type]
         said, notes = compared(self.metric, reading, predictions.content)
         notes = (*aside(queries.strange), *notes)
-        return ReadPredictions(predictions, (*self.conventions, *said), notes, self.beside(path))
+        return ReadPredictions(predictions, (*self.conventions, *said), notes)
 
 
 LINES = """\
@@ -233,16 +223,6 @@ class _Game4Loc(DescribedSets):
         rows = (file.read if kind == "query" else file.map)(f"{kind}_features")
         return texts(file, f"{kind}_names", 1).tolist(), rows
 
-    def check(self, path: Path, content: Descriptors) -> None:
-        """Refuse queries of unit length with tiles of others, kept before they were normalised."""
-        lengths = _lengths(content.gallery)
-        fine = (abs(lengths - 1) <= _ROUNDING).all()
-        if not fine and (abs(_lengths(content.queries) - 1) <= _ROUNDING).all():
-            found = f"those of the gallery are {lengths.min():.3g} to {lengths.max():.3g} long"
-            what = f"features of queries are of unit length, and {found}"
-            fix = "keep gallery_features after they are normalised, as the last line of the loop"
-            raise PredictionError(what, where=path, fix=fix)
-
 
 class _University1652(DescribedSets):
     """``pytorch_result.mat`` of University-1652 and those after it: features, classes and paths."""
@@ -262,35 +242,7 @@ class _University1652(DescribedSets):
 
     def described(self, path: Path, kind: str, memory: int) -> Described:
         file = MatFile(path, memory)
-        names = self._paths(file, kind)
-        if f"{kind}_label" in file.names():
-            labels = file.numbers(f"{kind}_label").reshape(-1).tolist()
-            _check_classes(f"{path}, variable '{kind}_label'", labels, names)
-        return names, file.numbers(f"{kind}_f")
-
-    def _paths(self, file: MatFile, kind: str) -> list[str]:
-        """Return the paths that the file has, or those of the list beside it."""
-        if f"{kind}_path" in file.names():
-            return file.texts(f"{kind}_path")
-        return read_names(file.path.with_name(f"{kind}_name.txt"))
-
-    def beside(self, path: Path) -> tuple[Path, ...]:
-        names = MatFile(path, 1 << 20).names()
-        kinds = [kind for kind in ("query", "gallery") if f"{kind}_path" not in names]
-        return tuple(path.with_name(f"{kind}_name.txt") for kind in kinds)
-
-
-def _check_classes(where: str, labels: Sequence[float], names: Sequence[str]) -> None:
-    """Refuse classes that are not those of the folders: the rows are of other images then."""
-    folders = ("".join(re.split(r"[/\\]+", name)[-2:-1]) for name in names)
-    other = [
-        f"{name} has {label:g}"
-        for name, folder, label in zip(names, folders, labels, strict=False)
-        if folder.isdecimal() and int(folder[-18:]) != label
-    ]
-    if other or len(labels) != len(names):
-        what = f"{len(labels):,} classes of {len(names):,} paths; not of their folders: "
-        raise PredictionError(what + first_of(other), where=where, fix="run test.py again")
+        return file.texts(f"{kind}_path"), file.numbers(f"{kind}_f")
 
 
 # --- queries and tiles together ---
@@ -301,17 +253,14 @@ class DescribedImages(Reader):
 
     track = "retrieval"
     metric: ClassVar[str]
+    conventions: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def opened(self, path: Path, memory: int) -> Opened:
         """Return the names of images, and what reads the descriptor of one by its number."""
 
-    @abstractmethod
-    def conventions(self, content: Descriptors) -> tuple[str, ...]:
-        """Return what is taken to be so."""
-
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        """See `Reader.read`; descriptors of tiles are in a temporary file where they are large."""
+        """See `Reader.read`; descriptors are gathered in temporary files."""
         images = SceneImages(reading, path, str(path))
         names, read = self.opened(path, reading.memory_bytes)
         photos, tiles = (known.find_all(names, path) for known in (images.queries, images.tiles))
@@ -320,16 +269,15 @@ class DescribedImages(Reader):
             what = f"could be a query or a tile: {first_of([repr(name[:200]) for name in both])}"
             fix = "keep the folders of queries and tiles in the names"
             raise PredictionError(what, where=path, fix=fix)
-        limit = reading.memory_bytes // 4
-        queries, gallery = (_rows(path, names, found, read, limit) for found in (photos, tiles))
+        queries, gallery = (_rows(path, names, found, read) for found in (photos, tiles))
         predictions = join(path, [queries], [gallery])
-        content: Any = predictions.content
-        said, notes = compared(self.metric, reading, content)
+        said, notes = compared(self.metric, reading, predictions.content)
+        stored = f"descriptors are {queries.rows.dtype}, as the file has them"
+        said = (stored, *self.conventions, *said)
         others = zip(names, photos, tiles, strict=True)
         left = [name[-80:] for name, one, two in others if one is two is None]
         asides = (f"images that are neither queries nor tiles, left aside: {first_of(left)}",)
-        conventions = (*self.conventions(content), *said)
-        return ReadPredictions(predictions, conventions, (*asides * bool(left), *notes))
+        return ReadPredictions(predictions, said, (*asides * bool(left), *notes))
 
 
 def _rows(
@@ -337,7 +285,6 @@ def _rows(
     names: Sequence[str],
     found: Sequence[str | None],
     read: Callable[[int], NDArray[Any]],
-    limit_bytes: int,
 ) -> NamedRows:
     """Read descriptors in the order of their ids, all of the first one's length and type."""
     ids = {one: number for number, one in enumerate(found) if one is not None}
@@ -345,8 +292,9 @@ def _rows(
     first = read(some[0]).reshape(-1)
     check_descriptors(path, f"{names[some[0]][:200]!r}", first[None])
     shape = (len(some), first.size)
-    large = len(some) * first.nbytes > limit_bytes
-    rows = _mapped(shape, first.dtype) if large else np.empty(shape, first.dtype)
+    with tempfile.TemporaryFile() as file:  # has no name, and goes with the array
+        file.truncate(len(some) * first.nbytes)
+        rows = np.memmap(file, first.dtype, "r+", shape=shape)
     for place, number in enumerate(some):
         one = read(number).reshape(-1)
         if one.shape != first.shape or one.dtype != first.dtype:
@@ -357,20 +305,12 @@ def _rows(
     return NamedRows(np.array(sorted(ids), dtype=str), rows)
 
 
-def _mapped(shape: tuple[int, int], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Map a temporary file without a name, which goes with the array."""
-    with tempfile.TemporaryFile() as file:
-        file.truncate(shape[0] * shape[1] * dtype.itemsize)
-        return np.memmap(file, dtype, "r+", shape=shape)
-
-
 class _AnyLoc(DescribedImages):
-    """Files of AnyLoc's own demo: one for each image, ``DJI_0001.jpg.npy``."""
-
     title = "a folder of descriptors by image"
     layout = "files IMAGE.jpg.npy of shape (1, D), in one folder or several below it"
     methods = ("AnyLoc",)
     metric = "l2"
+    conventions = ("images are named by their files, without .npy",)
 
     def recognise(self, path: Path) -> float:
         # A run that broke off may have left a file without content.
@@ -380,22 +320,13 @@ class _AnyLoc(DescribedImages):
 
     def opened(self, path: Path, memory: int) -> Opened:
         files = sorted(_npy_files(path))
-
-        def read(number: int) -> NDArray[Any]:
-            return map_numbers(files[number])
-
         names = [file.relative_to(path).as_posix().removesuffix(".npy") for file in files]
-        return names, read
-
-    def conventions(self, content: Descriptors) -> tuple[str, ...]:
-        return ("images are named by their files, without .npy",)
+        return names, lambda number: map_numbers(files[number])
 
 
 def _npy_files(path: Path) -> Iterator[Path]:
     endings = tuple(f"{suffix}.npy" for suffix in PHOTO_SUFFIXES)
-    for home, folders, files in os.walk(path):
-        folders.sort()
-        yield from (Path(home) / name for name in sorted(files) if name.lower().endswith(endings))
+    return (one for one in path.rglob("*.npy") if one.name.lower().endswith(endings))
 
 
 def _shape(path: Path) -> tuple[int, ...]:
@@ -407,8 +338,6 @@ def _shape(path: Path) -> tuple[int, ...]:
 
 
 class _HlocGlobal(DescribedImages):
-    """Global features of hloc: HDF5, a group for each image with ``global_descriptor``."""
-
     title = "global features of hloc"
     layout = "HDF5 with a group for each image that holds global_descriptor"
     methods = ("hloc", "NetVLAD", "DIR", "OpenIBL", "MegaLoc")
@@ -421,13 +350,7 @@ class _HlocGlobal(DescribedImages):
     def opened(self, path: Path, memory: int) -> Opened:
         file = Hdf5File(path, memory)
         names = [name.removesuffix(self.key) for name in file.names() if name.endswith(self.key)]
-        if not names:
-            fix = "give local features and matches to the matching track"
-            raise PredictionError("holds no global_descriptor", where=path, fix=fix)
         return names, lambda number: file.read(names[number] + self.key)
-
-    def conventions(self, content: Descriptors) -> tuple[str, ...]:
-        return (f"descriptors are {content.queries.dtype}, as the file has them",)
 
 
 GAME4LOC, UNIVERSITY1652 = _Game4Loc(), _University1652()

@@ -97,9 +97,10 @@ class Cut3rDemo(Layout):
         place = output.place
         depth = frame_files(place / "depth", r"(\d+)\.npy")
         views = range(len(depth))
-        cameras = frame_files(place / "camera", r"(\d+)\.npz", views)
-        poses = np.stack([_matrix(path, "pose", 4, memory) for path in cameras])
-        intrinsics = np.stack([_matrix(path, "intrinsics", 3, memory) for path in cameras])
+        files = frame_files(place / "camera", r"(\d+)\.npz", views)
+        cameras = [read_fields(path, ("pose", "intrinsics"), memory) for path in files]
+        with readable(place / "camera", "holds matrices of several shapes"):
+            poses, intrinsics = (np.stack(one) for one in zip(*cameras, strict=True))
         fields: dict[str, Any] = {"intrinsics": intrinsics, "extrinsics": inverted(poses)}
         fields["depth"] = lazy_maps(depth, _read_npy)
         if (place / "conf").is_dir():
@@ -110,14 +111,6 @@ class Cut3rDemo(Layout):
 
 def _read_npy(path: Path) -> NDArray[Any]:
     return np.array(map_numbers(path))
-
-
-def _matrix(path: Path, name: str, side: int, memory: int) -> Floats:
-    (value,) = read_fields(path, (name,), memory)
-    if value.shape != (side, side) or value.dtype.kind != "f":
-        what = f"field '{name}' is {value.dtype} of shape {value.shape}"
-        raise PredictionError(what, where=path, expected=f"({side}, {side})")
-    return value.astype(np.float64)
 
 
 class Streaming(Layout):
@@ -214,14 +207,16 @@ class PosesAndPoints(Layout):
     def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
         """See `Layout.read`."""
         text = self._text(output.place) or output.place
-        trajectory = _last_of_each(read_trajectory(text, TUM, memory))
+        trajectory = read_trajectory(text, TUM, memory)
+        last = {number: row for row, number in enumerate(trajectory.numbers)}
         names = _names_by_number(output, trajectory)
+        poses = trajectory.camera_to_world[[*last.values()]]
+        trajectory = Trajectory(trajectory.path, list(last), poses)
         if not _logs(text).is_dir():
             return cameras_only(trajectory, names, "leave out --skip_dense_log")
         files = frame_files(_logs(text), rf"({_NUMBER})\.npz", trajectory.numbers)
         maps = lazy_maps(files, lambda path: _masked_points(path, memory))
-        extrinsics = inverted(trajectory.camera_to_world)
-        fields = {"world_points": maps, "extrinsics": extrinsics}
+        fields = {"world_points": maps, "extrinsics": inverted(poses)}
         return scene_of(text, Budget(memory), fields, names)
 
 
@@ -229,55 +224,31 @@ def _logs(text: Path) -> Path:
     return text.with_name(text.name.replace(".txt", "_logs"))
 
 
-def _last_of_each(trajectory: Trajectory) -> Trajectory:
-    """Keep the last line of each number; refuse numbers that too many lines share."""
-    times = Counter(trajectory.numbers)
-    shared = [f"{number:.10g}" for number, count in times.items() if count > _TWICE]
-    if shared or (len(times) == 1 and len(trajectory.numbers) > 1):
-        raise PredictionError(
-            f"{counted(len(trajectory.numbers), 'line')} share "
-            f"{counted(len(times), 'number')}: {first_of(shared or times)}",
-            where=trajectory.path,
-            expected="a number a photo; VGGT-SLAM takes the first number in a name, which is the "
-            "date in DJI_20260101101500_0001.JPG",
-            fix=_RENAME,
-        )
-    last = {number: row for row, number in enumerate(trajectory.numbers)}
-    poses = trajectory.camera_to_world[[*last.values()]]
-    return Trajectory(trajectory.path, list(last), poses)
-
-
 def _names_by_number(output: SceneOutput, trajectory: Trajectory) -> ViewNames:
     """Return the photo of each number; the numbers where the benchmark is missing."""
-    listed = output.reading.names is not None
-    photos = output.numbered_photos() if listed else _first_numbers(output, trajectory.path)
-    if not (listed or output.reading.truths):
-        return ViewNames([f"{number:.10g}" for number in trajectory.numbers], "")
-    lost = [f"{number:.10g}" for number in trajectory.numbers if number not in photos]
-    if lost:
+    times, unclear = Counter(trajectory.numbers), False
+    if output.reading.names is not None:
+        photos = output.numbered_photos()
+    elif output.reading.truths:
+        names = output.photos_of_scene()
+        found = [(re.search(_NUMBER, name.rsplit("/", 1)[-1]), name) for name in names]
+        photos = {float(number[0]): name for number, name in found if number is not None}
+        unclear = len(photos) < len(names)
+    else:
+        return ViewNames([f"{number:.10g}" for number in times], "")
+    odd = [n for n, count in times.items() if n not in photos or count > _TWICE]
+    if odd or unclear:
+        lines = counted(len(trajectory.numbers), "line")
+        listed = first_of([f"{number:.10g}" for number in odd or times], len(times))
         raise PredictionError(
-            f"numbers that are of no photo: {first_of(lost, len(trajectory.numbers))}",
+            f"{lines} have {counted(len(times), 'number')}, and these are of no photo or of "
+            f"several: {listed}",
             where=trajectory.path,
-            expected="the first number in the name of each photo, or lines of --names: "
-            "'number name', or names alone, counted from 0",
+            expected="the first number in the name of each photo, which is the date in "
+            "DJI_20260101101500_0001.JPG; or lines of --names: 'number name', or names from 0",
             fix=_RENAME,
         )
-    return ViewNames([photos[number] for number in trajectory.numbers], "")
-
-
-def _first_numbers(output: SceneOutput, where: Path) -> dict[float, str]:
-    found: dict[float, str] = {}
-    for name in output.photos_of_scene():
-        number = re.search(_NUMBER, name.rsplit("/", 1)[-1])
-        if number is None or float(number[0]) in found:
-            raise PredictionError(
-                f"the photo {name!r} has no number, or the first number of another photo",
-                where=where,
-                expected="another first number in the name of each photo",
-                fix=_RENAME,
-            )
-        found[float(number[0])] = name
-    return found
+    return ViewNames([photos[number] for number in times], "")
 
 
 def _masked_points(path: Path, memory: int) -> NDArray[Any]:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
 from airzoo_bench.geometry.arrays import Floats, Ints
@@ -40,18 +39,27 @@ class _Hloc(Reader):
         limit = reading.memory_bytes // 2  # for each of the two files
         file = Hdf5File(matches, limit)
         given = None if features is None else _Features(features, limit)
-        names = _PairNames(file, given, path, reading)
+        pictures = Pictures(reading, path)
+        dashed = Pictures(reading, path, lambda name: name.replace("-", "/"))
+
+        def picture(key: str) -> Picture | None:
+            name = None if given is None else given.names.get(key)
+            return dashed.find(key) if name is None else pictures.find(name)
+
+        ends = (_MATCHES, _DENSE)
+        pairs = (name.rsplit("/", 1)[0] for name in file.names() if name.endswith(ends))
+        groups = list(dict.fromkeys(pairs))
         rows, left = MatchRows(path, file.budget), 0
-        for group in names.groups:
+        for group in groups:
             try:
-                pair = names.pair(group)
+                pair = paired(*map(picture, group.split("/"))) if group.count("/") == 1 else None
                 if pair is None:
                     left += 1
                 else:
                     rows.add(pair, _pixels(file, given, group, pair), group)
             except PredictionError as error:
                 raise error.inside(f"{matches}, pair {group[:200]}") from error
-        predictions = rows.predictions(names.groups, names.pictures)
+        predictions = rows.predictions(groups, pictures)
         notes = (f"{counted(left, 'pair')} of other pictures left out",) if left else ()
         steps = () if given is None else given.steps()
         said = "pixels of the picture at its full size, whole numbers at centres: 0.5 was added"
@@ -64,12 +72,11 @@ class _Features:
 
     def __init__(self, path: Path, limit_bytes: int) -> None:
         self.file = Hdf5File(path, limit_bytes)
-        self.names: dict[str, str] = {}
         self._step = 0.0
         self._kept: dict[str, Floats] = {}
         found = (name for name in self.file.names() if name.endswith(_KEYPOINTS))
-        for name in (one.removesuffix(_KEYPOINTS) for one in found):
-            self.names.setdefault(name.replace("/", "-"), name)
+        names = [one.removesuffix(_KEYPOINTS) for one in found]
+        self.names = {name.replace("/", "-"): name for name in names}
 
     def keypoints(self, picture: Picture) -> Floats:
         """Return the keypoints of a picture, as hloc counts them."""
@@ -80,18 +87,15 @@ class _Features:
             given = _pixels_of(self.file, name + _KEYPOINTS)
             if given.dtype == np.float16 and given.size:
                 self._step = max(self._step, float(np.spacing(np.abs(given).max())))
-            self._check_size(name, picture)
+            if f"{name}/image_size" in self.file:
+                size = tuple(self.file.read(f"{name}/image_size").reshape(-1).tolist())
+                if size != picture.size:
+                    what = f"its image_size is {size}, and the picture has {picture.size} px"
+                    fix = "extract the features again from the files that prepare wrote"
+                    raise PredictionError(what, where=f"{self.file.path}, {name[:200]}", fix=fix)
             self.file.budget.hold(self.file.path, f"pixels of {name[:200]}", given.size * 8)
             self._kept[name] = given.astype(np.float64)
         return self._kept[name]
-
-    def _check_size(self, name: str, picture: Picture) -> None:
-        if f"{name}/image_size" in self.file:
-            size = tuple(self.file.read(f"{name}/image_size").reshape(-1).tolist())
-            if size != picture.size:
-                what = f"its image_size is {size}, and the picture has {picture.size} px"
-                fix = "extract the features again from the files that prepare wrote"
-                raise PredictionError(what, where=f"{self.file.path}, {name[:200]}", fix=fix)
 
     def steps(self) -> tuple[str, ...]:
         """Say how far float16 has rounded the keypoints."""
@@ -102,61 +106,14 @@ class _Features:
         return (said,) if self._step else ()
 
 
-class _PairNames:
-    """The pairs of a file of matches, by name, and the pictures that they are of."""
-
-    def __init__(
-        self, file: Hdf5File, features: _Features | None, path: Path, reading: Reading
-    ) -> None:
-        self._names = {} if features is None else features.names
-        self.pictures = Pictures(reading, path)
-        self._dashed = Pictures(reading, path, lambda name: name.replace("-", "/"))
-        ends = (_MATCHES, _DENSE)
-        groups = (name.rsplit("/", 1)[0] for name in file.names() if name.endswith(ends))
-        self.groups = list(dict.fromkeys(groups))
-
-    def pair(self, group: str) -> Pair | None:
-        """Find the two pictures of a pair; older files join their names by _ and not by /."""
-        first, slash, second = group.partition("/")
-        if slash:
-            return self._pair(first, second)
-        cuts = [at for at, letter in enumerate(group) if letter == "_"]
-        halves = [(group[:at], group[at + 1 :]) for at in cuts]
-        files = [
-            two for two in halves if all(name.lower().endswith(PHOTO_SUFFIXES) for name in two)
-        ]
-        whole = [found for found in (self._pair(*two) for two in files) if found is not None]
-        if len(whole) > 1:
-            named = [f"{one.name} with {other.name}" for one, other in whole]
-            fix = "match again with a newer hloc, which writes / between the names"
-            raise PredictionError(f"could be {first_of(named)}", fix=fix)
-        return whole[0] if whole else None
-
-    def _pair(self, one: str, other: str) -> Pair | None:
-        return paired(self._picture(one), self._picture(other))
-
-    def _picture(self, key: str) -> Picture | None:
-        name = self._names.get(key)
-        return self._dashed.find(key) if name is None else self.pictures.find(name)
-
-
 def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) -> Pixels:
     """Return the matched pixels of the first and second picture, corners being (0, 0)."""
     dense = [f"{group}/keypoints{side}" for side in (0, 1)]
-    if not all(name in file for name in dense):
-        first, second = _indexed(file, features, group, pair)
-    elif f"{group}/keypoint_scores0" in file:
-        what = "this is glue-factory's, whose matches0 count its own keypoints"
-        fix = "write query_xy and map_xy of the matches into an npz (docs/predictions.md)"
-        raise PredictionError(what, fix=fix)
-    else:
+    if all(name in file for name in dense):
         first, second = (_pixels_of(file, name) for name in dense)
-    if len(first) != len(second):
-        raise PredictionError(f"keypoints0 has {len(first):,} rows, keypoints1 {len(second):,}")
-    return first + _CENTRE, second + _CENTRE
-
-
-def _indexed(file: Hdf5File, features: _Features | None, group: str, pair: Pair) -> Pixels:
+        if len(first) != len(second):
+            raise PredictionError(f"keypoints0: {len(first):,} rows, keypoints1: {len(second):,}")
+        return first + _CENTRE, second + _CENTRE
     if features is None:
         what = "counts keypoints of a file of features, which is not beside it"
         raise PredictionError(what, fix="copy the .h5 of extract_features there")
@@ -164,7 +121,7 @@ def _indexed(file: Hdf5File, features: _Features | None, group: str, pair: Pair)
     matches = file.read(group + _MATCHES)
     _check_indices(matches, len(first), len(second))
     found = np.flatnonzero(matches != -1)
-    return first[found], second[matches[found]]
+    return first[found] + _CENTRE, second[matches[found]] + _CENTRE
 
 
 def _pixels_of(file: Hdf5File, name: str) -> NDArray[Any]:
@@ -191,9 +148,7 @@ def _check_indices(matches: Ints, first: int, second: int) -> None:
 
 def _hdf5_files(path: Path) -> list[Path]:
     """Return the HDF5 files of a folder, or a file as it is."""
-    if not path.is_dir():
-        return [path] if path.is_file() else []
-    found = itertools.islice(path.iterdir(), _MOST_FILES)
+    found = itertools.islice(path.iterdir(), _MOST_FILES) if path.is_dir() else [path]
     return sorted(one for one in found if one.suffix in _SUFFIXES and one.is_file())
 
 
@@ -210,11 +165,9 @@ def _pair_of_files(path: Path) -> tuple[Path, Path | None]:
     kinds = {one: _kind_of(one) for one in _hdf5_files(path)}
     matches = [one for one, kind in kinds.items() if kind == "matches"]
     if len(matches) != 1:
-        raise PredictionError(
-            f"has {counted(len(matches), 'file')} of matches: {first_of(matches)}",
-            where=path,
-            expected="one file of matches, with that of its features beside it",
-        )
+        what = f"has {counted(len(matches), 'file')} of matches: {first_of(matches)}"
+        expected = "one file of matches, with that of its features beside it"
+        raise PredictionError(what, where=path, expected=expected)
     beside = _hdf5_files(path if path.is_dir() else path.parent)
     features = sorted(one for one in beside if kinds.get(one, _kind_of(one)) == "features")
     # hloc begins the name of a file of matches with that of its features.

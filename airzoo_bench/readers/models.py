@@ -9,10 +9,9 @@ from __future__ import annotations
 import mmap
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -42,41 +41,33 @@ _LOOKED_AT = 64
 _LONG_SIDES = (504, 512, 518)  # of images as MapAnything sees them
 
 
-_Camera = tuple[int, tuple[int, int], tuple[float, ...]]
-"""COLMAP's number of the model (1 is PINHOLE), width and height, parameters."""
-
-
 def is_model(folder: Path) -> bool:
     """Whether a folder holds a binary model."""
     return all((folder / name).is_file() for name in _FILES)
 
 
-def first_cameras(folder: Path) -> tuple[int, list[_Camera]]:
-    """Return how many cameras a model states, and the first of them; none where it is damaged."""
-    found: list[_Camera] = []
-    try:
-        with (folder / _FILES[0]).open("rb") as stream:
-            (count,) = _COUNT.unpack(stream.read(_COUNT.size))
-            while len(found) < min(count, _LOOKED_AT):
-                _, model, width, height = _CAMERA.unpack(stream.read(_CAMERA.size))
-                numbers = struct.Struct(f"<{_PARAMETERS[model]}d")
-                parameters = numbers.unpack(stream.read(numbers.size))
-                found.append((model, (width, height), parameters))
-    except (OSError, struct.error, KeyError):
-        return 0, []
-    return count, found
+def first_cameras(folder: Path) -> list[tuple[int, tuple[int, int], tuple[float, ...]]]:
+    """Return COLMAP's number of the model, size and parameters of the first cameras of a model."""
+    found = []
+    with suppress(OSError, struct.error, KeyError), (folder / _FILES[0]).open("rb") as stream:
+        (count,) = _COUNT.unpack(stream.read(_COUNT.size))
+        for _ in range(min(count, _LOOKED_AT)):
+            _, model, width, height = _CAMERA.unpack(stream.read(_CAMERA.size))
+            numbers = struct.Struct(f"<{_PARAMETERS[model]}d")
+            found.append((model, (width, height), numbers.unpack(stream.read(numbers.size))))
+    return found
 
 
 def is_of_mapanything(folder: Path) -> bool:
     """Whether cameras are of images of the size that MapAnything sees, and points.ply is there."""
-    sizes = {size for _, size, _ in first_cameras(folder)[1]}
+    sizes = {size for _, size, _ in first_cameras(folder)}
     has_points = (folder / "points.ply").is_file()
     return has_points and len(sizes) == 1 and max(sizes.pop()) in _LONG_SIDES
 
 
 def is_of_vggt(folder: Path) -> bool:
     """Whether all principal points are in the middle, and points.ply is there."""
-    cameras = first_cameras(folder)[1]
+    cameras = first_cameras(folder)
     centred = bool(cameras)
     for model, (width, height), parameters in cameras:
         first = 1 if model in (0, 2, 3) else 2
@@ -86,9 +77,9 @@ def is_of_vggt(folder: Path) -> bool:
 
 def is_of_depth_anything_3(folder: Path) -> bool:
     """Whether there is a pinhole camera an image, with the files of newer versions of COLMAP."""
-    count, cameras = first_cameras(folder)
+    cameras = first_cameras(folder)
     new = all((folder / name).is_file() for name in ("rigs.bin", "frames.bin"))
-    return new and count > 1 and all(model == 1 for model, _, _ in cameras)
+    return new and len(cameras) > 1 and all(model == 1 for model, _, _ in cameras)
 
 
 @dataclass(frozen=True)
@@ -119,8 +110,8 @@ class Model(Layout):
 
     def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
         """See `Layout.read`."""
-        folder = output.place / self.below
-        path, budget = folder / _FILES[1], Budget(memory)
+        path, cloud = (output.place / self.below / name for name in _FILES[1:])
+        budget = Budget(memory)
         refuse_option("--names", output.reading.names, "a COLMAP model", path)
         names, poses = read_images(path, budget)
         rotation = rotations_of(path, poses[:, :4], names)
@@ -129,12 +120,12 @@ class Model(Layout):
             "extrinsics": np.concatenate([rotation, poses[:, 4:, None]], axis=2),
         }
         images = image_poses(MadeArrays(path, budget, fields), len(names))
-        cloud = folder / _FILES[2]
         with _opened(cloud) as (data, count):
             if count * _POINT.size > len(data):
                 raise _damaged(cloud, f"it states {count:,} points and has {len(data):,} bytes")
-        kind, dtype = "COLMAP", np.dtype(np.float64)
-        points = FileCloud(cloud, kind, count, lambda most: read_points(cloud, most), dtype)
+        points = FileCloud(
+            cloud, "COLMAP", count, lambda most: read_points(cloud, most), np.dtype(np.float64)
+        )
         return ScenePrediction(points, images)
 
 
@@ -191,35 +182,14 @@ def _text_images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]
 def read_points(path: Path, most: int) -> Iterator[Cloud]:
     """Yield the points of a model, at most that many at a time."""
     with _opened(path) as (data, count):
-        at, done = _COUNT.size, 0
-        while done < count:
-            wanted = min(most, count - done)
-            rows, at = _equal_rows(data, at, wanted) or _rows(data, at, wanted)
-            done += wanted
+        at = _COUNT.size
+        for start in range(0, count, most):
+            rows = np.empty((min(most, count - start), 3))
+            for row in rows:
+                _, *row[:], _, _, _, _, track = _POINT.unpack_from(data, at)
+                at += _POINT.size + track * _BYTES_A_TRACK_ELEMENT
             yield Cloud(rows)
         _check_end(path, at, len(data))
-
-
-def _rows(data: mmap.mmap, at: int, wanted: int) -> tuple[Floats, int]:
-    """Read points (N, 3) from a place on, and return where the next one is."""
-    rows = np.empty((wanted, 3))
-    for row in rows:
-        _, *row[:], _, _, _, _, track = _POINT.unpack_from(data, at)
-        at += _POINT.size + track * _BYTES_A_TRACK_ELEMENT
-    return rows, at
-
-
-def _equal_rows(data: mmap.mmap, at: int, wanted: int) -> tuple[Floats, int] | None:
-    """Do the same at once, where all tracks are of one length, as networks write them."""
-    track = _POINT.unpack_from(data, at)[-1]
-    size = _POINT.size + track * _BYTES_A_TRACK_ELEMENT
-    if at + wanted * size > len(data):
-        return None
-    fields: Any = {"names": ["xyz", "track"], "formats": ["3<f8", "<u8"], "offsets": [8, 43]}
-    read: Any = np.frombuffer(data, np.dtype(fields | {"itemsize": size}), wanted, at)
-    if (read["track"] != track).any():
-        return None
-    return read["xyz"].astype(np.float64), at + wanted * size
 
 
 @contextmanager

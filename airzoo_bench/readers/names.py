@@ -11,8 +11,7 @@ positions, ``@east@north@...@x@.png``, means the image x.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -27,25 +26,20 @@ from airzoo_bench.evaluation.reader import Reading
 
 _LIMIT_BYTES = 256 << 20
 _ENDINGS = {suffix.removeprefix(".") for suffix in (*PHOTO_SUFFIXES, ".npy", ".txt")}
-_NO_PARTS = ("", ".")
 _FOLDERS_KEPT = 64
 
 _Parts = tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
 class ImageNames:
-    """The images of a benchmark by their names; `what` is "query" or "tile"."""
+    """The images of a benchmark by their names, which are relative to the folder of their scene.
 
-    what: str
-    alone: Mapping[str, str]  # ids by names of one part which no other name ends with: nearly all
-    by_last: Mapping[str, list[tuple[_Parts, str, str]]]  # parts, scene and id by the last part
-    left_out: Collection[str]  # ids of images whose names mean none
-    scene_of: Callable[[str], str | None]  # the innermost scene in a folder's path, or its home's
+    `what` is "query", "tile" or "photo"; `names` and `left_out` are ids with names; names of
+    `left_out` mean none. A name without a scene is of the one that the folder `home` names.
+    """
 
-    @classmethod
-    def build(
-        cls,
+    def __init__(
+        self,
         what: str,
         names: Iterable[tuple[str, str]],
         *,
@@ -53,44 +47,41 @@ class ImageNames:
         scenes: Iterable[str] = (),
         home: str = "",
         change: Callable[[str], str] = str,
-    ) -> ImageNames:
-        """Take ids with their images' names, relative to the folder of their scene."""
+    ) -> None:
+        self.what = what
         others = dict(left_out)
-        alone: dict[str, str] = {}
-        by_last: dict[str, list[tuple[_Parts, str, str]]] = {}
-        own = set()
+        self._left_out = frozenset(others)
+        # By the last part: nearly always an id alone, whose name has no other part.
+        self._by_last: dict[str, str | list[tuple[_Parts, str]]] = {}
+        self._example, own = "", set()
         for one, raw in chain(names, others.items()):
-            name = change(raw)
             own.add(_scene(one))
-            last = _last(name)
-            new = last not in alone and last not in by_last
-            if new and last and "/" not in name and "\\" not in name:
-                alone[last] = one
+            self._example = self._example or one
+            parts = _parts(change(raw)) or ("",)
+            found = self._by_last.get(parts[-1])
+            if found is None and len(parts) == 1:
+                self._by_last[parts[-1]] = one
                 continue
-            found = by_last.setdefault(last, [])
-            if last in alone:
-                found.append(((last,), _scene(alone[last]), alone.pop(last)))
-            found.append((_parts(name), _scene(one), one))
-        scene_of = scene_finder({*scenes, *own}, change, scene_finder(own)(home))
-        return cls(what, alone, by_last, frozenset(others), scene_of)
+            if not isinstance(found, list):
+                found = [] if found is None else [(parts[-1:], found)]
+                self._by_last[parts[-1]] = found
+            found.append((parts, one))
+        self._scene_of = scene_finder({*scenes, *own}, change, scene_finder(own)(folders_of(home)))
 
     def find(self, path: str) -> str | None:
         """Return the id of the image that a path means; None where it means none."""
-        found = self._find(path)
-        folder, _, last = path.strip().rpartition("/")
-        if found is None and last.startswith("@"):
-            return self._find(f"{folder}/{_stem(last).rstrip('@').rpartition('@')[2]}")
+        parts = _parts(path)
+        found = self._find(parts, path)
+        if found is None and parts and parts[-1].startswith("@"):
+            last = _stem(parts[-1].rstrip("@").rpartition("@")[2])
+            return self._find((*parts[:-1], last), path)
         return found
 
-    def _find(self, path: str) -> str | None:
-        folder, _, last = path.strip().rpartition("/")
-        alone = self.alone.get(_stem(last))
-        if alone is not None and alone not in self.left_out:
-            return alone if self.scene_of(folder) in (None, _scene(alone)) else None
-        fitting = self._fitting(_parts(path))
+    def _find(self, parts: _Parts, path: str) -> str | None:
+        fitting = self._fitting(parts)
         longest = max((shared for shared, _ in fitting), default=0)
         best = [one for shared, one in fitting if shared == longest]
-        asked = [one for one in best if one not in self.left_out]
+        asked = [one for one in best if one not in self._left_out]
         if len(best) == 1 or not asked:
             return asked[0] if asked else None
         raise PredictionError(
@@ -101,21 +92,17 @@ class ImageNames:
 
     def _fitting(self, parts: _Parts) -> list[tuple[int, str]]:
         """Return the ids that a path fits, with how many of its last parts are their names'."""
-        if not parts:
-            return []
-        called = self.by_last.get(parts[-1], [])
-        if parts[-1] in self.alone:
-            one = self.alone[parts[-1]]
-            called = [(parts[-1:], _scene(one), one)]
+        called = self._by_last.get(parts[-1], []) if parts else []
+        if isinstance(called, str):
+            called = [(parts[-1:], called)]
         named: list[tuple[int, str]] = []
         unnamed: list[tuple[int, str]] = []
-        for own, scene, one in called:
+        for own, one in called:
             shared = min(len(parts), len(own))
-            if parts[-shared:] != own[-shared:]:
-                continue
-            said = self.scene_of("/".join(parts[:-shared]))
-            if said in (None, scene):
-                (unnamed if said is None else named).append((shared, one))
+            if parts[-shared:] == own[-shared:]:
+                said = self._scene_of(parts[:-shared])
+                if said in (None, _scene(one)):
+                    (unnamed if said is None else named).append((shared, one))
         return named or unnamed
 
     def find_all(self, paths: Sequence[str], where: Path) -> list[str | None]:
@@ -125,18 +112,15 @@ class ImageNames:
         except PredictionError as error:
             raise error.inside(where) from error
         if paths and not any(found):
-            ids = chain(self.alone.values(), (one[0][2] for one in self.by_last.values()))
-            asked = (one for one in ids if one not in self.left_out)
-            example = next(asked, "none, since the benchmark folder is missing")
             raise PredictionError(
                 f"none of its names is that of a {self.what}: {first_of(map(repr, paths))}",
                 where=where,
-                expected=f"names such as {example}",
+                expected=f"names such as {self._example or 'none, since there is no benchmark'}",
                 fix="name the right protocol with --protocol, or give the names with --names",
             )
-        if len(set(found) - {None}) < len(found) - found.count(None):
-            times = Counter(one for one in found if one is not None)
-            twice = next(one for one, count in times.items() if count > 1)
+        times = Counter(one for one in found if one is not None)
+        twice = next((one for one, count in times.items() if count > 1), None)
+        if twice is not None:
             named = [paths[row][:200] for row, one in enumerate(found) if one == twice]
             raise PredictionError(
                 f"{named[0]!r} and {named[1]!r} are both {twice}",
@@ -149,14 +133,13 @@ class ImageNames:
 
 def scene_finder(
     scenes: Iterable[str], change: Callable[[str], str] = str, otherwise: str | None = None
-) -> Callable[[str], str | None]:
-    """Return what finds the innermost scene in a folder's path; the images of a folder are many."""
-    spelled = {_folders(change(scene)): scene for scene in sorted(scenes)}
+) -> Callable[[_Parts], str | None]:
+    """Return what finds the innermost scene among folders; the images of a folder are many."""
+    spelled = {folders_of(change(scene)): scene for scene in sorted(scenes)}
     lengths = sorted({*map(len, spelled)} - {0}, reverse=True)
 
     @lru_cache(_FOLDERS_KEPT)
-    def scene_of(folder: str) -> str | None:
-        parts = _folders(folder)
+    def scene_of(parts: _Parts) -> str | None:
         ends = ((end, length) for end in range(len(parts), 0, -1) for length in lengths)
         runs = (parts[max(0, end - length) : end] for end, length in ends)
         return next((spelled[run] for run in runs if run in spelled), otherwise)
@@ -164,21 +147,16 @@ def scene_finder(
     return scene_of
 
 
+def folders_of(path: str) -> _Parts:
+    """Split a path at slashes of either kind."""
+    parts = path.strip().replace("\\", "/").split("/")
+    return tuple([part for part in parts if part not in ("", ".")])
+
+
 def _parts(path: str) -> _Parts:
     """Split a path, and leave out the ending of its last part where it is that of a photo."""
-    parts = _folders(path)
-    return (*parts[:-1], *map(_stem, parts[-1:]))
-
-
-def _folders(path: str) -> _Parts:
-    parts = path.strip().replace("\\", "/").split("/")
-    return tuple([part for part in parts if part not in _NO_PARTS])
-
-
-def _last(path: str) -> str:
-    """Return the last of a path's parts, empty where it has none."""
-    last = path.strip().rpartition("/")[2]
-    return "".join(_parts(path)[-1:]) if "\\" in last or last in _NO_PARTS else _stem(last)
+    parts = folders_of(path)
+    return (*parts[:-1], _stem(parts[-1])) if parts else ()
 
 
 def _stem(name: str) -> str:
@@ -200,7 +178,7 @@ def names_in(tables: Iterable[pd.DataFrame]) -> Iterator[tuple[str, str]]:
 def query_names(reading: Reading, where: Path, home: str = "") -> ImageNames:
     """Return the queries of a protocol by name."""
     truths = truths_of(reading, where)
-    return ImageNames.build(
+    return ImageNames(
         "query",
         names_in(truth.queries for truth in truths),
         left_out=names_in(truth.excluded for truth in truths),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import islice
-from math import exp, log
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -80,7 +79,7 @@ class PairFiles(Reader):
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
         pictures = Pictures(reading, path)
-        rows, padding, left = MatchRows(path, Budget(reading.memory_bytes)), _Padding(), []
+        rows, left = MatchRows(path, Budget(reading.memory_bytes)), []
         for one in sorted(_files(path, self.suffix)):
             inside = one.name if one == path else one.relative_to(path).as_posix()
             name = inside.removesuffix(self.suffix)
@@ -88,16 +87,11 @@ class PairFiles(Reader):
                 pair = _pair(name, pictures)
                 if pair is None:
                     left.append(name)
-                    continue
-                xy = self.matches(one, pair, reading)
-                rows.add(pair, xy, name)
-                if self.takes_image_size:
-                    arrays = NpzFile(one, reading.memory_bytes)
-                    padding.add(pair, xy, [size_of(arrays, side, reading) for side in (0, 1)])
+                else:
+                    rows.add(pair, self.matches(one, pair, reading), name)
             except PredictionError as error:
                 raise error if str(one) in str(error.where) else error.inside(one) from error
         predictions = rows.predictions(left, pictures)
-        padding.check(path)
         notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
         size = reading.image_size
         said = () if size is None else (f"pictures were {size[0]:g}x{size[1]:g} px: --image-size",)
@@ -129,16 +123,12 @@ def _pair(name: str, pictures: Pictures) -> Pair | None:
     return None if alone is None or alone.query is None else (alone, pictures.crop_of(alone))
 
 
-def check_there(arrays: Arrays, *names: str) -> None:
-    """Refuse a file that lacks a field: the first few were looked at alone."""
-    lacking = [name for name in names if name not in arrays.names()]
-    if lacking:
-        raise PredictionError(f"lacks the field {lacking[0]!r}", where=arrays.path)
-
-
 def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
-    """Read a field of pixels, whole or not, in double precision."""
-    check_there(arrays, name)
+    """Read a field of pixels, whole or not, in double precision; an empty list is no match."""
+    if name not in arrays.names():
+        raise PredictionError(f"lacks the field {name!r}", where=arrays.path)
+    if not arrays.read(name).size:
+        return np.zeros((0, columns))
     pixels = numbers(arrays, name, (None, columns)).astype(np.float64)
     if not np.isfinite(pixels).all():
         raise PredictionError(f"field {name!r} has pixels that are not finite", where=arrays.path)
@@ -149,9 +139,7 @@ def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
     """Return the width and height of the model's input, from the file or the user."""
     name, turned = f"image_size{side}", f"hw{side}_i"
     stated = next((one for one in (name, turned) if one in arrays.names()), None)
-    if stated is None and reading.image_size is not None:
-        return reading.image_size
-    if stated is None or reading.image_size is not None:
+    if (stated is None) == (reading.image_size is None):
         raise PredictionError(
             "says not, or twice, to which size of the pictures its pixels belong",
             where=arrays.path,
@@ -159,49 +147,14 @@ def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
             fix=f"add to np.savez: image_size{side}=[image{side}.shape[-1], image{side}.shape[-2]]"
             ", or give --image-size WxH for files that do not state it",
         )
+    if stated is None:
+        return reading.image_size or (0.0, 0.0)
     values: Any = arrays.read(stated)
     if values.dtype.kind not in "iu" or values.size != 2 or values.min() < 1:
         what = f"field {stated!r} is {values.reshape(-1)[:4].tolist()}"
         raise PredictionError(what, where=arrays.path, expected="width and height, in pixels")
     first, second = map(float, values.reshape(-1))
     return (first, second) if stated == name else (second, first)
-
-
-_PADDED_SHARE = 0.9  # of a side, from which on rounding to multiples of 32 may be all there is
-_LEAST_PADDED, _LEAST_MATCHES = 10, 500
-
-
-class _Padding:
-    """Holds the sizes that files state against the shapes of the pictures."""
-
-    def __init__(self) -> None:
-        self._seen: dict[str, list[tuple[int, bool]]] = {}
-
-    def add(self, pair: Pair, xy: Pixels, sizes: Sequence[tuple[float, float]]) -> None:
-        """Take a file: its pictures, pixels of their full sizes, and the sizes that it states."""
-        for picture, pixels, size in zip(pair, xy, sizes, strict=True):
-            wider = log(size[0] / size[1]) - log(picture.size[0] / picture.size[1])
-            share, axis = exp(-abs(wider)), 0 if wider > 0 else 1
-            if share <= _PADDED_SHARE and len(pixels):
-                # Where a picture of its own shape would end, and two pixels.
-                end = (share + 2.0 / size[axis]) * picture.size[axis]
-                kind = "crop" if picture.query is None else "photo"
-                seen = self._seen.setdefault(kind, [])
-                seen.append((len(pixels), bool(pixels[:, axis].max() > end)))
-
-    def check(self, path: Path) -> None:
-        """Refuse pictures that look padded."""
-        for kind, seen in self._seen.items():
-            few = len(seen) < _LEAST_PADDED or sum(count for count, _ in seen) < _LEAST_MATCHES
-            if few or any(beyond for _, beyond in seen):
-                continue
-            raise PredictionError(
-                f"the sizes that {counted(len(seen), 'file')} state have another shape than the "
-                f"{kind}, which fills a part of them alone: the pictures look padded",
-                where=path,
-                expected="the sizes of the pictures without padding",
-                fix="take those before the padding, [w_new, h_new] of LoFTR's datasets",
-            )
 
 
 # --- methods ---
@@ -234,7 +187,6 @@ class _SuperGlue(_Resized):
 
     def pixels(self, arrays: Arrays) -> Pixels:
         first, second = super().pixels(arrays)
-        check_there(arrays, "matches")
         matches = arrays.read("matches")
         fits = matches.dtype.kind == "i" and matches.shape == (len(first),)
         if not fits or ((matches < -1) | (matches >= len(second))).any():
@@ -323,12 +275,6 @@ class _Mast3rVisloc(PairFiles):
         "the map's pixels are lifted by the benchmark's surface model, not by valid_pts3d",
         _ALL_TAKEN,
     )
-
-    def pixels(self, arrays: Arrays) -> Pixels:
-        check_there(arrays, *self.fields)
-        if all(arrays.read(name).size == 0 for name in self.fields):  # saved as an empty list
-            return np.zeros((0, 2)), np.zeros((0, 2))
-        return super().pixels(arrays)
 
 
 class _AerialExtreMatch(PairFiles):

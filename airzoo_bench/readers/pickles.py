@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
-from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import ClassVar
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import first_bytes
@@ -15,7 +11,6 @@ from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 
 _HEAD_BYTES = 1 << 16
 _MOST_FILES = 1000
-_DAMAGE = (EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
 
 
 class PickledMatches(Reader):
@@ -26,51 +21,35 @@ class PickledMatches(Reader):
     """
 
     track = "matching"
-    suffix: ClassVar[str]
-    mark: ClassVar[bytes]
-    lines: ClassVar[str]
+
+    def __init__(
+        self, title: str, layout: str, methods: tuple[str, ...], suffix: str, mark: str, lines: str
+    ) -> None:
+        self.title, self.layout, self.methods = title, layout, methods  # type: ignore[misc]
+        self.suffix, self.mark, self.lines = suffix, mark.encode(), lines
 
     def recognise(self, path: Path) -> float:
         """See `Reader.recognise`."""
-        first = next(self._files(path), None)
-        return 0.9 * (first is not None and self.mark in _head(first))
-
-    def _files(self, path: Path) -> Iterator[Path]:
-        found = islice(path.iterdir(), _MOST_FILES) if path.is_dir() else iter([path])
-        return (one for one in found if one.suffix == self.suffix and one.is_file())
+        found = islice(path.iterdir(), _MOST_FILES) if path.is_dir() else [path]
+        first = next((one for one in found if one.suffix == self.suffix and one.is_file()), None)
+        # The zip of torch.save begins with its pickle, not compressed.
+        return 0.9 * (first is not None and self.mark in first_bytes(first, _HEAD_BYTES))
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`; it refuses."""
         lines = "\n            ".join(self.lines.strip().splitlines())
-        raise PredictionError(
-            f"is {self.title}: a Python pickle, which would run whatever it says, and is never "
-            "loaded",
-            where=path,
-            expected="arrays that numpy.savez wrote",
-            fix=f"where you made these files and trust them:\n            {lines}",
-        )
+        what = f"is {self.title}: a Python pickle, which would run whatever it says, never loaded"
+        fix = f"where you made these files and trust them:\n            {lines}"
+        raise PredictionError(what, where=path, expected="arrays that numpy.savez wrote", fix=fix)
 
 
-def _head(path: Path) -> bytes:
-    """Return the first bytes of a pickle, alone or in the zip of torch.save."""
-    head = first_bytes(path, _HEAD_BYTES)
-    if not head.startswith(b"PK"):
-        return head
-    try:
-        with zipfile.ZipFile(path) as archive:
-            name = next(one for one in archive.namelist() if one.endswith("/data.pkl"))
-            with archive.open(name) as stream:
-                return stream.read(_HEAD_BYTES)
-    except (*_DAMAGE, StopIteration, zipfile.BadZipFile, zlib.error):
-        return b""
-
-
-class _Vismatch(PickledMatches):
-    title = "results of vismatch"
-    layout = "*.torch: what torch.save made of a dictionary with matched_kpts0"
-    methods = ("vismatch", "image-matching-models")
-    suffix, mark = ".torch", b"matched_kpts0"
-    lines = """
+VISMATCH = PickledMatches(
+    "results of vismatch",
+    "*.torch: what torch.save made of a dictionary with matched_kpts0",
+    ("vismatch", "image-matching-models"),
+    ".torch",
+    "matched_kpts0",
+    """
 import glob, numpy as np, pathlib, torch
 pathlib.Path("matches").mkdir()
 for f in glob.glob("outputs/*/*.torch"):
@@ -79,15 +58,15 @@ for f in glob.glob("outputs/*/*.torch"):
     np.savez(f"matches/{pathlib.Path(r['img0_path']).stem}.npz", mkpts0_f=r["matched_kpts0"],
              mkpts1_f=r["matched_kpts1"], image_size0=size, image_size1=size)
 airzoo-bench eval matching matches --protocol NAME
-"""
-
-
-class _LoftrDump(PickledMatches):
-    title = "LoFTR's dump of an evaluation"
-    layout = "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f"
-    methods = ("LoFTR",)
-    suffix, mark = ".npy", b"mkpts0_f"
-    lines = """
+""",
+)
+LOFTR_DUMP = PickledMatches(
+    "LoFTR's dump of an evaluation",
+    "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f",
+    ("LoFTR",),
+    ".npy",
+    "mkpts0_f",
+    """
 import numpy as np, pathlib
 pathlib.Path("matches").mkdir()
 for r in np.load("LoFTR_pred_eval.npy", allow_pickle=True):
@@ -95,18 +74,16 @@ for r in np.load("LoFTR_pred_eval.npy", allow_pickle=True):
     np.savez(f"matches/{pathlib.Path(r['pair_names'][0]).stem}.npz", mkpts0_f=r["mkpts0_f"],
              mkpts1_f=r["mkpts1_f"], image_size0=size0, image_size1=size1)
 airzoo-bench eval matching matches --protocol NAME
-"""
-
-
-class _HlocLogs(PickledMatches):
-    title = "hloc's logs of a localisation"
-    layout = "*_logs.pkl: a dictionary with the PnP of each query"
-    methods = ("hloc",)
-    suffix, mark = ".pkl", b"keypoints_query"
-    lines = """
+""",
+)
+HLOC_LOGS = PickledMatches(
+    "hloc's logs of a localisation",
+    "*_logs.pkl: a dictionary with the PnP of each query",
+    ("hloc",),
+    ".pkl",
+    "keypoints_query",
+    """
 the poses stand in the text beside it, whose name lacks _logs.pkl:
 airzoo-bench eval matching RESULTS.txt --protocol NAME
-"""
-
-
-VISMATCH, LOFTR_DUMP, HLOC_LOGS = _Vismatch(), _LoftrDump(), _HlocLogs()
+""",
+)

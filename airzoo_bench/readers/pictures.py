@@ -20,6 +20,8 @@ _SLACK_PX = 1.0  # sub-pixel refinement oversteps the border
 _BYTES_OF_MATCH = 160  # of memory: four numbers as read, moved, joined and sorted
 # Pixels of nearly all photos reach the far part of them, unless they are those of smaller pictures.
 _FAR_PART, _LEAST_MATCHES, _LEAST_QUERIES = 0.75, 100, 3
+# Where a side is reached and the other is not, the photos were padded to squares: 0.75 of 4:3.
+_UNPADDED, _PADDED_MATCHES, _PADDED_QUERIES = 0.76, 500, 10
 _CROP = "_dom.tif"  # what `prepare --crops files` adds to a query's name
 
 Pair = tuple["Picture", "Picture"]
@@ -67,7 +69,7 @@ class Pictures:
         left_out = names_in(scene.excluded for scene in scenes)
         kinds = (("query", photos, left_out), ("crop", crops, ()), ("map", maps, ()))
         self._names = [
-            ImageNames.build(what, names, left_out=others, scenes=reading.scenes, change=change)
+            ImageNames(what, names, left_out=others, scenes=reading.scenes, change=change)
             for what, names, others in kinds
         ]
         self._found: dict[str, Picture | None] = {}
@@ -152,7 +154,8 @@ class MatchRows:
                 expected=f"pairs such as {pictures.example}",
                 fix="prepare with --crops files, and match each photo to its crop",
             )
-        self._refuse_smaller()
+        for kind in {"photo", "crop"} & self._farthest.keys():
+            self._check_reach(kind, *self._farthest[kind].tolist())
         counts = [sum(len(xy) for xy, _ in rows) for rows in self._rows.values()]
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         parts = [pair for rows in self._rows.values() for pair in rows]
@@ -160,18 +163,18 @@ class MatchRows:
         content = Correspondences(offsets, query_xy, map_xy, "map", None, None)
         return QueryPredictions(self.path, None, np.array(list(self._rows), dtype=str), content)
 
-    def _refuse_smaller(self) -> None:
-        if self._count < _LEAST_MATCHES or len(self._rows) < _LEAST_QUERIES:
-            return
-        for kind in {"photo", "crop"} & self._farthest.keys():
-            far = self._farthest[kind]
-            if (far < _FAR_PART).all():
-                raise PredictionError(
-                    f"no pixel of {counted(len(self._rows), 'query')} lies beyond {far[0]:.0%} of "
-                    f"the width and {far[1]:.0%} of the height of its {kind}: they look like "
-                    "pixels of smaller pictures",
-                    where=self.path,
-                    expected="pixels of the pictures at their full size",
-                    fix="multiply x and y by the ratio of the widths and of the heights, or state "
-                    "the size that they belong to where the layout has a field for it",
-                )
+    def _check_reach(self, kind: str, across: float, down: float) -> None:
+        """Refuse pixels that leave a part of all pictures empty."""
+        many = self._count >= _LEAST_MATCHES and len(self._rows) >= _LEAST_QUERIES
+        most = self._count >= _PADDED_MATCHES and len(self._rows) >= _PADDED_QUERIES
+        padded = kind == "photo" and most and min(across, down) < _UNPADDED
+        if padded or (many and max(across, down) < _FAR_PART):
+            raise PredictionError(
+                f"no pixel of {counted(len(self._rows), 'query')} lies beyond {across:.0%} of the "
+                f"width and {down:.0%} of the height of its {kind}: they look like pixels of "
+                "smaller pictures, or of padded ones",
+                where=self.path,
+                expected="pixels of the pictures at their full size",
+                fix="multiply x and y by the ratio of the widths and of the heights, or state the "
+                "size that they belong to, without padding, where the layout has a field for it",
+            )

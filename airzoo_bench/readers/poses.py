@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError, counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
 from airzoo_bench.formats.budget import Budget
@@ -81,18 +81,17 @@ class PoseReader(Reader):
         predictions = QueryPredictions(path, None, query_ids, content)
         strange = len(ids) - len(kept)
         left = (f"{counted(strange, 'pose')} of photos that are no queries left out",)
-        return ReadPredictions(
-            predictions, self.conventions, (*left * (strange > 0), *self.notes(content))
-        )
+        notes = (*left * (strange > 0), *self.notes(content))
+        return ReadPredictions(predictions, self.conventions, notes)
 
     def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
         """Refuse cameras that all stand far from every map."""
         centres = content.poses.centres[content.found]
-        scenes = [scene for scene in truths_of(reading, path) if scene.scene_map is not None]
-        if not len(centres) or not scenes:
+        maps = {one.scene: one.scene_map for one in truths_of(reading, path) if one.scene_map}
+        if not len(centres) or not maps:
             return
         middle = np.median(centres[:, :2], axis=0)
-        offsets = [(middle - _map_centre(scene.scene_map), scene.scene) for scene in scenes]
+        offsets = [(middle - _map_centre(one), scene) for scene, one in maps.items()]
         offset, nearest = min(offsets, key=lambda one: float(np.hypot(*one[0])))
         if float(np.hypot(*offset)) > _FAR_M:
             raise PredictionError(
@@ -152,58 +151,34 @@ class _HlocPoses(PoseReader):
 
 
 class _Trajectory(PoseReader):
-    """A trajectory of TUM's layout; poses are in the order of ``--names``."""
+    """A trajectory, whose poses are in the order of ``--names``."""
 
-    title = "a trajectory in the layout of TUM"
-    layout = "text, rows of 8 numbers: time stamp, tx ty tz, qx qy qz qw"
-    methods = ("SLAM systems", "evo")
     takes_names = True
-    columns: ClassVar[int] = TUM
-    conventions = (
-        "a row is time stamp, tx ty tz, qx qy qz qw, camera-to-world, OpenCV axes, in the scene's "
-        "CRS",
-        "rows are in the order of --names",
-    )
+
+    def __init__(self, program: str, methods: tuple[str, ...], columns: int, row: str) -> None:
+        self.title = f"a trajectory in the layout of {program}"  # type: ignore[misc]
+        self.layout = f"text, rows of {columns} numbers: {row}"  # type: ignore[misc]
+        self.methods, self.columns = methods, columns  # type: ignore[misc]
+        said = f"a row is {row}, camera-to-world, OpenCV axes, in the scene's CRS"
+        self.conventions = (said, "rows are in the order of --names")  # type: ignore[misc]
 
     def recognise(self, path: Path) -> float:
         return _BY_TRACK * (trajectory_columns(path) == self.columns)
 
     def poses(self, path: Path, reading: Reading) -> NamedPoses:
         _, values = read_rows(path, self.columns, named=False, memory=reading.memory_bytes)
-        names = _listed(reading.names, len(values), path)
-        return NamedPoses(names, *self.split(values), centred=True)
-
-    def split(self, values: Floats) -> tuple[Floats, Floats]:
-        """Return world-to-camera rotations, as quaternions or matrices, and centres."""
-        x, y, z, w = values[:, 4:].T
-        return np.stack([w, -x, -y, -z], axis=1), values[:, 1:4]
-
-
-class _Kitti(_Trajectory):
-    title = "a trajectory in the layout of KITTI"
-    layout = "text, rows of 12 numbers: a 3 x 4 matrix row by row"
-    methods = ("visual odometry", "evo")
-    columns = KITTI
-    conventions = (
-        "a row is the 3 x 4 matrix [R | C] row by row, camera-to-world, OpenCV axes, in the "
-        "scene's CRS",
-        "rows are in the order of --names",
-    )
-
-    def split(self, values: Floats) -> tuple[Floats, Floats]:
-        matrices = values.reshape(-1, 3, 4)
-        return matrices[:, :, :3].swapaxes(1, 2), matrices[:, :, 3]
-
-
-def _listed(path: Path | None, count: int, where: Path) -> list[str]:
-    names = [] if path is None else read_names(path)
-    if len(names) != count:
-        what = f"{counted(count, 'pose')}, and {counted(len(names), 'name')} in {path}"
-        if path is None:
-            what = f"{counted(count, 'pose')} without the names of their photos"
-        expected = "--names LIST, a text with the photo of each row, in their order"
-        raise PredictionError(what, where=where, expected=expected)
-    return names
+        names = [] if reading.names is None else read_names(reading.names)
+        if len(names) != len(values):
+            what = f"{counted(len(values), 'pose')}, and {counted(len(names), 'name')} of photos"
+            expected = "--names LIST, a text with the photo of each row, in their order"
+            raise PredictionError(what, where=path, expected=expected)
+        if self.columns == KITTI:
+            matrices = values.reshape(-1, 3, 4)
+            rotation, centres = matrices[:, :, :3].swapaxes(1, 2), matrices[:, :, 3]
+        else:
+            x, y, z, w = values[:, 4:].T
+            rotation, centres = np.stack([w, -x, -y, -z], axis=1), values[:, 1:4]
+        return NamedPoses(names, rotation, centres, centred=True)
 
 
 class _Colmap(PoseReader):
@@ -225,12 +200,11 @@ class _Colmap(PoseReader):
         return _BY_TRACK * (self._file(path) is not None)
 
     def poses(self, path: Path, reading: Reading) -> NamedPoses:
-        file = self._file(path)
-        if file is None:
-            raise UnreadableError("no COLMAP model", where=path, expected="images.bin or .txt")
+        file = self._file(path) or path / "images.bin"
         names, values = read_images(file, Budget(reading.memory_bytes))
         return NamedPoses(names, values[:, :4], values[:, 4:])
 
 
-HLOC_POSES, TUM_POSES, KITTI_POSES, COLMAP_POSES = _HlocPoses(), _Trajectory(), _Kitti(), _Colmap()
-"""Registered in `core.registry` as hloc-poses, tum, kitti and colmap-poses."""
+HLOC_POSES, COLMAP_POSES = _HlocPoses(), _Colmap()
+TUM_POSES = _Trajectory("TUM", ("SLAM systems", "evo"), TUM, "time stamp, tx ty tz, qx qy qz qw")
+KITTI_POSES = _Trajectory("KITTI", ("visual odometry", "evo"), KITTI, "a 3 x 4 matrix row by row")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.files import first_bytes, npz_fields
+from airzoo_bench.core.files import first_bytes
 from airzoo_bench.formats.arrays import numbers
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Floats
@@ -42,226 +41,158 @@ def _decoded(file: NpzFile, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
     return intrinsics, np.concatenate([rotation, code[:, :3, None]], axis=2)
 
 
-class _Vggt(SceneReader):
-    title = "depth maps of VGGT"
-    layout = "predictions.npz with depth or world_points, and pose_enc or their own confidence"
-    methods = ("VGGT",)
-    layouts = (
-        ViewArrays(
-            maps=_DEPTH_OR_POINTS,
-            confidence={"depth": "depth_conf", "world_points": "world_points_conf"},
-            needed=(
-                {"depth", "world_points"},
-                {"pose_enc", "depth_conf", "world_points_conf"},
-                {"pose_enc", "extrinsic"},
-                {"pose_enc", "intrinsic"},
-            ),
-            never=frozenset({"final_mask"}),
-            extrinsics="extrinsic",
-            intrinsics="intrinsic",
-            cameras=_decoded,
-            said=(
-                "depth is read, and world_points only where there is none",
-                "extrinsic world-to-camera, axes of OpenCV",
-                *CENTRES_AND_SIZE,
-            ),
+VGGT = SceneReader(
+    "depth maps of VGGT",
+    "predictions.npz with depth or world_points, and pose_enc or their own confidence",
+    ("VGGT",),
+    ViewArrays(
+        maps=_DEPTH_OR_POINTS,
+        confidence={"depth": "depth_conf", "world_points": "world_points_conf"},
+        needed=(
+            {"depth", "world_points"},
+            {"pose_enc", "depth_conf", "world_points_conf"},
+            {"pose_enc", "extrinsic"},
+            {"pose_enc", "intrinsic"},
         ),
-    )
-
-
-class _VggtColmap(SceneReader):
-    title = "COLMAP models of VGGT"
-    layout = "sparse/ with points.ply, whose cameras all have their principal point in the middle"
-    methods = ("VGGT",)
-    layouts = (Model(is_of_vggt, any_other=True),)
-
-
-class _MapAnything(SceneReader):
-    title = "depth maps or COLMAP models of MapAnything"
-    layout = (
-        "predictions.npz with depth, extrinsic and final_mask; or sparse/ with points.ply and "
-        "cameras of the size that the network sees"
-    )
-    methods = ("MapAnything",)
-    layouts = (
-        Model(is_of_mapanything),
-        ViewArrays(
-            maps=_DEPTH_OR_POINTS,
-            confidence={"depth": "conf", "world_points": "conf"},
-            needed=({"depth", "world_points"}, {"extrinsic"}, {"intrinsic"}, {"final_mask"}),
-            extrinsics="extrinsic",
-            intrinsics="intrinsic",
-            mask="final_mask",
-            camera_to_world=True,
-            said=(
-                "depth is read where final_mask is set, and world_points only where there is none",
-                "extrinsic camera-to-world, axes of OpenCV",
-                *CENTRES_AND_SIZE,
-            ),
+        never=frozenset({"final_mask"}),
+        extrinsics="extrinsic",
+        intrinsics="intrinsic",
+        cameras=_decoded,
+        said=(
+            "depth is read, and world_points only where there is none",
+            "extrinsic world-to-camera, axes of OpenCV",
+            *CENTRES_AND_SIZE,
         ),
-    )
-
-
-_META = {"extrinsics", "intrinsics", "image_files"}
-
-
-def _is_shown(place: Path) -> bool:
-    beside = (place / "scene.jpg").is_file() or (place / "depth_vis").is_dir()
-    return beside and (place / "scene.glb").is_file()
+    ),
+)
+VGGT_COLMAP = SceneReader(
+    "COLMAP models of VGGT",
+    "sparse/ with points.ply, whose cameras all have their principal point in the middle",
+    ("VGGT",),
+    Model(is_of_vggt, any_other=True),
+)
+MAPANYTHING = SceneReader(
+    "depth maps or COLMAP models of MapAnything",
+    "predictions.npz with depth, extrinsic and final_mask; or sparse/ with points.ply and cameras "
+    "of the size that the network sees",
+    ("MapAnything",),
+    Model(is_of_mapanything),
+    ViewArrays(
+        maps=_DEPTH_OR_POINTS,
+        confidence={"depth": "conf", "world_points": "conf"},
+        needed=({"depth", "world_points"}, {"extrinsic"}, {"intrinsic"}, {"final_mask"}),
+        extrinsics="extrinsic",
+        intrinsics="intrinsic",
+        mask="final_mask",
+        camera_to_world=True,
+        said=(
+            "depth is read where final_mask is set, and world_points only where there is none",
+            "extrinsic camera-to-world, axes of OpenCV",
+            *CENTRES_AND_SIZE,
+        ),
+    ),
+)
 
 
 class _DepthAnything3(SceneReader):
-    title = "depth maps of Depth Anything 3"
-    layout = (
-        "results.npz with depth, extrinsics, intrinsics and no names, in exports/; "
-        "camera_poses.txt with results_output/; or a COLMAP model with a camera an image"
-    )
-    methods = ("Depth Anything 3",)
-    layouts = (
-        ViewArrays(
-            maps={"depth": "depth"},
-            confidence={"depth": "conf"},
-            needed=({"depth"}, {"extrinsics"}, {"intrinsics"}),
-            only=frozenset({"depth", "extrinsics", "intrinsics", "conf", "image"}),
-            extrinsics="extrinsics",
-            intrinsics="intrinsics",
-            # mini_npz keeps two more decimals than npz.
-            files=(
-                *("exports/mini_npz/results.npz", "exports/npz/results.npz"),
-                *("unposed/exports/mini_npz/results.npz", "unposed/exports/npz/results.npz"),
-                *("mini_npz/results.npz", "npz/results.npz", "results.npz"),
-            ),
-            photos=None,
-            said=("extrinsics world-to-camera, axes of OpenCV", *CENTRES_AND_SIZE),
-        ),
-        Streaming(),
-        Model(is_of_depth_anything_3, below="."),
-        Refused(
-            lambda place: npz_fields(place) == _META,
-            "holds 'image_files', the names of the views, as a pickle, which is never loaded",
-            "results.npz beside it, and a list of names, a line each",
-            "python -c \"import numpy as np; print(*np.load('PLACE', allow_pickle=True)"
-            "['image_files'], sep='\\n')\" > names.txt, and give the list with --names names.txt",
-        ),
-        Refused(
-            _is_shown,
-            "scene.glb is turned, moved to its middle point, thinned to a million points, and has "
-            "the cameras draw_points into it",
-            "exports/mini_npz/results.npz",
-            "write depth and cameras too: model.inference(..., export_format='mini_npz')",
-        ),
-    )
-
     def sure_within(self, place: Path) -> float:
-        """Leave to the suite's own layout what it reads: results.npz alone in a scene's folder."""
-        found = self.layouts[0].find(place)
+        # The suite's own layout reads results.npz alone in a scene's folder.
+        found = _RESULTS.find(place)
         return 0.2 if found in (place, place / "results.npz") else self.sure(place)
+
+
+_RESULTS = ViewArrays(
+    maps={"depth": "depth"},
+    confidence={"depth": "conf"},
+    needed=({"depth"}, {"extrinsics"}, {"intrinsics"}),
+    only=frozenset({"depth", "extrinsics", "intrinsics", "conf", "image"}),
+    extrinsics="extrinsics",
+    intrinsics="intrinsics",
+    # mini_npz keeps two more decimals than npz.
+    files=(
+        *("exports/mini_npz/results.npz", "exports/npz/results.npz"),
+        *("unposed/exports/mini_npz/results.npz", "unposed/exports/npz/results.npz"),
+        *("mini_npz/results.npz", "npz/results.npz", "results.npz"),
+    ),
+    photos=None,
+    said=("extrinsics world-to-camera, axes of OpenCV", *CENTRES_AND_SIZE),
+)
+DEPTH_ANYTHING_3 = _DepthAnything3(
+    "depth maps of Depth Anything 3",
+    "results.npz with depth, extrinsics, intrinsics and no names, in exports/; camera_poses.txt "
+    "with results_output/; or a COLMAP model with a camera an image",
+    ("Depth Anything 3",),
+    _RESULTS,
+    Streaming(),
+    Model(is_of_depth_anything_3, below="."),
+    Refused(
+        lambda place: (place / "scene.glb").is_file() and _is_exported(place),
+        "scene.glb is turned, moved to its middle point, thinned to a million points, and has the "
+        "cameras draw_points into it",
+        "exports/mini_npz/results.npz",
+        "write depth and cameras too: model.inference(..., export_format='mini_npz')",
+    ),
+)
+
+
+def _is_exported(place: Path) -> bool:
+    return (place / "scene.jpg").is_file() or (place / "depth_vis").is_dir()
 
 
 def _is_demo(path: Path) -> bool:
     """Say whether a file is the GLB of a demo: of trimesh, with a mesh for each camera."""
     path = path / "scene.glb" if path.is_dir() else path
     head = first_bytes(path, 1 << 20) if path.name == "scene.glb" else b""
-    size = int.from_bytes(head[12:16], "little")
-    try:
-        document = json.loads(head[20 : 20 + size]) if head[:4] == b"glTF" else {}
-    except (ValueError, RecursionError):
-        return False
-    if not isinstance(document, dict):
-        return False
-    made, meshes = document.get("asset"), document.get("meshes")
-    by_trimesh = isinstance(made, dict) and "trimesh" in str(made.get("generator"))
-    return by_trimesh and isinstance(meshes, list) and len(meshes) > 2
+    return head.startswith(b"glTF") and b"trimesh" in head and head.count(b'"primitives"') > 2
 
 
-class _Dust3r(SceneReader):
-    title = "point maps of DUSt3R or MASt3R"
-    layout = "npz with pts3d and poses, as the recipe's lines save them; scene.glb of the demo"
-    methods = ("DUSt3R", "MASt3R")
-    layouts = (
-        ViewArrays(
-            maps={"pts3d": "world_points"},
-            confidence={"pts3d": "conf"},
-            needed=({"pts3d"}, {"poses"}),
-            only=frozenset({"pts3d", "poses", "focals", "conf", "names"}),
-            strict=True,
-            extrinsics="poses",
-            intrinsics="K",
-            files=("*.npz",),
-            names="names",
-            camera_to_world=True,
-            photos=None,
-            said=(
-                "pts3d are points of the world, a pixel of the network's image each",
-                "poses camera-to-world, axes of OpenCV",
-            ),
+DUST3R = SceneReader(
+    "point maps of DUSt3R or MASt3R",
+    "npz with pts3d and poses, as the recipe's lines save them; scene.glb of the demo",
+    ("DUSt3R", "MASt3R"),
+    ViewArrays(
+        maps={"pts3d": "world_points"},
+        confidence={"pts3d": "conf"},
+        needed=({"pts3d"}, {"poses"}),
+        only=frozenset({"pts3d", "poses", "focals", "conf", "names"}),
+        strict=True,
+        extrinsics="poses",
+        intrinsics="K",
+        files=("*.npz",),
+        names="names",
+        camera_to_world=True,
+        photos=None,
+        said=(
+            "pts3d are points of the world, a pixel of the network's image each",
+            "poses camera-to-world, axes of OpenCV",
         ),
-        Refused(
-            _is_demo,
-            "is what a demo shows: turned to the first view, with cameras as meshes among the "
-            "points",
-            "points in the frame of the cameras that go with them",
-            """save the scene itself, after the alignment (docs/recipes/reconstruction.md):
+    ),
+    Refused(
+        _is_demo,
+        "is what a demo shows: turned to the first view, with cameras as meshes among the points",
+        "points in the frame of the cameras that go with them",
+        """save the scene itself, after the alignment (docs/recipes/reconstruction.md):
   np.savez("SCENE.npz", pts3d=np.stack([p.detach().cpu() for p in scene.get_pts3d()]),
            poses=scene.get_im_poses().detach().cpu(), focals=scene.get_focals().detach().cpu(),
            conf=np.stack([c.detach().cpu() for c in scene.im_conf]), names=photos)""",
-        ),
-    )
-
-
-def _is_pickled(path: Path) -> bool:
-    head = first_bytes(path, 4096) if path.suffix == ".npy" else b""
-    return b"images_all" in head and b"descr': '|O'" in head
-
-
-def _is_video(place: Path) -> bool:
-    """Whether eval/video_depth wrote it; what is beside cameras is left to these."""
-    frames = (place / f"frame_0000{ending}" for ending in (".npy", ".png"))
-    cameras = (place / "camera", place / "pred_traj.txt")
-    return all(one.is_file() for one in frames) and not any(one.exists() for one in cameras)
-
-
-class _Cut3r(SceneReader):
-    title = "depth maps and cameras of CUT3R"
-    layout = (
-        "folders depth and camera of 000000.npy, 000000.npz (pose, intrinsics); or pred_traj.txt"
-    )
-    methods = ("CUT3R",)
-    layouts = (
-        Cut3rDemo(),
-        CamerasAlone("pred_traj.txt", "demo.py --output_dir writes depth maps, too"),
-        Refused(
-            _is_pickled,
-            "is a pickle of CUT3R's evaluation of point maps, which is never opened here",
-            "the folder that demo.py writes (--output_dir)",
-            """write them as arrays, from Python:
-  d = np.load("SCENE.npy", allow_pickle=True).item()
-  np.savez("SCENE.npz", world_points=d["pts_all"].astype(np.float32))""",
-        ),
-        Refused(
-            _is_video,
-            "holds depth of CUT3R's evaluation of videos, which keeps no cameras",
-            "the folder that demo.py writes (--output_dir)",
-            "run demo.py on the same photos",
-        ),
-    )
-
-
-class _VggtSlam(SceneReader):
-    title = "poses and point maps of VGGT-SLAM"
-    layout = "poses.txt (number, place, quaternion) and poses_logs/<number>.npz (pointcloud, mask)"
-    methods = ("VGGT-SLAM",)
-    layouts = (PosesAndPoints(),)
-
-
-class _CloudTrajectory(SceneReader):
-    title = "a cloud with a trajectory of TUM or KITTI"
-    layout = "a folder a scene with one cloud and one text of 8 (TUM) or 12 (KITTI) numbers a row"
-    methods = ("SLAM systems", "evo")
-    layouts = (CloudWithTrajectory(),)
-
-
-VGGT, VGGT_COLMAP, VGGT_SLAM = _Vggt(), _VggtColmap(), _VggtSlam()
-MAPANYTHING, DEPTH_ANYTHING_3, DUST3R = _MapAnything(), _DepthAnything3(), _Dust3r()
-CUT3R, CLOUD_TRAJECTORY = _Cut3r(), _CloudTrajectory()
-"""Registered in `core.registry` under their names."""
+    ),
+)
+CUT3R = SceneReader(
+    "depth maps and cameras of CUT3R",
+    "folders depth and camera of 000000.npy, 000000.npz (pose, intrinsics); or pred_traj.txt",
+    ("CUT3R",),
+    Cut3rDemo(),
+    CamerasAlone("pred_traj.txt", "demo.py --output_dir writes depth maps, too"),
+)
+VGGT_SLAM = SceneReader(
+    "poses and point maps of VGGT-SLAM",
+    "poses.txt (number, place, quaternion) and poses_logs/<number>.npz (pointcloud, mask)",
+    ("VGGT-SLAM",),
+    PosesAndPoints(),
+)
+CLOUD_TRAJECTORY = SceneReader(
+    "a cloud with a trajectory of TUM or KITTI",
+    "a folder a scene with one cloud and one text of 8 (TUM) or 12 (KITTI) numbers a row",
+    ("SLAM systems", "evo"),
+    CloudWithTrajectory(),
+)

@@ -1,8 +1,7 @@
 """Readers of reconstructions: they find the outputs of scenes and the photos of views.
 
 A path is one scene's output, where the protocol has one scene or the path is named by its scene;
-or a folder with such an output a scene, ``PATH/<scene>/...``. A reader is a class that names the
-layouts that an output may have.
+or a folder with such an output a scene, ``PATH/<scene>/...``. A reader has layouts of outputs.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
@@ -95,7 +93,7 @@ class SceneOutput:
 def _photo_names(truths: Sequence[ReconstructionTruth], reading: Reading) -> ImageNames:
     photos = names_in(truth.photos for truth in truths)
     left_out = names_in(truth.excluded for truth in truths)
-    return ImageNames.build("photo", photos, left_out=left_out, scenes=reading.scenes)
+    return ImageNames("photo", photos, left_out=left_out, scenes=reading.scenes)
 
 
 def sorted_images(folder: Path | None) -> list[str]:
@@ -170,7 +168,10 @@ class SceneReader(Reader):
 
     track = "reconstruction"
     takes_names = True
-    layouts: ClassVar[tuple[Layout, ...]]
+
+    def __init__(self, title: str, layout: str, methods: tuple[str, ...], *layouts: Layout) -> None:
+        self.title, self.layout, self.methods = title, layout, methods  # type: ignore[misc]
+        self.layouts = layouts
 
     def sure(self, place: Path) -> float:
         """Say how sure it is that a file or folder is one scene's output."""
@@ -184,9 +185,8 @@ class SceneReader(Reader):
         """See `Reader.recognise`."""
         try:
             found = self.sure(path)
-            if found or not path.is_dir():
-                return found
-            return max(map(self.sure_within, _children(path)[:_LOOKED_AT]), default=0.0)
+            some = _children(path)[:_LOOKED_AT] if not found else []
+            return max(map(self.sure_within, some), default=found)
         except OSError:  # a folder that may not be listed is nobody's
             return 0.0
 
@@ -209,9 +209,10 @@ class SceneReader(Reader):
 
         places = {output.scene: place for place, output in outputs.items()}
         predictions = NativeScenes(path, places, read_scene, others)
-        layouts = ((self.layout_of(place), output) for place, output in outputs.items())
-        said = ((*one.said, one.order(output)) for one, output in layouts if one and one.said)
-        return ReadPredictions(predictions, next(said, ()))
+        place, output = next(iter(outputs.items()))
+        first = self.layout_of(place)
+        said = () if first is None else (*first.said, first.order(output))
+        return ReadPredictions(predictions, said)
 
 
 def find_outputs(
@@ -221,7 +222,7 @@ def find_outputs(
     known = [scene.id for scene in reading.protocol.scenes]
     if is_output(path):
         return {path: SceneOutput(path, _only_scene(path, known), reading)}, ()
-    children = _children(path) if path.is_dir() else []
+    children = _children(path)
     found = [child for child in children if is_output(child)]
     if not found:
         raise PredictionError(
@@ -261,4 +262,5 @@ def _scene_name(place: Path) -> str:
 
 
 def _children(path: Path) -> list[Path]:
-    return sorted(one for one in path.iterdir() if not one.name.startswith("."))
+    found = path.iterdir() if path.is_dir() else ()
+    return sorted(one for one in found if not one.name.startswith("."))

@@ -6,11 +6,10 @@ where these are not on this machine, a list of names says it, or the benchmark's
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +49,6 @@ _LIST_NAMES = (
     "list the database images, then the queries, in the method's order, and add --names LIST"
 )
 _NAMED = "folders in info.log that are the benchmark's or below the predictions, or a list of names"
-_BY_FILE = "names are those of the _images_paths.txt beside the folders that info.log names"
 _BY_LIST = "names are the lines of --names: each run's database images, then its queries"
 _BY_LISTING = "names are the files in the folders that info.log names, in the order of their paths"
 _BY_COUNT = (
@@ -80,20 +78,21 @@ class _Log:
     def read(cls, folder: Path) -> _Log:
         """Read the arguments of a run, as Python prints them, and its counts of images."""
         text = first_bytes(folder / "info.log", 1 << 20).decode("utf-8", "replace")
-        begin = text.rfind("Namespace(")
-        arguments = text[begin:].split("\n", 1)[0] if begin >= 0 else ""
+        arguments = text.rpartition("Namespace(")[2].split("\n", 1)[0]
+        names = ("method", "database_folder", "queries_folder")
+        found = (re.search(rf"(?:^|\s){one}='([^'\\\0]*)'", arguments) for one in names)
+        method, database, queries = (match[1] if match else None for match in found)
         counts = re.search(r"#queries: (\d{1,12}); #database: (\d{1,12})", text)
-        found = (folder / _LISTS).glob("*.txt") if (folder / _LISTS).is_dir() else ()
-        numbered = (one for one in found if re.fullmatch(r"\d{3,}", one.stem))
+        lists = (one for one in (folder / _LISTS).glob("*.txt") if one.stem.isdecimal())
         return cls(
             folder,
-            _argument(arguments, "method"),
-            _argument(arguments, "database_folder"),
-            _argument(arguments, "queries_folder"),
+            method,
+            database,
+            queries,
             (int(counts[1]), int(counts[2])) if counts else None,
             "save_only_wrong_preds=True" in arguments,
             "use_labels=True" in arguments,
-            sorted(numbered, key=lambda one: int(one.stem)),
+            sorted(lists, key=lambda one: int(one.stem)),
         )
 
     @property
@@ -107,16 +106,6 @@ class _Log:
         if self.lists and not self.has_descriptors:
             return first_bytes(self.lists[0], len(_HEADS[0])) == _HEADS[0].encode()
         return self.has_descriptors or self.database is not None
-
-
-def _argument(arguments: str, name: str) -> str | None:
-    text = r"""('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")"""
-    found = re.search(rf"[(\s]{name}={text}", arguments)
-    try:
-        value = ast.literal_eval(found[1]) if found else None
-    except (SyntaxError, ValueError):
-        return None
-    return value if isinstance(value, str) and "\0" not in value else None
 
 
 def _logs(path: Path) -> Iterator[_Log]:
@@ -168,11 +157,9 @@ class _Vpr(Reader):
         unheld = _BY_COUNT in names.used and not all(log.lists for log in logs)
         methods = sorted({log.method for log in logs if log.method})
         conventions = (*(f"info.log says: method {one}" for one in methods), *names.used, *said)
-        all_notes = (*aside(left), *(_BY_COUNT,) * unheld, *notes)
-        # Lists of images that were read and do not lie below the predictions.
-        home = path.resolve()
-        beside = (one for one in names.lists if not one.resolve().is_relative_to(home))
-        return ReadPredictions(predictions, conventions, all_notes, tuple(beside))
+        return ReadPredictions(
+            predictions, conventions, (*aside(left), *(_BY_COUNT,) * unheld, *notes)
+        )
 
 
 # --- descriptors ---
@@ -241,15 +228,14 @@ def _not_nearest(
     queries: NDArray[Any], ranked: Sequence[Sequence[str]], gallery: NamedRows
 ) -> int | None:
     """Return the first query whose list is not in the order of L2 distances, if there is one."""
-    asked = queries.astype(np.float64)
+    asked, rows = queries.astype(np.float64), Rows.join(gallery.rows)
     nearest, longest = np.full(len(asked), np.inf), 0.0
-    for _, rows in Rows.join(gallery.rows).blocks():
-        squares = (rows.astype(np.float64) ** 2).sum(axis=1)
-        distances = squares - 2 * asked @ rows.T.astype(np.float64)
-        nearest = np.minimum(nearest, distances.min(axis=1))
+    for _, block in rows.blocks():
+        squares = (block.astype(np.float64) ** 2).sum(axis=1)
+        nearest = np.minimum(nearest, (squares - 2 * asked @ block.T.astype(np.float64)).min(1))
         longest = max(longest, float(squares.max()))
     for query, tiles in enumerate(ranked):
-        found = Rows.join(gallery.rows).take(rows_among(np.array(tiles), gallery.ids))
+        found = rows.take(rows_among(np.array(tiles), gallery.ids))
         own = (found.astype(np.float64) ** 2).sum(axis=1) - 2 * found @ asked[query]
         slack = _ROUNDING * (longest + asked[query] @ asked[query])
         if (np.diff(own, prepend=nearest[query]) < -slack).any() or own[0] > nearest[query] + slack:
@@ -297,21 +283,18 @@ def _read_list(file: Path) -> tuple[str, list[str]]:
 # --- names of rows ---
 
 
-@dataclass
 class _Names:
     """Names of rows: from a list if there is one, else from folders.
 
     What a log names must lie in one of these folders: it comes from a stranger. `used` says where
-    names came from, `lists` are files of paths that were read.
+    names came from.
     """
 
-    reading: Reading
-    path: Path
-    used: dict[str, None] = field(default_factory=dict)
-    lists: dict[Path, None] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._left = None if self.reading.names is None else read_names(self.reading.names)
+    def __init__(self, reading: Reading, path: Path) -> None:
+        self.used: dict[str, None] = {}
+        self._list = reading.names
+        self._left = None if reading.names is None else read_names(reading.names)
+        self._roots = [Path(os.path.realpath(root)) for root in (path, *reading.folders)]
 
     def names_of_run(
         self, log: _Log, images: SceneImages, tiles: int, photos: int
@@ -319,48 +302,30 @@ class _Names:
         """Return the names of a run's database images and queries, and whether they are assumed."""
         if self._left is not None:
             self.used[_BY_LIST] = None
-            given = self._left
+            given, self._left = self._left, self._left[tiles + photos :]
             if len(given) < tiles + photos:
                 what = f"{tiles:,} database images and {counted(photos, 'query')}"
-                raise _other_count(self.reading.names, f"{counted(len(given), 'name')} for {what}")
-            self._left = given[tiles + photos :]
+                raise _other_count(self._list, f"{counted(len(given), 'name')} for {what}")
             return given[:tiles], given[tiles : tiles + photos], False
-        folders = [self._ours(log.database), self._ours(log.queries)]
-        if None in folders:
+        folders = log.database, log.queries
+        if not all(map(self._is_ours, folders)):
             self.used[_BY_COUNT] = None
             return *_by_count(log, images, tiles, photos), True
-        counts = zip(folders, (tiles, photos), strict=True)
-        listed = [self._listed(str(folder), rows) for folder, rows in counts]
+        self.used[_BY_LISTING] = None
+        listed = [
+            _listed(str(one), rows) for one, rows in zip(folders, (tiles, photos), strict=True)
+        ]
         return listed[0], listed[1], False
 
-    def _ours(self, folder: str | None) -> str | None:
-        """Return a folder that is here and may be listed, None for another."""
-        if not folder:
-            return None
-        place = Path(os.path.realpath(folder))
-        roots = [Path(os.path.realpath(root)) for root in (self.path, *self.reading.folders)]
-        ours = any(place.is_relative_to(root) for root in roots)
-        return folder if ours and place.is_dir() else None
-
-    def _listed(self, folder: str, rows: int) -> Sequence[str]:
-        """Name the images of a folder as the method's dataset class does."""
-        listed = Path(folder + "_images_paths.txt")
-        if listed.is_file() and not listed.is_symlink():
-            names, said = read_names(listed), _BY_FILE
-            self.lists[listed] = None
-        else:
-            names = sorted(name for name in _files(folder) if name.lower().endswith(_LISTED))
-            said = _BY_LISTING
-        self.used[said] = None
-        if len(names) != rows:
-            raise _other_count(folder, f"{counted(len(names), 'image')} for {counted(rows, 'row')}")
-        return [f"{folder}/{name}" for name in names]
+    def _is_ours(self, folder: str | None) -> bool:
+        """Whether a folder is here and may be listed."""
+        place = Path(os.path.realpath(folder or "/"))
+        return place.is_dir() and any(place.is_relative_to(root) for root in self._roots)
 
     def check_used_up(self) -> None:
         """Refuse a list of names that is longer than all rows."""
         if self._left:
-            what = f"{counted(len(self._left), 'name')} more than rows"
-            raise _other_count(self.reading.names, what)
+            raise _other_count(self._list, f"{counted(len(self._left), 'name')} more than rows")
 
 
 def _other_count(path: object, what: str) -> PredictionError:
@@ -368,13 +333,16 @@ def _other_count(path: object, what: str) -> PredictionError:
     return PredictionError(what, where=path, expected=expected, fix=_LIST_NAMES)
 
 
-def _files(folder: str) -> Iterator[str]:
-    """Yield files below a folder, relative to it, as ``glob("**/*")`` finds them."""
+def _listed(folder: str, rows: int) -> list[str]:
+    """Name the images of a folder as the method's dataset class does, by ``glob("**/*")``."""
+    names = []
     for home, folders, files in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        for name in files:
-            if not name.startswith("."):
-                yield (Path(home).relative_to(folder) / name).as_posix()
+        images = (name for name in files if name.lower().endswith(_LISTED) and name[0] != ".")
+        names += [(Path(home) / name).as_posix() for name in images]
+    if len(names) != rows:
+        raise _other_count(folder, f"{counted(len(names), 'image')} for {counted(rows, 'row')}")
+    return sorted(names)
 
 
 def _by_count(
@@ -386,23 +354,17 @@ def _by_count(
         choices.append(list(images.truths))
     found = []
     for truths in choices:
-        squares = sorted(
-            f"{truth.scene}/{name}" for truth in truths for _, name in tile_images(truth)
-        )
+        squares = sorted(f"{one.scene}/{name}" for one in truths for _, name in tile_images(one))
         asked = [truth.queries for truth in truths]
         left_out = [truth.excluded for truth in truths]
         for tables in [asked, asked + left_out] if any(map(len, left_out)) else [asked]:
-            images_of = ((one.split("/", 1)[0], image) for one, image in names_in(tables))
-            names = sorted(f"{scene}/{image}" for scene, image in images_of)
+            named = names_in(tables)
+            names = sorted(f"{one.split('/', 1)[0]}/{image}" for one, image in named)
             if (len(squares), len(names)) == (tiles, photos):
                 found.append((squares, names))
-    if len(found) == 1:
-        for paths in found[0]:
-            last = [path.rsplit("/", 1)[1] for path in paths]
-            if len(set(last)) == len(last) and sorted(last) != last:
-                found = []  # all in one folder they have another order than in a folder a scene
-                break
-    if len(found) != 1:
+    # All in one folder they may have another order than in a folder a scene.
+    last = [[path.rsplit("/", 1)[1] for path in paths] for one in found for paths in one]
+    if len(found) != 1 or any(len({*one}) == len(one) and sorted(one) != one for one in last):
         what = f"{counted(tiles, 'database image')} and {counted(photos, 'query')} without names, "
         what += "which are those of no scene, of several, or in several orders"
         raise PredictionError(what, where=log.folder, expected=_NAMED, fix=_LIST_NAMES)

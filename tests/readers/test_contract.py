@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as some
 
 import airzoo_bench as ab
@@ -56,7 +56,7 @@ MAGICS = (
     *(b"PK\x03\x04", b"\x89HDF\r\n\x1a\n", b"ply\nformat ascii 1.0\n", b"\x80\x04", b"\x1f\x8b"),
     *(b"MATLAB 5.0 MAT-file" + b" " * 105 + b"\x00\x01IM", b"a Q0 b 1 0.5 c\n", b"PAR1"),
 )
-SPOILT = 8  # ways a file
+SPOILT = 3  # ways a file
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,6 @@ EXACT = [
     Case("aerialextrematch", aerialextrematch.write),
     Case("hloc", partial(hloc.write, dtype=np.float64)),
     Case("hloc", partial(hloc.write, dtype=np.float64, swapped=True)),
-    Case("hloc", partial(hloc.write, dtype=np.float64, joined="_")),
     Case("hloc", partial(hloc.write, dtype=np.float64, libver="earliest")),
 ]
 POSES = [
@@ -233,12 +232,6 @@ def test_views_in_any_order(
     assert row(scored(world, again, names=None if case.named else listed)) == row(found)
 
 
-def test_the_same_truth_gives_the_same_row(world: World, written: dict[str, Path]) -> None:
-    kinds = [case for case in VIEWS[:3] + VIEWS[5:7] + VIEWS[9:10] if not case.listed]
-    rows = [row(scored(world, written[label(case)])) for case in kinds]
-    assert all(one == rows[0] for one in rows)
-
-
 @each(REFUSED)
 def test_what_cannot_be_read_is_refused(
     case: Case, written: dict[str, Path], matching_world: Matching
@@ -259,6 +252,7 @@ def _recognised(path: Path) -> None:
         assert 0.0 <= READERS.get(name).recognise(path) <= 1.0
 
 
+@settings(max_examples=40)
 @given(some.sampled_from(ENDINGS), some.sampled_from(MAGICS), some.binary(max_size=300))
 def test_any_bytes_are_looked_at_without_a_word(
     tmp_path_factory: pytest.TempPathFactory, ending: str, magic: bytes, rest: bytes

@@ -103,13 +103,3 @@ def test_refusals(
         spoil(f, m)
     with pytest.raises(PredictionError, match=words):
         evaluated(path)
-
-
-def test_glue_factory_is_told_apart(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    path = tmp_path / "predictions.h5"
-    with h5py.File(path, "w") as file:
-        for name in ("keypoints0", "keypoints1"):
-            file[f"q0.png/q0_dom.tif/{name}"] = np.zeros((3, 2))
-        file["q0.png/q0_dom.tif/keypoint_scores0"] = np.zeros(3)
-    with pytest.raises(PredictionError, match="glue-factory"):
-        evaluated(path)

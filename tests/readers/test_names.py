@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.readers.names import ImageNames, read_names
 
-NAMES = ImageNames.build(
+NAMES = ImageNames(
     "query",
     [
         ("city/a", "a.jpg"),
@@ -73,7 +73,7 @@ def test_what_could_be_several_is_refused(path: str) -> None:
 
 
 def test_names_with_other_separators_name_scenes_too() -> None:
-    known = ImageNames.build(
+    known = ImageNames(
         "query",
         [("s-1/a", "a.jpg"), ("s-1/b-c", "b-c.jpg"), ("s-2/a", "a.jpg")],
         scenes=["1"],
@@ -93,7 +93,7 @@ def test_two_names_of_one_image_are_refused() -> None:
 def test_names_of_nothing_are_refused() -> None:
     with pytest.raises(PredictionError, match="none of its names is that of a query"):
         NAMES.find_all(["x", "y"], Path("list.txt"))
-    left = ImageNames.build("query", [("s/a/b", "a/b.jpg")], left_out=[("s/c", "c.jpg")])
+    left = ImageNames("query", [("s/a/b", "a/b.jpg")], left_out=[("s/c", "c.jpg")])
     with pytest.raises(PredictionError, match="names such as s/a/b"):
         left.find_all(["c.jpg"], Path("list.txt"))
     assert NAMES.find_all(["x", "g"], Path("list.txt")) == [None, "city/g"]
@@ -139,10 +139,10 @@ def test_a_path_means_what_it_ends_with(names: list[str], path: str) -> None:
     known = [(f"{'st'[number % 2]}/{number}", name) for number, name in enumerate(names)]
     expected = _by_hand(known, path)
     if len(expected) < 2:
-        assert ImageNames.build("tile", known).find(path) == (expected[0] if expected else None)
+        assert ImageNames("tile", known).find(path) == (expected[0] if expected else None)
         return
     try:
-        found = ImageNames.build("tile", known).find(path)
+        found = ImageNames("tile", known).find(path)
     except PredictionError as error:
         found = next((one for one in expected if one in str(error)), None)
     assert found in expected
@@ -153,7 +153,7 @@ def test_tiles_take_little_more_memory_than_their_names() -> None:
     names = [f"t{number:07d}.png" for number in range(count)]
 
     def matched() -> None:
-        known = ImageNames.build(
+        known = ImageNames(
             "tile", ((f"s/t{number:07d}", name) for number, name in enumerate(names))
         )
         assert known.find_all(names, Path("list.txt"))[-1] == f"s/t{count - 1:07d}"

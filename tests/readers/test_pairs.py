@@ -14,8 +14,8 @@ import pytest
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import Reading, find_reader
-from airzoo_bench.readers.pairs import _Padding
-from airzoo_bench.readers.pictures import Picture
+from airzoo_bench.formats.budget import Budget
+from airzoo_bench.readers.pictures import MatchRows, Picture, Pictures
 from airzoo_bench.results.result import read_result
 from tests.matching.world import World
 from tests.readers.samples import matchers
@@ -185,7 +185,6 @@ def test_sizes_that_do_not_fit(
             "60 pixels of 'q0_dom.tif' outside",
         ),
         ("superglue", "matches", np.full(61, 60), "does not count the keypoints"),
-        ("superglue", "matches", None, "lacks the field 'matches'"),
         ("mast3r-visloc", "matches_im_map", None, "lacks the field 'matches_im_map'"),
         ("dust3r-matches", "size", np.array([1, 2]), "at which size"),
     ],
@@ -232,21 +231,18 @@ def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(
     assert evaluated(home).overall == pytest.approx(own, abs=1e-9)
 
 
-def padded(reach: float, files: int, size: tuple[int, int]) -> _Padding:
-    """Return what is seen of matches that fill this much of a photo of 640x480, in these files."""
-    photo, crop = Picture("q", "h", "h/q", (640, 480)), Picture("c", "h", None, (400, 600))
-    unit = np.random.default_rng(0).random((60, 2)) * reach
-    unit[0] = reach
-    found = _Padding()
-    for _ in range(files):
-        found.add((photo, crop), (unit * photo.size, unit * crop.size), (size, (400, 600)))
-    return found
-
-
-def test_padded_pictures(tmp_path: Path) -> None:
-    """A photo of 4:3 fills three quarters of a square."""
-    with pytest.raises(PredictionError, match=r"than the photo, .*: the pictures look padded"):
-        padded(0.75, 12, (840, 840)).check(tmp_path)
-    padded(0.76, 12, (840, 840)).check(tmp_path)
-    padded(0.75, 8, (840, 840)).check(tmp_path)
-    padded(0.5, 12, (640, 448)).check(tmp_path)
+@pytest.mark.parametrize(("queries", "reach"), [(12, 0.75), (12, 0.8), (8, 0.75)])
+def test_padded_photos(queries: int, reach: float, world: World, tmp_path: Path) -> None:
+    """A photo of 4:3 fills three quarters of a square that it was padded to."""
+    reading = Reading(world.protocol, [world.truth], None, 1 << 26)
+    rows, pictures = MatchRows(tmp_path, Budget(1 << 26)), Pictures(reading, tmp_path)
+    unit = np.random.default_rng(0).random((60, 2))
+    unit[0] = 1.0
+    for number in range(queries):
+        photo, crop = Picture("q", "h", f"h/{number}", (640, 480)), Picture("c", "h", None, (9, 9))
+        rows.add((photo, crop), (unit * (640, 480 * reach), unit * 9), str(number))
+    if (queries, reach) == (12, 0.75):
+        with pytest.raises(PredictionError, match="padded"):
+            rows.predictions((), pictures)
+    else:
+        rows.predictions((), pictures)

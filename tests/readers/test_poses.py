@@ -56,10 +56,10 @@ def test_trajectories_with_names(
     found = evaluated(path, names=tmp_path / "names.txt")
     assert found.overall["error_m"] < 1e-6
     assert found.result.predictions.reader.name == name
-    with pytest.raises(UserError, match="without the names of their photos"):
+    with pytest.raises(UserError, match="5 poses, and 0 names"):
         evaluated(path)
     poses.write_lines(tmp_path / "names.txt", ["q0.png"])
-    with pytest.raises(UserError, match="5 poses, and 1 name in"):
+    with pytest.raises(UserError, match="5 poses, and 1 name"):
         evaluated(path, names=tmp_path / "names.txt")
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import shutil
 import struct
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -209,23 +207,6 @@ class TestArrays:
         assert own.result.overall == scored(world, mini).result.overall
         assert scored(world, plain, "depth-anything-3").result.overall == own.result.overall
 
-    def test_pickled_names_are_never_loaded(self, world: World, tmp_path: Path) -> None:
-        views = true_views(world, "yard")
-        place = tmp_path / "out" / "yard"
-        da3.write_results(place / "exports" / "mini_npz" / "results.npz", **da3.fields(views))
-        alone = tmp_path / "alone" / "yard.npz"
-        alone.parent.mkdir()
-        listed = np.array([f"/data/{name}" for name in views.names], dtype=object)
-        np.savez(alone, extrinsics=views.w2c, intrinsics=views.intrinsics, image_files=listed)
-        assert find_reader(alone) == "depth-anything-3"
-        with pytest.raises(PredictionError, match="image_files") as caught:
-            scored(world, alone)
-        # The line that the message gives writes the list that is asked for.
-        line, names = str(caught.value.fix).split('"')[1], tmp_path / "names.txt"
-        with names.open("w") as stream:
-            subprocess.run([sys.executable, "-c", line], stdout=stream, check=True)
-        assert yard(world, place.parent, names=names)["f1_0.2m"] == 1.0
-
 
 class TestFrames:
     """CUT3R, streaming runs of Depth Anything 3 and VGGT-SLAM: a file a frame."""
@@ -304,7 +285,7 @@ class TestFrames:
         if names in ("own", "gaps"):
             check_perfect(scored(world, tmp_path / "out", names=given_names), tolerance_m=1e-3)
             return
-        with pytest.raises(PredictionError, match=r"share 1 number|numbers") as caught:
+        with pytest.raises(PredictionError, match=r"numbers?, and these") as caught:
             scored(world, tmp_path / "out", names=given_names)
         assert names == "twice" or "numbered/{number:06d}" in str(caught.value.fix)
 
@@ -329,8 +310,8 @@ class TestModels:
         points = np.array([point.xyz for point in found.points3D.values()])
         seen = views.points[views.depth > 0]
         np.testing.assert_allclose(np.sort(points, 0), np.sort(seen, 0), 1e-5)
-        count, cameras = first_cameras(model)
-        assert (count, cameras[0][1]) == (6, PHOTO_SIZE)
+        cameras = first_cameras(model)
+        assert (len(cameras), cameras[0][1]) == (6, PHOTO_SIZE)
         assert cameras[0][2] == tuple(found.cameras[1].params)
 
     def test_images_without_a_pose_are_absent(self, world: World, tmp_path: Path) -> None:

@@ -113,23 +113,6 @@ class TestNames:
             assert "12 images" not in str(refused.value)
         assert not any(os.path.realpath(place).startswith(images) for place in seen)
 
-    def test_file_of_paths(self, tmp_path: Path, one: Path, log: Path) -> None:
-        images = str(log / "images")
-        vpr.write_images(images, ONE[0])
-        order = np.random.default_rng(0).permutation(12)
-        tiles = Path(tile_file(images, ONE[0], 0)).parent
-        listed = "".join(f"t{number:05d}.png\n" for number in order)
-        Path(f"{tiles}_images_paths.txt").write_text(listed)
-        vpr.write_log(log, ONE[0], images)
-        assert not perfect(scored(log, one))
-        _, gallery = Place(ONE).descriptors(ONE[0])
-        np.save(log / "database_descriptors.npy", gallery[order])
-        result = scored(log, one)
-        assert perfect(result)
-        reader = result.result.predictions.reader
-        assert "_images_paths.txt" in reader.conventions[1]
-        assert not any("read too" in said for said in reader.conventions)
-
     def test_list_of_the_user(self, tmp_path: Path, one: Path, log: Path) -> None:
         order = np.random.default_rng(0).permutation(12)
         _, gallery = Place(ONE).descriptors(ONE[0])

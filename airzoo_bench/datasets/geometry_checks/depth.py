@@ -1,9 +1,7 @@
 """Depth maps against each other: back-project one, re-project into another, compare both ways.
 
-A pixel of the source becomes a point by its depth, the point goes into the target's camera, and its
-depth there, z_projected, is held against the depth z_depth of the target's surface at that pixel:
-
-    error = (z_projected - z_depth) / z_depth
+A pixel of the source becomes a point by its depth, whose depth in the target's camera, z_projected,
+is held against the depth z_depth of the target's surface there: (z_projected - z_depth) / z_depth.
 
 On a plane 1/z, not z, is affine in pixels of a camera without distortion; so 1/z is interpolated
 (bilinear over the four pixel centres around), which is exact on planes at any slant. Where the
@@ -21,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -30,7 +28,6 @@ from scipy.spatial import cKDTree
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses
@@ -53,17 +50,16 @@ _FLOATING_OF_A_FRAME = 0.25
 
 def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
     """Find the depth map of each photo: its name with another ending, in its own subfolder."""
-    stems = [Path(name).with_suffix("").as_posix() for name in images]
-    there: dict[str, list[Path]] = {stem: [] for stem in stems}
-    for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
-        stem = path.relative_to(folder).with_suffix("").as_posix()
-        if path.suffix.lower() in _SUFFIXES and stem in there:
-            there[stem].append(path)
+    stems = [folder / Path(name).with_suffix("") for name in images]
+    there: dict[Path, list[Path]] = {stem: [] for stem in stems}
+    for path in sorted(folder.rglob("*")):
+        if path.suffix.lower() in _SUFFIXES and path.with_suffix("") in there:
+            there[path.with_suffix("")].append(path)
     if not any(there.values()) or any(len(paths) > 1 for paths in there.values()):
         raise UsageError(
             "photos have no depth map, or more than one",
             where=folder,
-            expected=f"one such as {stems[0]}.tif a photo ({', '.join(_SUFFIXES)})",
+            expected=f"one such as {stems[0].name}.tif a photo ({', '.join(_SUFFIXES)})",
             fix="name the folder of the depth maps with --depth",
         )
     return tuple(there[stem][0] if there[stem] else None for stem in stems)
@@ -75,11 +71,10 @@ def read_depth(
     """Read a depth map in metres, NaN where there is none."""
     nodata = None
     with readable(path, "is no depth map", kind=BenchmarkError, expected=", ".join(_SUFFIXES)):
-        if path.suffix.lower() == ".npy":
-            stored = np.load(path, mmap_mode="r", allow_pickle=False)
-        elif path.suffix.lower() == ".npz":
-            file = NpzFile(path, limit_bytes=1 << 30)
-            stored = file.read("depth" if "depth" in file.entries else next(iter(file.entries)))
+        if path.suffix.lower() in (".npy", ".npz"):
+            stored = np.load(path, allow_pickle=False)
+            if path.suffix.lower() == ".npz":
+                stored = stored["depth" if "depth" in stored else stored.files[0]]
         else:
             with opened(path) as dataset:
                 stored, nodata = dataset.read(), dataset.nodata
@@ -182,8 +177,8 @@ class DepthConsistency:
     """Depth errors of a scene.
 
     `error` are all relative errors, with sign. A row of `frames` is id, median error without sign,
-    ratio (by which its depths are longer than its partners'), floating (share of its points in
-    front of surfaces), compared. `hidden` points lie behind the surface that they should be on.
+    ratio (by which its depths are longer than its partners') and floating (share of its points in
+    front of surfaces). `hidden` points lie behind the surface that they should be on.
     """
 
     frames: pd.DataFrame
@@ -212,9 +207,7 @@ class DepthConsistency:
 
 
 def check_depth_consistency(
-    ids: Sequence[str],
-    cameras: Cameras,
-    poses: Poses,
+    scene: Any,
     depths: Sequence[Path | None],
     *,
     kind: DepthKind = "z",
@@ -224,55 +217,46 @@ def check_depth_consistency(
     median_below: float = MEDIAN_BELOW,
     progress: Progress = silent,
 ) -> DepthConsistency:
-    """Compare the depth of each frame with the next frame and four that look near."""
+    """Compare the depth of each frame of a scene with the next and four that look near."""
     rows = [row for row, path in enumerate(depths) if path is not None]
     if len(rows) < 2:
         raise BenchmarkError("fewer than two photos have a depth map")
 
     @lru_cache(maxsize=16)
     def frame(number: int) -> Frame:
-        row = rows[number]
-        camera, path = cameras.take(row), depths[row] or Path()
+        camera, path = scene.cameras.take(rows[number]), depths[rows[number]] or Path()
         depth = read_depth(path, int(camera.width[0]), int(camera.height[0]), scale_m)
-        return sampled_frame(camera, poses.take(row), depth, kind, pixels, (seed, number))
+        pose = scene.poses.take(rows[number])
+        return sampled_frame(camera, pose, depth, kind, pixels, (seed, number))
 
     middles = np.empty((len(rows), 3))
     for number in progress(range(len(rows)), "depth maps", len(rows)):
         one = frame(number)
         seen = one.points if len(one.points) else np.zeros((1, 3))
         middles[number] = apply_matrix(one.rotation.T, seen.mean(axis=0)) + one.centre
-    pairs = _pairs(middles)
-    signed: list[list[Floats]] = [[] for _ in rows]
-    floats: list[list[Bools]] = [[] for _ in rows]
-    errors, hidden = [], 0
+    pairs, errors, hidden = _pairs(middles), [], 0
+    # Of each frame, the errors of its depths with their sign, and as they are.
+    parts: list[list[Floats]] = [[np.empty((0, 2))] for _ in rows]
     for source, target in progress(pairs.tolist(), "pairs of frames", len(pairs)):
         for first, second in ((source, target), (target, source)):
             error, behind = compare_depths(frame(first), frame(second))
             # Depths of a frame too long: its points lie behind, those of others in front.
-            for number, own in ((first, error), (second, -error)):
-                signed[number].append(own)
-                floats[number].append(error < -OCCLUSION)
+            parts[first].append(np.column_stack((error, error)))
+            parts[second].append(np.column_stack((-error, error)))
             errors.append(error)
             hidden += behind
-    table = [
-        (ids[row], *_quality(np.concatenate(own), np.concatenate(floating)))
-        for row, own, floating in zip(rows, signed, floats, strict=True)
-    ]
-    return DepthConsistency(
-        pd.DataFrame(table, columns=["id", "median", "ratio", "floating", "compared"]),
-        np.concatenate(errors),
-        len(pairs),
-        hidden,
-        len(depths) - len(rows),
-        median_below,
-    )
+    table = pd.DataFrame([_quality(np.concatenate(own)) for own in parts])
+    table.columns = pd.Index(["median", "ratio", "floating"])
+    table.insert(0, "id", [scene.ids[row] for row in rows])
+    absent = len(depths) - len(rows)
+    return DepthConsistency(table, np.concatenate(errors), len(pairs), hidden, absent, median_below)
 
 
-def _quality(signed: Floats, floating: Bools) -> tuple[float, float, float, int]:
-    if not signed.size:
-        return np.nan, np.nan, 0.0, 0
-    medians = float(np.median(np.abs(signed))), float(np.median(signed))
-    return *medians, float(floating.mean()), signed.size
+def _quality(errors: Floats) -> tuple[float, float, float]:
+    if not errors.size:
+        return np.nan, np.nan, 0.0
+    signed, floating = errors[:, 0], errors[:, 1] < -OCCLUSION
+    return float(np.median(np.abs(signed))), float(np.median(signed)), float(floating.mean())
 
 
 def _pairs(middles: Floats) -> Ints:

@@ -1,19 +1,15 @@
-"""Results of geometry checks as sentences, a table, and files."""
+"""Results of geometry checks as sentences, a table, and JSON values."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from airzoo_bench.core.errors import CameraError, counted
-from airzoo_bench.core.files import atomic_write
 from airzoo_bench.datasets.geometry_checks.depth import DepthConsistency
 from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, FrameChain
 from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
@@ -21,7 +17,6 @@ from airzoo_bench.datasets.scene_warnings import scene_warnings
 from airzoo_bench.geometry.crs import check_true_metres, horizontal_crs, to_lonlat
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-OUTPUT_NAMES = ("geometry.json", "photos.csv")
 _SHOWN = 3
 _FLOATING_BELOW = 0.1  # of the points in front of surfaces: leaves and wires are
 _CONVENTION = 0.02  # a median error that no small fault has
@@ -69,35 +64,25 @@ class SceneGeometry:
     @property
     def values(self) -> dict[str, Any]:
         """All figures as JSON values; None for what was not checked or is infinite."""
-        chain, depth = self.chain, self.depth
-        return {
-            "scene": self.scene.name,
-            "photos": len(self.scene.ids),
-            "frame_chain": chain
-            and {
-                "worst_photo": self.scene.ids[chain.worst],
+        chain, depth, ids = self.chain, self.depth, self.scene.ids
+        found: dict[str, Any] = {"scene": self.scene.name, "photos": len(ids)}
+        found |= {"frame_chain": None, "depth": None}
+        if chain is not None:
+            found["frame_chain"] = {
+                "worst_photo": ids[chain.worst],
                 "closure_m": _finite(chain.closure_m.max()),
                 "closure_px": _finite(chain.closure_px.max()),
-                "open_photos": [self.scene.ids[row] for row in np.flatnonzero(chain.open_photos)],
-            },
-            "depth": depth
-            and {
-                "pairs": depth.pairs,
-                "compared": int(depth.error.size),
-                "hidden": depth.hidden,
-                "median": _finite(depth.quantile(0.5)),
-                "p90": _finite(depth.quantile(0.9)),
-                "p95": _finite(depth.quantile(0.95)),
-                "floating": depth.floating,
-                "median_below": depth.median_below,
-                "frames_that_stand_out": depth.bad_frames["id"].tolist(),
-                "without_depth": depth.without_depth,
-            },
-            "faults": self.failures,
-            "warnings": self.warnings,
-            "notes": self.notes,
-            "passes": not self.failures,
-        }
+                "open_photos": [ids[row] for row in np.flatnonzero(chain.open_photos)],
+            }
+        if depth is not None:
+            shares = {"median": 0.5, "p90": 0.9, "p95": 0.95}
+            quantiles = {name: _finite(depth.quantile(share)) for name, share in shares.items()}
+            names = ("pairs", "hidden", "floating", "median_below", "without_depth")
+            found["depth"] = quantiles | {name: getattr(depth, name) for name in names}
+            found["depth"]["compared"] = int(depth.error.size)
+            found["depth"]["frames_that_stand_out"] = depth.bad_frames["id"].tolist()
+        said = {"faults": self.failures, "warnings": self.warnings, "notes": self.notes}
+        return found | said | {"passes": not self.failures}
 
 
 def _finite(value: float) -> float | None:
@@ -145,7 +130,7 @@ def _depth_failures(depth: DepthConsistency) -> list[str]:
         for _, frame in bad.head(_SHOWN).iterrows()
     ]
     if len(bad) > _SHOWN:
-        failures.append(f"{counted(len(bad) - _SHOWN, 'more frame')}; photos.csv has all (--out)")
+        failures.append(f"{counted(len(bad) - _SHOWN, 'more frame')}; --format json names all")
     if depth.hidden > depth.error.size or median >= _CONVENTION:
         failures.append(
             "so large an error is one of convention: poses are world-to-camera with OpenCV axes, "
@@ -172,27 +157,3 @@ def geometry_table(checked: Sequence[SceneGeometry]) -> Table:
         said = (*failures, *(f"warning: {text}" for text in warnings), *one.notes)
         notes += [f"{one.scene.name}: {text}" for text in said]
     return Table("Geometry checks", _COLUMNS, tuple(rows), tuple(notes))
-
-
-def report_values(checked: Sequence[SceneGeometry]) -> dict[str, object]:
-    """Return all figures as JSON values."""
-    return {
-        "passes": not any(one.failures for one in checked),
-        "scenes": [one.values for one in checked],
-    }
-
-
-def save_report(checked: Sequence[SceneGeometry], folder: Path) -> list[Path]:
-    """Write `OUTPUT_NAMES` into a folder, and return what was written."""
-    tables = []
-    for one in checked:
-        table = pd.DataFrame({"id": one.scene.ids})
-        if one.chain is not None:
-            table = table.assign(closure_m=one.chain.closure_m, closure_px=one.chain.closure_px)
-        tables.append(table if one.depth is None else table.merge(one.depth.frames, "left", "id"))
-    written = [folder / name for name in OUTPUT_NAMES]
-    with atomic_write(written[0], "w") as stream:
-        stream.write(json.dumps(report_values(checked), indent=1, allow_nan=False) + "\n")
-    with atomic_write(written[1], "w") as stream:
-        pd.concat(tables).to_csv(stream, index=False, lineterminator="\n")
-    return written

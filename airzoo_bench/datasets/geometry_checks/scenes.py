@@ -64,29 +64,25 @@ def scenes_of_benchmark(
     """Read the scenes of a benchmark, or one; `measured` compares their parts with each other."""
     scenes = [scene for scene in benchmark.file.scenes if only in (None, scene.id)]
     if not scenes:
-        raise UsageError(
-            f"there is no scene {only!r}",
-            where=benchmark.folder,
-            expected="one of " + ", ".join(scene.id for scene in benchmark.file.scenes),
-        )
-    found = []
-    for scene in scenes:
-        numbers = (*CAMERA_COLUMNS, *POSE_COLUMNS)
-        photos = read_queries(benchmark.scene_folder(scene.id), pd.DataFrame({"id": []}), numbers)
-        found.append(
-            PosedScene(
-                scene.id,
-                tuple(photos["id"]),
-                tuple(photos["image"]),
-                cameras_of(photos),
-                poses_of(photos),
-                None if scene.crs == LOCAL_CRS else scene.crs,
-                benchmark.resolve(scene.images),
-                scene.plane_height_m,
-                _measure_facts(benchmark, scene, photos) if measured else None,
-            )
-        )
-    return found
+        known = "one of " + ", ".join(scene.id for scene in benchmark.file.scenes)
+        raise UsageError(f"there is no scene {only!r}", where=benchmark.folder, expected=known)
+    return [_read_scene(benchmark, scene, measured=measured) for scene in scenes]
+
+
+def _read_scene(benchmark: Benchmark, scene: SceneFile, *, measured: bool) -> PosedScene:
+    numbers = (*CAMERA_COLUMNS, *POSE_COLUMNS)
+    photos = read_queries(benchmark.scene_folder(scene.id), pd.DataFrame({"id": []}), numbers)
+    return PosedScene(
+        scene.id,
+        tuple(photos["id"]),
+        tuple(photos["image"]),
+        cameras_of(photos),
+        poses_of(photos),
+        None if scene.crs == LOCAL_CRS else scene.crs,
+        benchmark.resolve(scene.images),
+        scene.plane_height_m,
+        _measure_facts(benchmark, scene, photos) if measured else None,
+    )
 
 
 def _measure_facts(
@@ -104,10 +100,9 @@ def _measure_facts(
     inputs = SceneInputs(scene.id, photos, scene.crs, info, dsm, scene.plane_height_m)
     there = [name for name in photos["image"] if (images / name).is_file()]
     tracks = {track for track in benchmark.file.tracks if (home / track).is_dir()}
-    metadata = {name: read_prior(images / name) for name in there}
     return measure_facts(
         inputs,
-        metadata,
+        {name: read_prior(images / name) for name in there},
         measure_heights(inputs),
         None if dsm is None else surveyed(dsm),
         read_retrieval_truth(home, scene.id) if "retrieval" in tracks else None,

@@ -30,7 +30,6 @@ from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 _BLOCK = 2048
 _SHOWN = 20
-_COLUMNS = ("train", "test", "shared_m2", "share_of_test")
 _METRES_OF_A_DEGREE = np.pi / 180 * 6_371_008.8
 _LEAST_AREA_M2 = 1e-4  # what rounding makes of borders that touch: 1e-9 degrees by 1 km
 
@@ -58,16 +57,13 @@ def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
         unknown = np.asarray(~np.isfinite(lonlat).all(axis=(1, 2)))
         lonlat[unknown] = np.nan
         return NamedFootprints(tuple(table["id"].astype(str)), lonlat, unknown)
-    scenes = scenes_of_benchmark(open_benchmark(place))
-    lacking = [one.name for one in scenes if one.plane_height_m is None or one.crs is None]
-    if lacking:
-        raise BenchmarkError("has no ground plane or no CRS", where=lacking[0])
-    parts = [
-        cast_corners(one.cameras, one.poses, one.crs, one.plane_height_m or 0.0, max_range_m)
-        for one in scenes
-    ]
-    ids = tuple(name for scene in scenes for name in scene.ids)
-    return NamedFootprints(ids, *map(np.concatenate, zip(*parts, strict=True)))
+    parts, ids = [], list[str]()
+    for one in scenes_of_benchmark(open_benchmark(place)):
+        if one.plane_height_m is None or one.crs is None:
+            raise BenchmarkError("has no ground plane or no CRS", where=one.name)
+        parts.append(cast_corners(one.cameras, one.poses, one.crs, one.plane_height_m, max_range_m))
+        ids += one.ids
+    return NamedFootprints(tuple(ids), *map(np.concatenate, zip(*parts, strict=True)))
 
 
 def cast_corners(
@@ -88,22 +84,12 @@ def cast_corners(
 class SplitOverlap:
     """The ground that two sets share.
 
-    A row of `pairs` is train and test id, shared m2, and the share of the test footprint.
+    A row of `pairs` is train and test id, shared m2, and the share of the test footprint; of
+    photos that are `unknown` it is not known where they look.
     """
 
-    train: NamedFootprints
-    test: NamedFootprints
     pairs: pd.DataFrame
-
-    @property
-    def tainted(self) -> int:
-        """How many photos of the test set overlap one of the training set."""
-        return int(self.pairs["test"].nunique())
-
-    @property
-    def unknown(self) -> list[str]:
-        """Photos of either set whose footprint is not known."""
-        return [s.ids[row] for s in (self.train, self.test) for row in np.flatnonzero(s.unknown)]
+    unknown: list[str]
 
     @property
     def passes(self) -> bool:
@@ -123,7 +109,7 @@ def compare_splits(
     around, rows = _polygons(np.concatenate([near + n * turn for n in (-1, 0, 1)]))
     tree = shapely.STRtree(around)
     asked, kept = _polygons(_unwrapped(test.lonlat))
-    parts = [pd.DataFrame({name: [] for name in _COLUMNS})]
+    parts = [np.empty((0, 4))]
     starts = range(0, len(asked), _BLOCK)
     for start in progress(starts, "footprints", len(starts)):
         block = asked[start : start + _BLOCK]
@@ -134,20 +120,24 @@ def compare_splits(
         square = _METRES_OF_A_DEGREE**2 * np.cos(latitude)
         area, whole = shapely.area(shared) * square, shapely.area(block[first]) * square
         rows_test, rows_train = kept[start + first], rows[second] % max(len(train.ids), 1)
-        order = np.lexsort((rows_train, rows_test))
-        order = order[area[order] > _LEAST_AREA_M2]
-        values = (
-            [train.ids[row] for row in rows_train[order]],
-            [test.ids[row] for row in rows_test[order]],
-            np.round(area[order], 3),
-            np.round(area[order] / whole[order], 6),
-        )
-        parts.append(pd.DataFrame(dict(zip(_COLUMNS, values, strict=True))))
-    found = pd.concat(parts, ignore_index=True)
+        found = np.column_stack((rows_train, rows_test, area, area / whole))
+        parts.append(found[np.lexsort((rows_train, rows_test))])
+    found = np.concatenate(parts)
+    found = found[found[:, 2] > _LEAST_AREA_M2]
+    of_train, of_test = found[:, :2].astype(np.int64).T
+    pairs = pd.DataFrame(
+        {
+            "train": [train.ids[row] for row in of_train],
+            "test": [test.ids[row] for row in of_test],
+            "shared_m2": np.round(found[:, 2], 3),
+            "share_of_test": np.round(found[:, 3], 6),
+        }
+    )
     if csv is not None:
         with atomic_write(csv, "w") as stream:
-            found.to_csv(stream, index=False, lineterminator="\n")
-    return SplitOverlap(train, test, found)
+            pairs.to_csv(stream, index=False, lineterminator="\n")
+    unknown = [one.ids[row] for one in (train, test) for row in np.flatnonzero(one.unknown)]
+    return SplitOverlap(pairs, unknown)
 
 
 def _polygons(lonlat: Floats) -> tuple[Any, Ints]:
@@ -174,11 +164,8 @@ def split_table(found: SplitOverlap) -> Table:
         Row((Cell(train), Cell(test), Cell(area), Cell(100 * share)))
         for train, test, area, share in found.pairs.head(_SHOWN).itertuples(index=False)
     )
-    sizes = f"{len(found.train.ids):,} training and {counted(len(found.test.ids), 'test photo')}"
-    tainted = counted(found.tainted, "test photo")
-    notes = [f"{sizes}: overlap in {counted(len(found.pairs), 'pair')}, of {tainted}"]
-    if len(found.pairs) > _SHOWN:
-        notes.append(f"the first {_SHOWN} are shown; --out writes all")
+    tainted = counted(int(found.pairs["test"].nunique()), "test photo")
+    notes = [f"{counted(len(found.pairs), 'pair')}, of {tainted}; --out writes all"]
     if found.unknown:
         notes.append(f"it is not known where photos look: {first_of(found.unknown)}")
     return Table("Ground that both sets see", columns, rows, tuple(notes))

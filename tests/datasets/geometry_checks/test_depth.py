@@ -39,8 +39,7 @@ def depths(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def checked(flight: Flight, folder: Path, kind: str = "z", **changes: float) -> DepthConsistency:
     made = scene(flight, **changes)
     paths = find_depths(folder, made.images)
-    given = (made.ids, made.cameras, made.poses, paths)
-    return check_depth_consistency(*given, kind=kind, pixels=1024)  # type: ignore[arg-type]
+    return check_depth_consistency(made, paths, kind=kind, pixels=1024)  # type: ignore[arg-type]
 
 
 def faults(found: DepthConsistency) -> list[str]:
