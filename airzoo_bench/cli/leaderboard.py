@@ -15,12 +15,7 @@ from airzoo_bench.core.sandbox import Limits, check_limits
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board, write_starter
 from airzoo_bench.leaderboard.build import build_board, serve_folder
-from airzoo_bench.leaderboard.comment import (
-    Artifact,
-    comment_on,
-    read_artifact,
-    write_artifact,
-)
+from airzoo_bench.leaderboard.comment import Found, comment_on, read_found, write_found
 from airzoo_bench.leaderboard.data_branch import DataBranch, Try
 from airzoo_bench.leaderboard.git import RefusedError
 from airzoo_bench.leaderboard.pull_request import read_event
@@ -121,7 +116,7 @@ def score(
     if sealed is None:
         _check_empty(out if event is None else work)
     if sealed is not None:
-        found = score_against_truth(read_artifact(sealed), work.resolve(), rules, read_key(None))
+        found = score_against_truth(read_found(sealed), work.resolve(), rules, read_key(None))
     elif event is not None:
         found = score_pull_request(read_event(event), remote, rules, work.resolve())
     else:
@@ -130,7 +125,7 @@ def score(
             faults += not isinstance(said, str)
             _say(f"{place.path}: {said}")
         raise typer.Exit(min(faults, 1))
-    write_artifact(out, found)
+    write_found(out, found)
     _finish(found)
 
 
@@ -144,7 +139,7 @@ def comment(
     """Write the comment on a pull request, in Markdown, from the findings alone."""
     last = next((path for path in reversed(artifacts) if path.is_file()), artifacts[-1])
     with atomic_write(out, "w") as stream:
-        stream.write(comment_on(read_artifact(last)))
+        stream.write(comment_on(read_found(last)))
 
 
 @app.command(
@@ -176,7 +171,7 @@ def keep(
             for path in branch.add_runs(found):
                 put(f"{path}\n")
             return
-        finding = read_artifact(found)
+        finding = read_found(found)
         outcome = "started" if started else "scored" if finding.truth else "failed"
         files = {}
         if finding.answer is not None:
@@ -189,27 +184,18 @@ def keep(
             changes = {"kind": "refused", "problems": (str(error),)}
             finding = finding.model_copy(update=changes)
     if out is not None:
-        write_artifact(out, finding)
+        write_found(out, finding)
     _finish(finding)
 
 
-@app.command(
-    epilog=examples(
-        "leaderboard build --out site", "leaderboard build results/*/result.json --out site"
-    )
-)
+@app.command(epilog=examples("leaderboard build --runs board-data --out site"))
 def build(
-    results: Annotated[
-        list[Path] | None,
-        typer.Argument(help="Further results, or folders that hold one, beside the runs."),
-    ] = None,
+    runs: Annotated[
+        Path, typer.Option(help="Scored submissions, as `leaderboard score` wrote them: its --out.")
+    ],
     out: Annotated[
         Path, typer.Option("--out", "-o", help="The site's folder; an earlier board is replaced.")
     ] = _SITE,
-    runs: Annotated[
-        Path | None,
-        typer.Option(help="Scored submissions, as `leaderboard score` wrote them: its --out."),
-    ] = None,
     root: RootOption = Path(),
 ) -> None:
     """Make the static site of a board: board.json, tables, pages. See docs/leaderboard.md.
@@ -218,16 +204,15 @@ def build(
     is replaced in one step; a second build measures only changed results, by
     SITE.cache, which is safe to delete.
     """
-    if runs is not None and not (runs / "runs").is_dir():
+    if not (runs / "runs").is_dir():
         raise UsageError(
             "no folder of runs: the board would lose all that were scored",
             where=runs,
             expected="runs/benchmark/track/folder/number/ in it",
         )
-    stated = read_board(root / BOARD_FILE) if (root / BOARD_FILE).is_file() else None
-    home = (runs or Path()) / "runs"
+    rules = read_board(root / BOARD_FILE)
     with working("building the board"):
-        build_board(home, root / "submissions", results or [], stated, data_root(), out, say)
+        build_board(runs / "runs", root / "submissions", rules, data_root(), out, say)
     put(f"{out / 'index.html'}\n")
 
 
@@ -245,9 +230,9 @@ def _check_empty(folder: Path) -> None:
         raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
 
 
-def _finish(found: Artifact) -> None:
+def _finish(found: Found) -> None:
     """Print the findings; the last line is their kind."""
-    for line in (*found.problems, *found.claimed, *found.warnings):
+    for line in (*found.problems, *found.warnings):
         _say(line)
     put(f"{found.kind}\n")
     if found.kind == "refused":

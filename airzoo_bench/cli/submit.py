@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from airzoo_bench.benchmark.folder import find_benchmark
-from airzoo_bench.cli.common import Format, examples, printable, progress, put, say, show
+from airzoo_bench.cli.common import Format, examples, progress, put, say, show
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.evaluation.track import Run
@@ -38,7 +38,7 @@ PANELS = {
     "Questions": (
         *("protocol", "method", "team", "contact", "author", "licence", "training_data", "stages"),
     ),
-    "More": ("more", "url", "claimed", "reader", "names"),
+    "More": ("more", "url", "reader", "names"),
     "Board": ("board", "force", "commit"),
 }
 
@@ -71,9 +71,6 @@ def submit(
     url: Annotated[
         str | None, _option("Where CI fetches the predictions; then they are not copied.")
     ] = None,
-    claimed: Annotated[
-        Path | None, _option("Your result.json, to be compared with CI's.", "--result")
-    ] = None,
     reader: Annotated[str | None, _option("The reader of a method's own files.")] = None,
     names: Annotated[Path | None, _option("A list of images, where files name none.")] = None,
     board: Annotated[
@@ -94,7 +91,7 @@ def submit(
     """
     root, data = board_root(board), data_root()
     rules = read_board(root / BOARD_FILE)
-    files = Files(predictions, url, claimed, names, reader)
+    files = Files(predictions, url, names, reader)
     values = ask_missing(
         {
             "protocol": protocol or protocol_of(files, data),
@@ -164,10 +161,7 @@ def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
         if hindrance := _hindrance(checked, data, sealed=sealed):
             say(f"{folder}: not scored: {hindrance}")
         else:
-            scored, lines, errors = score_submission(checked, data, run)
-            show(scenes_table(scored.result), Format.TERMINAL)
-            for line in lines:
-                put(f"{printable(line)}\n")
+            show(scenes_table(score_submission(checked, data, run).result), Format.TERMINAL)
             done = "checked and scored"
     for error in errors:
         say(str(error))

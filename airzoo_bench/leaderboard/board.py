@@ -18,7 +18,6 @@ from airzoo_bench.leaderboard.submission import (
     Account,
     Submission,
     read_submission,
-    schema_text,
 )
 
 __all__ = [
@@ -80,11 +79,6 @@ class Board(Strict):
     limits: Limits = Limits()
     benchmarks: Annotated[tuple[BoardBenchmark, ...], Field(min_length=1)]
     maintainers: Annotated[tuple[Account, ...], Field(max_length=100)] = ()
-
-    @property
-    def repository_url(self) -> str | None:
-        """The address of the repository's page."""
-        return self.repository and f"https://github.com/{self.repository}"
 
     @property
     def protocols(self) -> list[str]:
@@ -187,7 +181,6 @@ def write_starter(folder: Path, repository: str | None) -> list[Path]:
     off = "# " if repository is None else ""
     host = f'{off}url = "https://{owner}.github.io/{name}/"\n{off}repository = "{owner}/{name}"'
     content[BOARD_FILE] = content[BOARD_FILE].replace("@HOST@", host)
-    content["docs/submission.schema.json"] = schema_text()
     content[".ci/requirements.txt"] = (
         "# What scores submissions. Pin all of it: pip freeze > .ci/requirements.txt\n"
         f"airzoo-bench[leaderboard]=={__version__}\n"

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -14,11 +14,12 @@ from typing import Any
 
 from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import atomic_folder, check_new_folder, only_writer
+from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Board
-from airzoo_bench.leaderboard.board_json import make_board, plain_json
-from airzoo_bench.leaderboard.measured import Entry, forget_others, measure, read_entries
+from airzoo_bench.leaderboard.measured import Entry, entries_of, forget_others, read_entries
 from airzoo_bench.leaderboard.pages import render_pages
-from airzoo_bench.results.files import result_paths
+from airzoo_bench.leaderboard.tables import make_table
+from airzoo_bench.protocol.lookup import find_protocol
 
 __all__ = ["bibtex", "build_board", "serve_folder", "table_csv"]
 
@@ -26,16 +27,12 @@ BOARD_JSON = "board.json"
 """The file by which the folder of a site is known."""
 
 _ADDRESS = "127.0.0.1"
+_SCHEMA = 3
 _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored", "code", "paper")
 _PARTS = ("value", "low", "high", "standard_error")
-# An entry of a work whose commands are accents, letters, escaped signs and the look of text.
+# An entry of a work whose commands are accents, letters and escaped signs, none of which acts.
 _WORK = re.compile(r"\s*@(?!comment|preamble|string)[a-z]+\s*\{", re.IGNORECASE)
-_COMMAND = re.compile(r"\\([A-Za-z@]+|.|\Z)", re.DOTALL)
-_HARMLESS = re.compile(
-    r"""["'`^\\~=.&%$#_{} ,-]|[bcdHijklLoOrtuv]|ae|AE|oe|OE|aa|AA|ss|emph|em|it|bf|tt|sc|url|href"""
-    r"|text(it|bf|tt|sc|superscript|subscript|endash|emdash|asciitilde)|math(cal|rm|bb|bf|it)"
-    r"|l?dots|pi|alpha|beta|[gG]amma|[dD]elta|[lL]ambda|[sS]igma|dh|DH|th|TH|dj|DJ|ng|NG"
-)
+_ACTS = re.compile(r"\\([A-Za-z]*@|[A-Za-z]{3})|\\\Z|\^\^")
 _TEX = {
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
     **{letter: f"\\{letter}" for letter in "{}#$%&_"},
@@ -44,29 +41,18 @@ _TEX = {
 
 
 def build_board(
-    runs: Path,
-    submissions: Path,
-    results: Sequence[Path],
-    board: Board | None,
-    data: Path,
-    out: Path,
-    note: Callable[[str], None],
+    runs: Path, submissions: Path, board: Board, data: Path, out: Path, note: Callable[[str], None]
 ) -> Path:
-    """Build the site in place of an earlier one; folders of runs and submissions may be missing.
-
-    Results are plain ones, as `table` takes them; a fault of one is the user's own.
-    """
+    """Build the site in place of an earlier one; folders of runs and submissions may be missing."""
     cache = out.with_name(f"{out.name}.cache")
     check_new_folder(out, replace=True, mark=BOARD_JSON)
     cache.mkdir(parents=True, exist_ok=True)
     try:
         with only_writer(out):
             entries = read_entries(runs, submissions, cache, note)
-            plain = [measure(file, cache) for file in sorted(result_paths(results))]
-            entries += [Entry(None, measured=one) for one in plain]
             versions = [one.measured for entry in entries for one in (entry, *entry.older)]
             forget_others({one.key for one in versions if one is not None}, cache)
-            files = _site_files(plain_json(make_board(entries, board, data, cache)), note)
+            files = _site_files(_board_json(entries, board, data, cache), note)
             with atomic_folder(out, replace=True, mark=BOARD_JSON) as folder:
                 for path, content in files.items():
                     target = folder / path
@@ -78,6 +64,30 @@ def build_board(
     return out
 
 
+def _board_json(entries: list[Entry], board: Board, data: Path, cache: Path) -> dict[str, Any]:
+    """Return all that the pages show, tables in the order of leaderboard.toml."""
+    tables = {}
+    for benchmark in board.benchmarks:
+        for name in benchmark.protocols:
+            protocol = find_protocol(name, data)
+            own = entries_of(entries, protocol)
+            tables[name] = make_table(protocol, benchmark.title, own, cache)[0]
+    dates = [row.rescored for table in tables.values() for row in table.rows if row.rescored]
+    return {
+        "schema": _SCHEMA,
+        "title": board.title,
+        "url": board.url,
+        "repository": board.repository,
+        "updated": max(dates, default=None),
+        "made_with": __version__,
+        "benchmarks": [
+            {"name": one.name, "title": one.title, "tables": list(one.protocols)}
+            for one in board.benchmarks
+        ],
+        "tables": {name: json.loads(table.model_dump_json()) for name, table in tables.items()},
+    }
+
+
 def _site_files(board: dict[str, Any], note: Callable[[str], None]) -> dict[str, str]:
     """Return the content of all files of the site by their paths."""
     files = {}
@@ -87,7 +97,8 @@ def _site_files(board: dict[str, Any], note: Callable[[str], None]) -> dict[str,
             if row["kind"] == "failed":
                 note(f"{row['id']}: no score: {row['reason']}")
         files[f"tables/{table['id']}/table.csv"] = table_csv(table)
-    files[BOARD_JSON] = json.dumps(board, ensure_ascii=False, separators=(",", ":")) + "\n"
+    text = json.dumps(board, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    files[BOARD_JSON] = f"{text}\n"
     return files | render_pages(board)
 
 
@@ -136,9 +147,7 @@ def _is_one_entry(text: str) -> bool:
         depth += {"{": 1, "}": -1}.get(letter, 0)
         if depth < 0 or (depth == 0 and opened < place < len(text) - 1):
             return False
-    harmless = all(map(_HARMLESS.fullmatch, _COMMAND.findall(text)))
-    caret = "^^" in text  # TeX reads ^^5c as a backslash
-    return depth == 0 and harmless and not caret and _WORK.match(text) is not None
+    return depth == 0 and _ACTS.search(text) is None and _WORK.match(text) is not None
 
 
 def _escaped(text: str) -> str:
@@ -157,19 +166,14 @@ class _Handler(SimpleHTTPRequestHandler):
     def end_headers(self) -> None:
         """Let no browser store a page that the next build replaces."""
         self.send_header("Cache-Control", "no-store")
-        self.send_header("X-Content-Type-Options", "nosniff")
         super().end_headers()
 
 
 def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
     """Serve a site until Ctrl-C."""
     if not (site / BOARD_JSON).is_file():
-        raise UsageError(
-            "not the site of a board",
-            where=site,
-            expected=f"a folder with {BOARD_JSON}",
-            fix=f"airzoo-bench leaderboard build --out {site}",
-        )
+        fix = f"airzoo-bench leaderboard build --out {site}"
+        raise UsageError("not the site of a board", where=site, fix=fix)
     try:
         handler = partial(_Handler, directory=str(site))
         server = ThreadingHTTPServer((_ADDRESS, port), handler)

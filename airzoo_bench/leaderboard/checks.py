@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import datetime
-import math
 import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from airzoo_bench.core.errors import (
     CameraError,
     PredictionError,
-    ResultError,
     SubmissionError,
     UsageError,
     UserError,
@@ -28,28 +24,24 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import check
 from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
 from airzoo_bench.leaderboard.names import alike, skeleton
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
+    EARLIER_KEYS,
     SUBMISSION_FILE,
     Submission,
     read_submission,
 )
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.results.comparable import check_comparable
-from airzoo_bench.results.records import Scored
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import Result
 
 __all__ = [
-    "DEPTH",
     "FETCHED",
     "MOST_FILES",
     "CheckedSubmission",
-    "check_claim",
     "check_listing",
     "check_pipeline",
     "check_submission",
@@ -58,16 +50,11 @@ __all__ = [
 
 MOST_FILES = 2000
 """The most files and folders that the folder of a submission may hold."""
-DEPTH = 12
-"""The most parts that a path in the repository has."""
 FETCHED = "fetched-predictions"
 """The folder in the data root that keeps predictions at an address, by their hash."""
 
-_MOST_CLAIMED_BYTES = 4 << 20  # to read unknown keys takes 150 times their size in memory
-_SAME = 1e-9  # scores that differ by no more differ by rounding alone
-_MOVED = 1e-3  # the part of a scene's queries that another machine may answer otherwise
+_DEPTH = 12  # parts of a path in the repository
 _NEAR_PRIOR = 0.01
-_SHOWN = 5
 
 
 @dataclass(eq=False)
@@ -84,7 +71,6 @@ class CheckedSubmission:
     submission: Submission | None = None
     protocol: Protocol | None = None
     predictions: Path | None = None
-    claimed: Result | None = None
     errors: list[UserError] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -133,11 +119,21 @@ def check_submission(
         return found
     found.take(_check_names(submission, found.place, known))
     found.take(_check_stated(folder, submission))
-    found.take(_find_protocol(found, submission, board, data))
+    try:
+        found.protocol = _find_protocol(found.place, submission, board, data)
+    except SubmissionError as error:
+        found.errors.append(error)
     found.take(_find_predictions(found, submission, board.limits, data, seconds))
-    found.take(_read_claim(found, submission))
-    if found.protocol is not None and found.predictions is not None:
-        found.take(_check_predictions(found, found.predictions, data, run))
+    if found.protocol is None or found.predictions is None:
+        return found
+    try:
+        checked = check(
+            found.predictions, data=data, protocol=submission.protocol, run=run,
+            read_by=found.read_by,
+        )  # fmt: skip
+        found.take([*checked.errors, *checked.notes])
+    except (PredictionError, CameraError, UsageError) as error:
+        found.errors.append(error)
     return found
 
 
@@ -171,11 +167,9 @@ def check_listing(
             return
         names.add(path.casefold())
         if len(names) > MOST_FILES:
-            yield SubmissionError(
-                f"more than {MOST_FILES:,} files and folders",
-                where=where,
-                fix="put the predictions into one archive, such as predictions.zip",
-            )
+            fix = "put the predictions into one archive, such as predictions.zip"
+            what = f"more than {MOST_FILES:,} files and folders"
+            yield SubmissionError(what, where=where, fix=fix)
             return
     if total > limits.committed_bytes:
         yield SubmissionError(
@@ -192,8 +186,8 @@ def _fault_of_file(path: str, mode: int, names: set[str]) -> str:
         return "differs from another name only in case"
     if not all(map(plain_name, parts)):
         return "the name is not plain"
-    if len(parts) + 4 > DEPTH:  # submissions, the benchmark, the track and the folder come before
-        return f"lies in more than {DEPTH} folders"
+    if len(parts) + 4 > _DEPTH:  # submissions, the benchmark, the track and the folder come before
+        return f"lies in more than {_DEPTH} folders"
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         return "is no file: a link, a submodule, a pipe or a device"
     return "is an executable file" if stat.S_ISREG(mode) and mode & stat.S_IXUSR else ""
@@ -231,54 +225,44 @@ def _check_names(
     if "official" in submission.method.casefold() and strangers:
         yield f"method {submission.method!r} says that it is official: see whether it is"
     for at, one in others.items():
-        if at[:2] == place[:2]:
-            yield from _compare_in_table(submission, one, at.folder)
-
-
-def _compare_in_table(
-    submission: Submission, other: Submission, folder: str
-) -> Iterator[UserError | str]:
-    by, same_team = f"of team {other.team!r}, in {folder}", other.team == submission.team
-    if not same_team and other.predictions.sha256 == submission.predictions.sha256:
-        yield f"the predictions are to the last byte those of {other.method!r} {by}"
-    if same_team and skeleton(other.method) == skeleton(submission.method):
-        yield _wrong(
-            f"your team has a method {other.method!r} here already, in {folder}",
-            "a name a row",
-            f'put the new version into {folder}, or name it such as "{other.method} v2"',
-        )
-    elif other.method == submission.method:
-        yield f"{other.method!r} is on this board already, {by}"
+        if at[:2] != place[:2]:
+            continue
+        by, same_team = f"of team {one.team!r}, in {at.folder}", one.team == submission.team
+        if not same_team and one.predictions.sha256 == submission.predictions.sha256:
+            yield f"the predictions are to the last byte those of {one.method!r} {by}"
+        if same_team and skeleton(one.method) == skeleton(submission.method):
+            yield _wrong(
+                f"your team has a method {one.method!r} here already, in {at.folder}",
+                "a name a row",
+                f'put the new version into {at.folder}, or name it such as "{one.method} v2"',
+            )
+        elif one.method == submission.method:
+            yield f"{one.method!r} is on this board already, {by}"
 
 
 def _check_stated(folder: Path, submission: Submission) -> Iterator[UserError | str]:
     """Yield faults of submission.toml against the day and against the files next to it."""
     given = submission.predictions
-    if submission.supersedes is not None:
-        yield "key 'supersedes' is ignored: withdraw the earlier submission"
+    for key in EARLIER_KEYS:
+        if getattr(submission, key) is not None:
+            yield f"key '{key}' is ignored"
     today = datetime.datetime.now(datetime.UTC).date()
     if submission.date > today + datetime.timedelta(days=1):  # it may be tomorrow elsewhere
         yield _wrong(f"key 'date' is {submission.date}, which is to come", f"such as {today}")
     stated = {SUBMISSION_FILE, CLAIMED_FILE, given.file, given.names}
     strange = sorted(entry.name for entry in folder.iterdir() if entry.name not in stated)
     if strange:
-        yield SubmissionError(
-            f"holds files that submission.toml does not name: {first_of(strange, noun='entry')}",
-            where=folder,
-            expected=f"{SUBMISSION_FILE}, the predictions, {CLAIMED_FILE} and the list of names",
-            fix="remove them",
-        )
+        what = f"holds files that submission.toml does not name: {first_of(strange, noun='entry')}"
+        yield SubmissionError(what, where=folder, fix="remove them")
     for key, name in (("file", given.file), ("names", given.names)):
         if name is not None and not (folder / name).exists():
             what = f"key 'predictions.{key}' is {name!r}, which is not there"
             raise SubmissionError(what, where=folder, fix="copy it there, or correct the key")
 
 
-def _find_protocol(
-    found: CheckedSubmission, submission: Submission, board: Board, data: Path
-) -> Iterator[UserError | str]:
-    """Find the protocol, and yield faults of the folder's place."""
-    place, benchmarks = found.place, {one.name: one for one in board.benchmarks}
+def _find_protocol(place: Place, submission: Submission, board: Board, data: Path) -> Protocol:
+    """Find the protocol, which is one of the folder's place."""
+    benchmarks = {one.name: one for one in board.benchmarks}
     if place.benchmark not in benchmarks or not place.is_plain:
         raise SubmissionError(
             f"no place for a submission{nearest(place.benchmark, [*benchmarks])}",
@@ -292,7 +276,6 @@ def _find_protocol(
             f"key 'protocol' is {submission.protocol!r}, by which this board does not score "
             f"{place.benchmark}{nearest(submission.protocol, [*protocols])}",
             f"one of {', '.join(protocols)}",
-            "correct the key, or the folder",
         )
     protocol = find_protocol(submission.protocol, data)
     if (protocol.benchmark, protocol.track) != place[:2]:
@@ -301,14 +284,7 @@ def _find_protocol(
             f"{protocol.benchmark}; the folder is of {place.track} of {place.benchmark}",
             fix="move the folder, or correct the key",
         )
-    found.protocol = protocol
-    for name in submission.training_data:
-        first, second = sorted(one.casefold().replace("_", "-") for one in (name, place.benchmark))
-        if first == second or second.startswith(f"{first}-"):
-            yield (
-                f"the training data {name!r} are, or are of one dataset with, the benchmark "
-                f"{place.benchmark}: say in `summary` which part of it was trained on"
-            )
+    return protocol
 
 
 # --- predictions ---
@@ -323,11 +299,8 @@ def _find_predictions(
     if given.url is not None:
         parse_address(given.url)  # which is refused without a network too
         if given.size > limits.url_bytes:
-            raise _wrong(
-                f"key 'predictions.bytes' is {given.size:,}",
-                f"at most {limits.url_bytes:,}, the limit of this board",
-                "write smaller predictions: fewer ranks, half precision, or compressed",
-            )
+            expected = f"at most {limits.url_bytes:,}, the limit of this board"
+            raise _wrong(f"key 'predictions.bytes' is {given.size:,}", expected)
         home = data / FETCHED / given.sha256
         # A name that begins with a dot is of a file that is being fetched.
         path = next(iter(sorted(home.glob("[!.]*"))), None)
@@ -342,27 +315,10 @@ def _find_predictions(
         if (there := measure(path)) != announced:
             yield _wrong(
                 f"key 'predictions.{key}' is {announced}, but that of {path.name} is {there}",
-                "the file that was announced, to the last byte",
-                f"write {key} = {there}, or put the right predictions there",
+                fix=f"write {key} = {there}, or put the right predictions there",
             )
             return
     found.predictions = path
-
-
-def _check_predictions(
-    found: CheckedSubmission, predictions: Path, data: Path, run: Run
-) -> Iterator[UserError | str]:
-    """Check the predictions as `airzoo-bench check` does."""
-    assert found.protocol is not None
-    try:
-        checked = check(
-            predictions, data=data, protocol=found.protocol.name, run=run, read_by=found.read_by
-        )
-    except (PredictionError, CameraError, UsageError) as error:
-        yield error
-        return
-    yield from checked.errors
-    yield from checked.notes
 
 
 def check_pipeline(submission: Submission, result: Result) -> UserError | None:
@@ -377,79 +333,3 @@ def check_pipeline(submission: Submission, result: Result) -> UserError | None:
         expected='uses = ["prior"] where GPS and gimbal angles are used, also as a fallback',
         fix='add "prior" to pipeline.uses, or leave queries without an answer out',
     )
-
-
-# --- the claimed result ---
-
-
-def _read_claim(found: CheckedSubmission, submission: Submission) -> Iterator[UserError]:
-    """Read the submitter's own result, and hold it to the submission."""
-    path, fix = found.folder / CLAIMED_FILE, "leave it out: CI scores anyway"
-    if not path.exists():
-        return
-    if (size := path.stat().st_size) > _MOST_CLAIMED_BYTES:
-        expected = f"at most {_MOST_CLAIMED_BYTES:,}"
-        yield SubmissionError(f"has {size:,} bytes", where=path, expected=expected, fix=fix)
-        return
-    try:
-        found.claimed = claimed = read_result(path)
-    except ResultError as error:
-        yield error
-        return
-    for what, says, expected in (
-        ("protocol", claimed.protocol.name, submission.protocol),
-        ("method", claimed.predictions.method, submission.method),
-        ("SHA-256", claimed.predictions.sha256, submission.predictions.sha256),
-    ):
-        if says != expected:
-            what = f"its {what} is {says!r}, not {expected!r} as of this submission"
-            yield SubmissionError(what, where=path, fix=f"score it again, or {fix}")
-
-
-def check_claim(claimed: Result, scored: Scored) -> tuple[list[str], UserError | None]:
-    """Return the scores that were claimed otherwise, and the error where that is no rounding.
-
-    On another machine max(1, 0.1 %) of a scene's queries may be answered otherwise; a retrieval has
-    one score everywhere.
-    """
-    result = scored.result
-    try:
-        check_comparable(("claimed", "re-scored"), (claimed, result))
-        if {*claimed.scenes} != {*result.scenes} or {*claimed.overall} != {*result.overall}:
-            raise ResultError("the claimed result.json is of other scenes or scores")
-    except ResultError as error:
-        return [f"claimed and re-scored differ: {error.what}"], error
-    of_scene = scored.records["scene"].to_numpy(str)
-    lines, refused = [], []
-    for column in result.columns:
-        values = scored.records[column.key].to_numpy(np.float64)
-        limits = [_claimable(values[of_scene == s], column, result) for s in result.scenes]
-        low, high = np.mean(limits, axis=0)
-        says, is_ = claimed.overall[column.key], result.overall[column.key]
-        if says != is_ and abs(says - is_) > _SAME:
-            lines.append(f"{column.title}: claimed {says:.9g}, re-scored {is_:.9g}")
-            if not low - _SAME <= says <= high + _SAME:
-                refused.append(lines[-1])
-    if not refused:
-        return lines, None
-    return lines, SubmissionError(
-        f"{counted(len(refused), 'score')} of the claimed result.json cannot be found again:\n    "
-        + "\n    ".join(refused[:_SHOWN]),
-        expected="the scores of these predictions on any machine; docs/submission.md says how near",
-        fix="score the predictions of this folder again with `airzoo-bench eval ... --out DIR`, "
-        "or leave result.json out: CI scores anyway",
-    )
-
-
-def _claimable(values: Floats, column: ScoreColumn, result: Result) -> tuple[float, float]:
-    """Return the limits of a scene's score when some queries are answered otherwise."""
-    moved = max(1, int(_MOVED * len(values))) if result.unit == "query" else _MOVED
-    moved = 0 if result.track == "retrieval" else moved
-    if column.average == "median":
-        steps = math.ceil(moved)
-        ordered = np.concatenate([np.zeros(steps), np.sort(values), np.full(steps, np.inf)])
-        middle = np.array([(len(values) - 1) // 2, len(values) // 2])
-        return float(ordered[middle].mean()), float(ordered[middle + 2 * steps].mean())
-    largest = 1.0 if column.unit == "share" else float(values.max())
-    mean, reach = float(values.mean()), moved * largest / len(values)
-    return mean - reach, mean + reach

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from airzoo_bench.core.errors import SubmissionError, counted
 from airzoo_bench.core.files import atomic_write, read_text
@@ -67,16 +67,16 @@ ObjectId = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
 class Run(Strict):
     """The time (UTC), commit and version of airzoo-bench of a scored submission.
 
-    `tree` is git's id of the submission's folder: the same files have the same. Older runs say how
-    a claimed result compared.
+    `tree` is git's id of the submission's folder: the same files have the same.
     """
+
+    model_config = ConfigDict(extra="ignore")  # older runs say more
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
     scored: Annotated[datetime.datetime, Field(strict=False)]  # JSON has texts for times
     commit: ObjectId
     tree: ObjectId
     version: str
-    claimed: Any = None
 
 
 class Estimate(Strict):
@@ -93,9 +93,10 @@ class Estimate(Strict):
 class SealedAnswer(Strict):
     """Scores of a sealed benchmark, coarse enough that no try tells the answer of one query.
 
-    `truth_commitment` is SHA-256 over the truth and its salt, which lies in the archive; `scenes`
-    are of earlier answers, which told scenes by themselves.
+    `truth_commitment` is SHA-256 over the truth and its salt, which lies in the archive.
     """
+
+    model_config = ConfigDict(extra="ignore")  # earlier answers told scenes by themselves
 
     schema_version: Literal[1] = Field(alias="schema")
     sealed: Literal[True] = True
@@ -110,7 +111,6 @@ class SealedAnswer(Strict):
     columns: tuple[ScoreColumn, ...]
     queries: dict[str, int]
     scene_titles: dict[str, str]
-    scenes: dict[str, dict[str, Estimate]] = Field(default_factory=dict)
     overall: dict[str, Estimate]
     versions: dict[str, str]
 

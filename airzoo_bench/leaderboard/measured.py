@@ -7,34 +7,36 @@ only changed results. Whatever cannot be read there is measured again.
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from pydantic import Field
 
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.version import __version__
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.data_branch import (
     ANSWER_FILE,
     FAULT_FILE,
     Estimate,
+    SealedAnswer,
     read_answer,
     read_run,
     run_folders,
 )
+from airzoo_bench.leaderboard.rows import OVERALL, Conditions, Head, Model, Scene, Score
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparison import make_sample, score_intervals
 from airzoo_bench.results.files import records_path
 from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import Reference, ScoreColumn, read_result
+from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import (
     condition_names,
@@ -42,34 +44,37 @@ from airzoo_bench.tables.breakdown import (
     group_averages,
     group_records,
 )
+from airzoo_bench.tables.intervals import intervals_made, resampled
 
 __all__ = [
-    "OVERALL",
-    "RESAMPLING",
     "RESULT_FILE",
     "Entry",
     "Measured",
-    "Number",
+    "entries_of",
     "forget_others",
     "load_arrays",
     "measure",
+    "measure_answer",
     "read_entries",
     "store_arrays",
 ]
 
-OVERALL = ""
-RESAMPLING = ResamplingConfig()
 RESULT_FILE = "result.json"
 
-Number = Sequence[float | None]
-"""A score: its value, its interval, its standard error."""
-
-_FORMAT = "6"
+_RESAMPLING = ResamplingConfig()
+_FORMAT = "7"
 _NORMAL = 1.959964
+_SEALED = "95 % intervals: the rounded score and 1.96 rounded standard errors to each side."
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
+class Grouped(Conditions):
+    """Headline scores by the groups of a condition; `members` is a hash of who is in which."""
+
+    members: str
+    values: dict[str, tuple[float | None, ...]]
+
+
+class Measured(Model):
     """The numbers of a result, and what they depend on.
 
     Scores are by scene, with `OVERALL` for the average, then by key. `groups` are the names and
@@ -77,75 +82,42 @@ class Measured:
     `queries` is a hash of the names of all records, `key` the name of these numbers in the cache.
     """
 
-    track: str
-    protocol: str
-    protocol_version: int
-    protocol_fingerprint: str
-    benchmark: str
-    truth: str
-    method: str
+    head: Head
     made_with: str
-    columns: list[dict[str, Any]]
-    scenes: list[dict[str, Any]]
-    scores: dict[str, dict[str, Number]]
-    benchmark_version: int | None = None
-    sealed: bool = False
-    unit: str = "query"
-    notes: list[str] = field(default_factory=list)
-    interval_kinds: list[str] = field(default_factory=list)
-    references: dict[str, Any] = field(default_factory=dict)
-    conditions: list[dict[str, Any]] = field(default_factory=list)
-    groups: list[tuple[str, int]] = field(default_factory=list)
+    columns: tuple[ScoreColumn, ...]
+    scores: dict[str, dict[str, Score]]
+    notes: tuple[str, ...] = ()
+    about_intervals: str = _SEALED
+    references: dict[str, Reference] = Field(default_factory=dict)
+    conditions: tuple[Grouped, ...] = ()
+    groups: tuple[tuple[str, int], ...] = ()
     queries: str = ""
-    values: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    key: str = ""
-
-    @property
-    def measures(self) -> tuple[Any, ...]:
-        """The settings that numbers ranked together must share."""
-        protocol = (self.protocol, self.protocol_version, self.protocol_fingerprint)
-        return (*protocol, self.truth, self.sealed)
-
-    @cached_property
-    def score_columns(self) -> list[ScoreColumn]:
-        """The scores, headline ones first."""
-        found = [ScoreColumn(**column) for column in self.columns]
-        return sorted(found, key=lambda column: not column.headline)
-
-    def overall(self, key: str) -> Number:
-        """Return the average over scenes; infinite where there is none."""
-        return self.scores[OVERALL].get(key, (np.inf, None, None, None))
-
-    def values_of(self, key: str) -> Floats:
-        """Return the values (N,) of a headline score."""
-        headline = [one["key"] for one in self.columns if one["headline"]]
-        found: Floats = self.values[headline.index(key)]
-        return found
+    values: Any = Field(default=None, exclude=True)
+    key: str = Field(default="", exclude=True)
 
 
 def measure(file: Path, cache: Path) -> Measured:
     """Measure a result or a sealed answer, or take it from the cache."""
-    content = b"".join(
-        part.read_bytes() if part.is_file() else b""
-        for part in (file, records_path(file))  # records are held to the hash in the result
-    )
+    parts = [part for part in (file, records_path(file)) if part.is_file()]
+    content = b"".join(part.read_bytes() for part in parts)
     key = hashlib.sha256(f"{_FORMAT} {__version__} {file.name}".encode() + content).hexdigest()
     path = cache / f"{key}.npz"
     if arrays := load_arrays(path):
-        facts = json.loads(arrays["facts"].tobytes())
-        return Measured(**facts, values=arrays["values"], key=key)
-    found = _of_answer(file) if file.name == ANSWER_FILE else _of_result(file)
-    facts = asdict(replace(found, values=np.zeros(0)))
-    del facts["values"], facts["key"]
-    text = np.frombuffer(json.dumps(facts).encode(), np.uint8)
-    store_arrays(path, {"facts": text, "values": found.values})
-    return replace(found, key=key)
+        found = Measured.model_validate_json(arrays["facts"].tobytes())
+        return found.model_copy(update={"values": arrays["values"], "key": key})
+    found = (
+        measure_answer(read_answer(file.parent)) if file.name == ANSWER_FILE else _of_result(file)
+    )
+    text = np.frombuffer(found.model_dump_json().encode(), np.uint8)
+    values = np.zeros((0, 0)) if found.values is None else found.values
+    store_arrays(path, {"facts": text, "values": values})
+    return found.model_copy(update={"key": key})
 
 
-def store_arrays(path: Path, arrays: dict[str, Any]) -> None:
+def store_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write arrays to the cache."""
     with atomic_write(path) as stream:
-        write_npz(stream, arrays)
+        write_npz(stream, dict(arrays))
 
 
 def load_arrays(path: Path) -> dict[str, Any]:
@@ -168,50 +140,58 @@ def _of_result(file: Path) -> Measured:
     result = read_result(file)
     method = Scored(result.predictions.method, result, read_records(file, result))
     headline = [column for column in result.columns if column.headline]
-    found = score_intervals(method, headline, RESAMPLING)
-    scores: dict[str, dict[str, Number]] = {
-        scene: {key: (value, None, None, None) for key, value in part.items()}
-        for scene, part in ({OVERALL: result.overall} | result.scenes).items()
-    }
-    kinds = set()
-    for scene, row in ({OVERALL: found.overall} | found.groups).items():
-        for column, one in zip(headline, row, strict=True):
-            scores[scene][column.key] = (scores[scene][column.key][0], one.low, one.high, None)
-            kinds |= {one.method} - {""}
-    sample = make_sample([method], headline)
+    intervals = score_intervals(method, headline, _RESAMPLING)
+    by_scene = {OVERALL: intervals.overall} | intervals.groups
+    sample, records = make_sample([method], headline), method.records["query"].astype(str)
+    made: list[Interval] = [one for row in by_scene.values() for one in row]
+    about = intervals_made(made, _RESAMPLING, resampled(result.unit))
     return Measured(
-        track=result.track,
-        protocol=result.protocol.name,
-        protocol_version=result.protocol.version,
-        protocol_fingerprint=result.protocol.fingerprint,
-        benchmark=result.truth.benchmark,
-        benchmark_version=result.truth.version,
-        truth=result.truth.fingerprint,
-        unit=result.unit,
-        method=result.predictions.method,
+        head=Head(
+            benchmark=result.truth.benchmark,
+            benchmark_version=result.truth.version,
+            track=result.track,
+            protocol=result.protocol.name,
+            protocol_version=result.protocol.version,
+            protocol_fingerprint=result.protocol.fingerprint,
+            truth=result.truth.fingerprint,
+            unit=result.unit,
+            scenes=tuple(
+                Scene(
+                    id=scene,
+                    title=result.truth.scene_titles[scene],
+                    queries=result.counts[scene]["queries"],
+                )
+                for scene in result.scenes
+            ),
+        ),
         made_with=result.versions["airzoo-bench"],
-        columns=[column.model_dump() for column in result.columns],
-        scenes=_scenes(result.truth.scene_titles, {s: c["queries"] for s, c in _counts(result)}),
-        notes=list(result.notes),
-        scores=scores,
-        interval_kinds=sorted(kinds),
-        references={name: part.model_dump() for name, part in result.references.items()},
-        conditions=[*_conditions(method, headline)],
-        groups=[(g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)],
-        queries=hashlib.sha256("\n".join(method.records["query"].astype(str)).encode()).hexdigest(),
+        columns=result.columns,
+        scores={
+            scene: _with_intervals(part, headline, by_scene.get(scene, ()))
+            for scene, part in ({OVERALL: result.overall} | result.scenes).items()
+        },
+        notes=result.notes,
+        about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
+        references=result.references,
+        conditions=tuple(_conditions(method, headline)),
+        groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
+        queries=hashlib.sha256("\n".join(records).encode()).hexdigest(),
         values=np.concatenate(sample.values, axis=1),
     )
 
 
-def _counts(result: Result) -> Iterator[tuple[str, dict[str, int]]]:
-    yield from ((scene, result.counts[scene]) for scene in result.scenes)
+def _with_intervals(
+    part: Mapping[str, float], headline: Sequence[ScoreColumn], found: Sequence[Interval]
+) -> dict[str, Score]:
+    limits = {c.key: (one.low, one.high) for c, one in zip(headline, found, strict=False)}
+    none = (None, None)
+    return {
+        key: Score(value=value, low=limits.get(key, none)[0], high=limits.get(key, none)[1])
+        for key, value in part.items()
+    }
 
 
-def _scenes(titles: dict[str, str], queries: dict[str, int]) -> list[dict[str, Any]]:
-    return [{"id": s, "title": titles[s], "queries": count} for s, count in queries.items()]
-
-
-def _conditions(method: Scored, scores: Sequence[ScoreColumn]) -> Iterator[dict[str, Any]]:
+def _conditions(method: Scored, scores: Sequence[ScoreColumn]) -> Iterator[Grouped]:
     """Yield the headline scores within the groups of every condition, over all scenes."""
     if method.result.unit != "query" or not scores:
         return
@@ -220,45 +200,53 @@ def _conditions(method: Scored, scores: Sequence[ScoreColumn]) -> Iterator[dict[
     for by in condition_names(method):
         grouping = group_records(method.records, by)
         means = group_averages(values, medians, grouping.codes, len(grouping.labels))
-        yield {
-            "by": by,
-            "title": condition_title(by),
-            "labels": list(grouping.labels),
-            "counts": grouping.counts.tolist(),
-            "members": hashlib.sha256(grouping.codes.tobytes()).hexdigest(),
-            "values": {s.key: row.tolist() for s, row in zip(scores, means, strict=True)},
-        }
+        shown = [[None if np.isnan(one) else one for one in row] for row in means.tolist()]
+        yield Grouped(
+            by=by,
+            title=condition_title(by),
+            labels=grouping.labels,
+            counts=tuple(grouping.counts.tolist()),
+            members=hashlib.sha256(grouping.codes.tobytes()).hexdigest(),
+            values={s.key: tuple(row) for s, row in zip(scores, shown, strict=True)},
+        )
 
 
-def _of_answer(file: Path) -> Measured:
-    answer = read_answer(file.parent)
+def measure_answer(answer: SealedAnswer) -> Measured:
+    """Return the numbers of a sealed answer."""
     return Measured(
-        track=answer.track,
-        protocol=answer.protocol,
-        protocol_version=answer.protocol_version,
-        protocol_fingerprint=answer.protocol_fingerprint,
-        benchmark=answer.benchmark,
-        truth=answer.truth_commitment,
-        sealed=True,
-        method=answer.method,
+        head=Head(
+            benchmark=answer.benchmark,
+            track=answer.track,
+            protocol=answer.protocol,
+            protocol_version=answer.protocol_version,
+            protocol_fingerprint=answer.protocol_fingerprint,
+            truth=answer.truth_commitment,
+            sealed=True,
+            scenes=tuple(
+                Scene(id=scene, title=answer.scene_titles[scene], queries=count)
+                for scene, count in answer.queries.items()
+            ),
+        ),
         made_with=answer.versions.get("airzoo-bench", ""),
-        columns=[column.model_dump() for column in answer.columns],
-        scenes=_scenes(answer.scene_titles, answer.queries),
+        columns=answer.columns,
         scores={
-            scene: {c.key: _estimated(part[c.key], c) for c in answer.columns if c.key in part}
-            for scene, part in ({OVERALL: answer.overall} | answer.scenes).items()
+            OVERALL: {
+                c.key: _estimated(answer.overall[c.key], c)
+                for c in answer.columns
+                if c.key in answer.overall
+            }
         },
     )
 
 
-def _estimated(estimate: Estimate, column: ScoreColumn) -> Number:
+def _estimated(estimate: Estimate, column: ScoreColumn) -> Score:
     """Return a rounded score with the interval of its standard error; no value is infinite."""
     value, error = estimate.value, estimate.standard_error
     if value is None or error is None:
-        return (np.inf if value is None else value), None, None, error
+        return Score(value=np.inf if value is None else value, standard_error=error)
     most = 1.0 if column.unit == "share" else np.inf
-    reach = _NORMAL * error
-    return value, max(0.0, value - reach), float(min(most, value + reach)), error
+    low, high = max(0.0, value - _NORMAL * error), float(min(most, value + _NORMAL * error))
+    return Score(value=value, low=low, high=high, standard_error=error)
 
 
 # --- entries ---
@@ -266,16 +254,15 @@ def _estimated(estimate: Estimate, column: ScoreColumn) -> Number:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A version of a submission, or a plain result, which has no place.
+    """A version of a submission: `scored` on a date, or with the reason why it is not `measured`.
 
-    `number` is that of its version, `scored` the date of scoring. `reason` says why `measured` is
-    None. `older` are the earlier versions that can be shown, the newest first.
+    `older` are the earlier versions that can be shown, the newest first.
     """
 
-    place: Place | None
+    place: Place
     number: int = 0
     submission: Submission | None = None
-    scored: str | None = None
+    scored: str = ""
     measured: Measured | None = None
     reason: str = ""
     older: tuple[Entry, ...] = ()
@@ -283,9 +270,7 @@ class Entry:
     @property
     def method(self) -> str:
         """The method's name in tables."""
-        if self.submission is not None:
-            return self.submission.method
-        return self.measured.method if self.measured else self.place.folder if self.place else ""
+        return self.submission.method if self.submission is not None else self.place.folder
 
 
 def read_entries(
@@ -314,6 +299,16 @@ def read_entries(
     return list(found.values())
 
 
+def entries_of(entries: Sequence[Entry], protocol: Protocol) -> list[Entry]:
+    """Return the entries of a protocol's table, also those whose submission.toml is unreadable."""
+    return [
+        entry
+        for entry in entries
+        if entry.place[:2] == (protocol.benchmark, protocol.track)
+        and (entry.submission is None or entry.submission.protocol == protocol.name)
+    ]
+
+
 def _newest(folder: Path, place: Place, cache: Path, note: Callable[[str], None]) -> Entry | None:
     """Return the newest version that can be shown, else the reason why none can."""
     versions = [_version(path, place, cache) for path in run_folders(folder)]
@@ -340,11 +335,11 @@ def _version(folder: Path, place: Place, cache: Path) -> Entry:
             raise SubmissionError(f"holds {len(files)} of {RESULT_FILE} and {ANSWER_FILE}")
         measured = measure(files[0], cache)
         # Numbers of another folder or protocol would be shown under a wrong name.
-        if place[:2] != (measured.benchmark, measured.track):
-            raise SubmissionError(f"is of {measured.benchmark} ({measured.track})")
-        if stated.protocol != measured.protocol:
+        head = measured.head
+        if (*place[:2], stated.protocol) != (head.benchmark, head.track, head.protocol):
             raise SubmissionError(
-                f"scored by {measured.protocol}, but submitted for {stated.protocol}"
+                f"scored by {head.protocol} of {head.benchmark} ({head.track}), but submitted for "
+                f"{stated.protocol} in {place.path}"
             )
         scored = read_run(folder).scored.date().isoformat()
     except UserError as error:

@@ -11,14 +11,14 @@ import datetime
 import math
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
 import jinja2
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from airzoo_bench.report.packing import content_policy, page_json
 from airzoo_bench.tables.model import show_number
@@ -30,17 +30,12 @@ Json = Mapping[str, Any]
 FEW = 20
 """Groups of fewer queries are greyed."""
 
-_UNITS = {"share": "%", "m": "m", "deg": "°"}
-_KINDS = {"reported": "reported, not re-scored", "sealed": "sealed", "floor": "no method"}
-_KINDS |= {"re-scored": "scored here", "failed": "not scored"}
 _SCORED = ("re-scored", "sealed")
-_LEADING, _RECENT, _MOST_TRAINING = 3, 8, 4
+_LEADING, _RECENT = 3, 8
 _MOST, _MARKS = 300, 3  # marks on one letter: a pile of them covers other lines
 _HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 _BLANK = frozenset(" \N{REPLACEMENT CHARACTER}\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0")
 _URL = re.compile(r"https://[^\s<>\"'`\\]+")
-_INTERVAL_WIDTH, _HEIGHT, _EDGE = 112, 12, 4
-_WIDE, _LOW, _LEFT = 720, 190, 46  # of a timeline
 
 
 def render_pages(board: Json) -> dict[str, str]:
@@ -63,10 +58,14 @@ def render_pages(board: Json) -> dict[str, str]:
     page("index.html", "front.html", recent=_recent(tables))
     page("about.html", "about.html", tables=tables)
     for table in tables:
-        home = f"tables/{table['id']}"
-        lead = _lead(table)
-        view, data = _table_view(table, lead), {"parts": _parts(table)}
-        page(f"{home}/index.html", "table.html", "board.js", data, table=table, lead=lead, **view)
+        home, lead = f"tables/{table['id']}", _lead(table)
+        views = {
+            "views": _views(table),
+            "ends": _ends(table, lead),
+            "curve": _timeline(table, lead),
+        }
+        data = {"parts": _parts(table)}
+        page(f"{home}/index.html", "table.html", "board.js", data, table=table, lead=lead, **views)
         if table["pairs"]:
             compared = _compared(table)
             page(f"{home}/compare.html", "compare.html", "compare.js", compared, table=table)
@@ -99,24 +98,8 @@ def _environment(board: Json) -> jinja2.Environment:
         lstrip_blocks=True,
         auto_reload=False,
     )
-    env.filters |= {"shown": shown, "safe_url": safe_url, "host": _host}
-    env.globals |= {
-        "board": board,
-        "cell": _cell,
-        "facts_of": _facts,
-        "finding_text": _finding_text,
-        "kinds": _KINDS,
-        "lead_of": _lead,
-        "leaders": _leaders,
-        "number": _text,
-        "pipeline": _pipeline,
-        "rank_text": _rank_text,
-        "short_title": _short_title,
-        "unit": lambda column: (
-            f"{_UNITS[column['unit']]} {'↑' if column['higher_is_better'] else '↓'}"
-        ),
-        "units": _UNITS,
-    }
+    env.filters |= {"shown": shown, "safe_url": safe_url, "host": _host, "number": _number}
+    env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
     return env
 
 
@@ -184,22 +167,19 @@ def _text(column: Json, value: Any) -> str:
     return show_number(100 * found if column["unit"] == "share" else found, 2)
 
 
-def _cell(column: Json, values: Sequence[Any], kind: str = "", at: Any = "") -> Markup:
-    """Return the cell of a score, (value, low, high), and its key for sorting."""
-    value, low, high = values
-    if value is None:
-        sort, text = "", "–"
-    else:
-        sort, text = f"{_number(value):.9g}", f'<span class="value">{_text(column, value)}</span>'
-    if low is not None and high is not None:
-        between = f"{_text(column, low)} to {_text(column, high)}"
-        text += f'<span class="interval">{between}</span>'
-    placed = "" if at == "" else f' data-at="{at}"'
-    return Markup(f'<td class="num {kind}" data-v="{sort}"{placed}>{text}</td>')
+def _values(rows: Sequence[Json], lead: Json, *keys: str) -> Iterator[float]:
+    """Yield the finite numbers of a score."""
+    for row in rows:
+        for key in keys:
+            value = _number(row["scores"].get(lead["key"], {}).get(key))
+            if value is not None and math.isfinite(value):
+                yield value
 
 
-def _rank_text(rank: Sequence[int] | None) -> str:
-    return "" if rank is None else "–".join(map(str, dict.fromkeys(rank)))
+def _ends(table: Json, lead: Json) -> tuple[float, float] | None:
+    """Return the scale on which a table draws its intervals."""
+    ends = [*_values(table["rows"], lead, "value", "low", "high")]
+    return (min(ends), max(ends)) if ends and min(ends) < max(ends) else None
 
 
 def _lead(table: Json) -> Json:
@@ -207,22 +187,6 @@ def _lead(table: Json) -> Json:
     rows = [row for row in table["rows"] if row["kind"] != "floor"]
     scores: Sequence[Json] = table["scores"]
     return next((c for c in scores if any(c["key"] in r["scores"] for r in rows)), scores[0])
-
-
-def _short_title(table: Json) -> str:
-    """Return a table's title without the benchmark's title above it."""
-    title, benchmark = shown(table["title"]), shown(table["benchmark_title"])
-    rest = title.removeprefix(f"{benchmark}, ")
-    return title if rest == title else rest[:1].upper() + rest[1:]
-
-
-def _pipeline(row: Json) -> str:
-    if row["stages"] is None:
-        return ""
-    return ", ".join([shown(row["stages"]), *(f"uses {shown(what)}" for what in row["uses"])])
-
-
-# --- the front page ---
 
 
 def _leaders(table: Json, lead: Json) -> list[Json]:
@@ -242,59 +206,31 @@ def _recent(tables: Sequence[Json]) -> list[tuple[str, Json, Json]]:
     return sorted(found, key=lambda one: (one[0], one[2]["date"] or ""), reverse=True)[:_RECENT]
 
 
-# --- tables ---
+def _timeline(table: Json, lead: Json) -> list[tuple[Any, ...]]:
+    """Return the scored methods by date: its place and the score's from 0 to 1, the best so far.
 
-
-def _table_view(table: Json, lead: Json) -> dict[str, Any]:
-    """Return what the page of a table shows beside board.json."""
-    methods = [row for row in table["rows"] if row["kind"] != "floor"]
-    scores = [row["scores"].get(lead["key"], {}) for row in table["rows"]]
-    ends = _finite(one.get(key) for one in scores for key in ("value", "low", "high"))
-    low, high = (min(ends), max(ends)) if ends else (0.0, 0.0)
+    There are at least three, of more than one date and score.
+    """
     dated = sorted(
-        (row["rescored"] or row["date"], float(row["scores"][lead["key"]]["value"]), row["method"])
-        for row in methods
-        if (row["rescored"] or row["date"]) and row["kind"] in _SCORED
-        and row["scores"].get(lead["key"], {}).get("value") is not None
-    )  # fmt: skip
-    return {
-        "rows": [_row_view(table, lead, at, (low, high)) for at in range(len(table["rows"]))],
-        "scale": f"{_text(lead, low)} to {_text(lead, high)}" if low < high else "",
-        "views": _views(table),
-        "more": any(not column["headline"] for column in table["scores"]),
-        "timeline": _timeline([one for one in dated if math.isfinite(one[1])], lead),
-        "kinds_here": list(dict.fromkeys(row["kind"] for row in methods)),
-        "pipelines": sorted({_pipeline(row) for row in methods} - {""}),
-        "training": sorted({shown(n) for row in methods for n in row["training_data"] or ()}),
-        "comparable": bool(table["pairs"]),
-        "costs": any(row["seconds_per_query"] is not None for row in methods),
-        "stated": any(row["date"] for row in methods),
-    }
+        (row["rescored"], value, row["method"])
+        for row in table["rows"]
+        if row["kind"] in _SCORED
+        for value in _values([row], lead, "value")
+    )
+    days = [datetime.date.fromisoformat(date).toordinal() for date, _, _ in dated]
+    values = [value for _, value, _ in dated]
+    if len(dated) < 3 or days[0] == days[-1] or min(values) == max(values):
+        return []
+    best, pick, found = values[0], max if lead["higher_is_better"] else min, []
+    for day, (date, value, name) in zip(days, dated, strict=True):
+        best = pick(best, value)
+        up = [(one - min(values)) / (max(values) - min(values)) for one in (value, best)]
+        across = (day - days[0]) / (days[-1] - days[0])
+        found.append((date, across, *up, shown(name), _text(lead, value)))
+    return found
 
 
-def _row_view(table: Json, lead: Json, at: int, scale: tuple[float, float]) -> dict[str, Any]:
-    row = table["rows"][at]
-    cells = []
-    for place, column in enumerate(table["scores"]):
-        score = row["scores"].get(column["key"], {})
-        kind = " ".join(
-            ["lead"] * (column is lead)
-            + ["more"] * (not column["headline"])
-            + ["tied"] * bool(score.get("near_best"))
-        )
-        cells.append(_cell(column, [score.get(k) for k in ("value", "low", "high")], kind, place))
-    training, first = row["training_data"], row["scores"].get(lead["key"], {})
-    names = [*map(shown, training or ())]
-    more = [f"and {len(names) - _MOST_TRAINING} more"] if len(names) > _MOST_TRAINING else []
-    return {
-        "row": row,
-        "at": at,
-        "cells": cells,
-        "rank": _rank_text(first.get("rank")),
-        "drawn": _interval(first, scale) if scale[0] < scale[1] else "",
-        "training": ", ".join(names[:_MOST_TRAINING] + more) or ("none" if training == [] else ""),
-        "known": None if training is None else " ".join(names),
-    }
+# --- parts of a benchmark, and two methods ---
 
 
 def _views(table: Json) -> list[tuple[str, list[tuple[int, str, bool]]]]:
@@ -339,15 +275,12 @@ def _parts(table: Json) -> list[list[list[list[Any]]]]:
     return parts
 
 
-# --- two methods compared ---
-
-
 def _compared(table: Json) -> dict[str, Any]:
-    """Return the data of the page that compares two methods."""
+    """Return the data of the page that compares two methods, the best first in its lists."""
     by_id = {row["id"]: row for row in table["rows"]}
     rows = [by_id[name] for name in next(iter(table["pairs"].values()))["ids"]]
     names = [shown(row["method"]) for row in rows]
-    data = f"runs/{table['benchmark']}/{table['track']}"
+    order = {row["id"]: place for place, row in enumerate(table["rows"])}
 
     def of_scene(row: Json, scene: Json, key: str) -> float | None:
         return _number(row["scenes"].get(scene["id"], {}).get(key, [None])[0])
@@ -357,16 +290,17 @@ def _compared(table: Json) -> dict[str, Any]:
             {
                 "id": row["id"],
                 "name": f"{name} ({shown(row['team'])})" if names.count(name) > 1 else name,
-                "run": f"{data}/{row['id']}/{row['version']}" if row["rescored"] else None,
+                "run": row["history"][0]["files"] if row["history"] else None,
             }
             for row, name in zip(rows, names, strict=True)
         ],
+        "order": sorted(range(len(rows)), key=lambda n: order[rows[n]["id"]]),
         "scene": table["scenes"][0]["id"],
         "scenes": [shown(scene["title"]) for scene in table["scenes"]],
         "scores": [
             {
                 "title": shown(column["title"]),
-                "unit": _UNITS[column["unit"]],
+                "unit": {"share": "%", "m": "m", "deg": "°"}[column["unit"]],
                 "share": column["unit"] == "share",
                 "higher": column["higher_is_better"],
                 "values": [_number(row["scores"][key]["value"]) for row in rows],
@@ -379,114 +313,3 @@ def _compared(table: Json) -> dict[str, Any]:
             if (key := column["key"]) in table["pairs"]
         ],
     }
-
-
-# --- a method ---
-
-
-def _facts(row: Json) -> list[tuple[str, list[str]]]:
-    """Return titles and texts; those of a list stand apart, so that each keeps its direction."""
-    training, seconds = row["training_data"], row["seconds_per_query"]
-    cost = "" if seconds is None else f"{seconds:.3g} s a query"
-    if cost and row["hardware"]:
-        cost += f" on {shown(row['hardware'])}"
-    facts: list[tuple[str, Sequence[str]]] = [
-        ("Source", [row["source"]]),
-        ("Team", [row["team"]]),
-        ("Authors", row["authors"]),
-        ("Submitted", [row["date"]]),
-        ("Scored here", [row["rescored"]]),
-        ("Pipeline", [_pipeline(row)]),
-        ("Training data", ["none"] if training == [] else training or []),
-        ("Cost, as claimed", [cost]),
-        ("Licence", [row["licence"]]),
-    ]
-    return [(title, [shown(t, 1000) for t in texts]) for title, texts in facts if any(texts)]
-
-
-def _finding_text(table: Json, one: Json) -> str:
-    """Return the audit's finding on a printed number, and its source."""
-    titles = {column["key"]: column["title"] for column in table["scores"]}
-    scenes = {scene["id"]: scene["title"] for scene in table["scenes"]}
-    score = shown(titles.get(one["score"], one["score"] or "a score"))
-    scene = shown(scenes.get(one["scene"], "average"))
-    source = f"; {shown(one['source'])}" if one["source"] else ""
-    printed, why, grade = shown(one["printed"]), shown(one["why"], 1000), shown(one["grade"])
-    return f"{score}, {scene}, printed {printed}{source}: {why} (audit: {grade})"
-
-
-# --- drawings ---
-
-
-def _finite(values: Any) -> list[float]:
-    found = [float(value) for value in values if value is not None]
-    return [value for value in found if math.isfinite(value)]
-
-
-def _between(value: float, ends: tuple[float, float], first: float, last: float) -> float:
-    """Return a value's place between two places, clipped at the ends."""
-    share = (value - ends[0]) / (ends[1] - ends[0])
-    return first + min(max(share, 0.0), 1.0) * (last - first)
-
-
-def _interval(score: Json, scale: tuple[float, float]) -> Markup:
-    """Draw a value as a dot and its interval as a line, on the scale of a column."""
-    last = _INTERVAL_WIDTH - _EDGE
-    if not _finite([score.get("value")]):
-        return Markup("")
-    drawn = _line("rule", _EDGE, last, 6)
-    if score["low"] is not None and score["high"] is not None:
-        low, high = (_between(float(score[k]), scale, _EDGE, last) for k in ("low", "high"))
-        drawn += _line("whisker", low, high, 6)
-    x = _between(float(score["value"]), scale, _EDGE, last)
-    return _svg(
-        _INTERVAL_WIDTH, _HEIGHT, f'{drawn}<circle class="dot" cx="{_px(x)}" cy="6" r="3"/>'
-    )
-
-
-def _timeline(entries: Sequence[tuple[str, float, str]], lead: Json) -> Markup:
-    """Draw three or more scores by their dates, which ascend, and the best so far."""
-    days = [datetime.date.fromisoformat(date).toordinal() for date, _, _ in entries]
-    values = [value for _, value, _ in entries]
-    if len(entries) < 3 or days[0] == days[-1] or min(values) == max(values):
-        return Markup("")
-    across, up = (days[0], days[-1]), (min(values), max(values))
-    bottom, right = _LOW - 26, _WIDE - 12
-    dots, rules, best = "", "", math.nan
-    steps: list[tuple[float, float]] = []
-    for value in up:
-        y = _between(value, up, bottom, 14)
-        rules += _line("rule", _LEFT, right, y) + _words(
-            _LEFT - 6, y + 4, _text(lead, value), "end"
-        )
-    for day, (date, value, name) in zip(days, entries, strict=True):
-        x, y = _between(day, across, _LEFT + 8, right - 8), _between(value, up, bottom, 14)
-        if not steps or (value > best if lead["higher_is_better"] else value < best):
-            steps += [(x, steps[-1][1] if steps else y), (x, y)]
-            best = value
-        title = f"<title>{escape(shown(name))}, {_text(lead, value)}, {date}</title>"
-        dots += f'<circle class="dot" cx="{_px(x)}" cy="{_px(y)}" r="3.5">{title}</circle>'
-    steps.append((right, steps[-1][1]))
-    line = " ".join(f"{_px(x)},{_px(y)}" for x, y in steps)
-    dates = _words(_LEFT, _LOW - 6, entries[0][0], "start")
-    dates += _words(right, _LOW - 6, entries[-1][0], "end")
-    return _svg(_WIDE, _LOW, f'<polyline class="path" points="{line}"/>{rules}{dots}{dates}')
-
-
-def _svg(width: float, height: float, drawn: str) -> Markup:
-    size = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
-    return Markup(f'<svg {size} aria-hidden="true" focusable="false">{drawn}</svg>')
-
-
-def _line(kind: str, first: float, last: float, y: float) -> str:
-    ends = f'x1="{_px(first)}" x2="{_px(last)}" y1="{_px(y)}" y2="{_px(y)}"'
-    return f'<line class="{kind}" {ends}/>'
-
-
-def _words(x: float, y: float, text: str, anchor: str) -> str:
-    return f'<text x="{_px(x)}" y="{_px(y)}" text-anchor="{anchor}">{escape(text)}</text>'
-
-
-def _px(value: float) -> str:
-    """Write a length to a tenth of a pixel, the same on every machine."""
-    return f"{value:.1f}".removesuffix(".0")

@@ -53,13 +53,11 @@ class PullRequest:
 class Touched:
     """The one submission that a pull request changes.
 
-    `tree` is git's id of its folder at the head, empty where the pull request removes it; `update`
-    says whether the folder is on the board already.
+    `tree` is git's id of its folder at the head, empty where the pull request removes it.
     """
 
     place: Place
     tree: str
-    update: bool
 
 
 def read_event(path: Path) -> PullRequest:
@@ -132,7 +130,7 @@ def find_touched(
             where=place.path,
             fix=f"merge {pull.base} into your branch",
         )
-    return Touched(place, at_head or "", at_base is not None)
+    return Touched(place, at_head or "")
 
 
 def _find_place(paths: Sequence[str], board: Board) -> Place:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import socket
 import tempfile
@@ -30,11 +29,10 @@ from airzoo_bench.leaderboard.board import Board, Place, known_submissions
 from airzoo_bench.leaderboard.checks import (
     FETCHED,
     CheckedSubmission,
-    check_claim,
     check_pipeline,
     check_submission,
 )
-from airzoo_bench.leaderboard.comment import Artifact, SceneScores, Standing
+from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.data_branch import (
     ANSWER_FILE,
     FAULT_FILE,
@@ -46,7 +44,12 @@ from airzoo_bench.leaderboard.data_branch import (
     write_facts,
 )
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
-from airzoo_bench.leaderboard.measured import OVERALL, RESULT_FILE, Entry, read_entries
+from airzoo_bench.leaderboard.measured import (
+    RESULT_FILE,
+    entries_of,
+    measure_answer,
+    read_entries,
+)
 from airzoo_bench.leaderboard.pull_request import (
     BASE,
     PullRequest,
@@ -56,11 +59,12 @@ from airzoo_bench.leaderboard.pull_request import (
     find_touched,
     read_files,
 )
-from airzoo_bench.leaderboard.ranking import alike, headline_first, rank
+from airzoo_bench.leaderboard.rows import OVERALL, Row
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
+from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.lookup import find_protocol
-from airzoo_bench.results.records import Scored
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import read_result
 
 __all__ = [
@@ -97,10 +101,8 @@ def answer_path(tree: str) -> str:
     return f"answers/{tree}.json"
 
 
-def score_submission(
-    checked: CheckedSubmission, data: Path, run: Run
-) -> tuple[Evaluation, list[str], list[UserError]]:
-    """Score a submission; return how its claim differs, and errors that only scores show."""
+def score_submission(checked: CheckedSubmission, data: Path, run: Run) -> Evaluation:
+    """Score a sound submission; an error of its pipeline shows only then."""
     given, predictions = checked.submission, checked.predictions
     if given is None or predictions is None:
         fix = "mend the errors of `airzoo-bench submission check`, or add --fetch"
@@ -109,27 +111,20 @@ def score_submission(
         predictions, data=data, protocol=given.protocol, method=given.method, run=run,
         read_by=checked.read_by,
     )  # fmt: skip
-    lines: list[str] = []
-    refusal: UserError | None = None
-    if checked.claimed is not None:
-        rescored = Scored(given.method, scored.result, scored.records)
-        lines, refusal = check_claim(checked.claimed, rescored)
-    errors = [refusal, check_pipeline(given, scored.result)]
-    return scored, lines, [error for error in errors if error is not None]
+    if error := check_pipeline(given, scored.result):
+        raise error
+    return scored
 
 
 # --- a pull request ---
 
 
-def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Artifact:
+def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Found:
     """Check a pull request, and score it where the truth is public."""
-    about: dict[str, Any] = {
-        "pull_request": pull.number,
-        "account": pull.account,
-        "head": pull.head,
-    }
+    about: dict[str, Any] = {"pull_request": pull.number, "account": pull.account}
+    about["head"] = pull.head
     if pull.base != rules.board.branch:
-        return Artifact(kind="nothing", **about)
+        return Found(kind="nothing", **about)
     repository = Repository.create(work / "pull.git", remote)
     branch = DataBranch(work / "data.git", remote)
 
@@ -144,24 +139,19 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
         fetch_pull_request(repository, pull)
         found = find_touched(repository, pull, rules.board, former_owner)
         if found is None:
-            return Artifact(kind="nothing", **about)
-        about |= found.place._asdict() | {"tree": found.tree, "update": found.update}
+            return Found(kind="nothing", **about)
+        about |= found.place._asdict() | {"tree": found.tree}
         if not found.tree:
-            return Artifact(kind="withdrawn", **about)
+            return Found(kind="withdrawn", **about)
         about |= _score_touched(pull, repository, branch, found, rules, work)
+    except _OF_BOARD:
+        raise
     except UserError as error:
         about |= {"kind": "refused", "problems": [error]}
-    for problem in about.get("problems", ()):
-        if isinstance(problem, _OF_BOARD):
-            raise problem
-    for key in ("problems", "warnings", "claimed"):
-        about[key] = tuple(_without(str(text), work) for text in about.get(key, ()))
-    return Artifact(**about)
-
-
-def _without(text: str, work: Path) -> str:
-    """Return a text without the path of the folder that CI works in."""
-    return text.replace(f"{work}/", "").replace(str(work), "")
+    for key in ("problems", "warnings"):  # no path of the folder that CI works in
+        texts = [str(text).replace(f"{work}/", "") for text in about.get(key, ())]
+        about[key] = tuple(text.replace(str(work), "") for text in texts)
+    return Found(**about)
 
 
 def _score_touched(
@@ -182,6 +172,9 @@ def _score_touched(
     given = checked.submission
     if given is not None:
         checked.errors += _account_errors(given, pull, place, known, rules.board)
+    for error in checked.errors:
+        if isinstance(error, _OF_BOARD):
+            raise error
     if checked.errors or given is None:
         return {"kind": "refused", "problems": checked.errors}
     # Warnings about others come first: a comment may be cut at its end.
@@ -193,9 +186,7 @@ def _score_touched(
             # The job that has no network finds them here.
             shutil.copytree(predictions.parent, work / FETCHED / predictions.parent.name)
         return facts | {"kind": "sealed"}
-    scored, facts["claimed"], errors = score_submission(checked, rules.data, rules.run)
-    if errors:
-        return facts | {"kind": "refused", "problems": errors}
+    scored = score_submission(checked, rules.data, rules.run)
     home = work / "board"
     for other in find_merged(repository, [place.benchmark])[0]:
         if other[:2] == place[:2] and not run_folders(home / other.runs):
@@ -204,13 +195,8 @@ def _score_touched(
     save(scored, run)
     write_facts(run, given, pull.head, found.tree)
     facts["warnings"] = [*_copies(run, given, place, known, home), *warnings]
-    return facts | {
-        "kind": "scored",
-        "columns": scored.result.columns,
-        "notes": scored.result.notes,
-        "truth": scored.result.truth.fingerprint,
-        **find_standing(place, home / "runs", work / "cache"),
-    }
+    protocol = find_protocol(given.protocol, rules.data)
+    return facts | find_standing(place, protocol, home / "runs", work / "cache")
 
 
 def _next_run(folder: Path) -> Path:
@@ -230,12 +216,9 @@ def _account_errors(
         return
     where = f"{place.path}/{SUBMISSION_FILE}"
     if given.account != pull.account:
-        yield RefusedError(
-            f"key 'account' is {given.account or 'missing'}, and this pull request is of account "
-            f"{pull.account}",
-            where=where,
-            fix=f"write account = {pull.account}",
-        )
+        what = f"key 'account' is {given.account or 'missing'}, but that of the pull request is "
+        fix = f"write account = {pull.account}"
+        yield RefusedError(f"{what}{pull.account}", where=where, fix=fix)
     table = [one for at, one in known.items() if at[:2] == place[:2] and at != place]
     own = sum(one.account == pull.account for one in table)
     if own >= board.limits.entries:
@@ -267,71 +250,44 @@ def _copies(
             continue
         theirs = runs[0] / "records.csv"
         if theirs.is_file() and cmp(run / "records.csv", theirs, shallow=False):
-            yield (
-                f"every record is that of {one.method!r} of team {one.team!r}, in {at.folder}: "
-                "these are the same answers"
-            )
+            yield f"every record is that of {one.method!r} of team {one.team!r}, in {at.folder}"
 
 
-def find_standing(place: Place, runs: Path, cache: Path) -> dict[str, Any]:
-    """Return the rows of a method and its rank among those of the board, as a build ranks it."""
+def find_standing(place: Place, protocol: Protocol, runs: Path, cache: Path) -> dict[str, Any]:
+    """Return the row of a method as a build would show it, and what it is not told from."""
     cache.mkdir(parents=True, exist_ok=True)
-    entries = read_entries(runs, runs / "none", cache, lambda _: None)
-    own = next((entry for entry in entries if entry.place == place), None)
-    if own is None or own.measured is None:
-        raise BoardError(f"no run of {place.path} that can be read: {own.reason if own else ''}")
-    measures = own.measured.measures
-    members = [e for e in entries if e.measured is not None and e.measured.measures == measures]
-    methods, _ = alike(sorted(members, key=lambda one: one.method))
-    if own not in methods:  # it is on other queries than the others
-        return {"rows": tuple(_rows(own))}
-    measured = [one.measured for one in methods if one.measured is not None]
-    column, at = headline_first(measured)[0], methods.index(own)
-    ranked = rank(measured, column)
-    first, last = ranked.ranges[at].tolist()
-    others = [n for n in range(len(methods)) if n != at and not ranked.apart[at, n]]
-    standing = Standing(
-        score=column.title,
-        first=first,
-        last=last,
-        methods=len(methods),
-        alike=tuple(sorted(methods[n].method for n in others)),
-    )
-    return {"rows": tuple(_rows(own)), "standing": standing}
-
-
-def _rows(own: Entry) -> Iterator[SceneScores]:
-    measured, before = own.measured, own.older[0].measured if own.older else None
-    assert measured is not None
-    known = before.scores if before and before.measures == measured.measures else {}
-    parts = {one["id"]: (one["title"], one["queries"]) for one in measured.scenes}
-    every = ("average", sum(queries for _, queries in parts.values()))
-    for scene, (title, queries) in (parts | {OVERALL: every}).items():
-        scores = {}
-        for column in measured.score_columns:
-            numbers = measured.scores[scene].get(column.key)
-            if column.headline and numbers is not None:
-                (value, low, high), last = numbers[:3], known.get(scene, {}).get(column.key, [None])
-                scores[column.key] = (*map(_finite, (value, low, high, last[0])),)
-        yield SceneScores.model_validate({"title": title, "queries": queries, "scores": scores})
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+    entries = entries_of(read_entries(runs, runs / "none", cache, lambda _: None), protocol)
+    table, ranked = make_table(protocol, "", entries, None)
+    row = next((one for one in table.rows if one.id == place.folder), None)
+    if row is None or row.kind != "re-scored":
+        raise BoardError(f"no run of {place.path} that can be read: {row.reason if row else ''}")
+    members = {one.id: one.method for one in table.rows if one.rescored}
+    first = ranked[table.scores[0].key]
+    own = first.ids.index(place.folder)
+    near = [name for n, name in enumerate(first.ids) if n != own and not first.apart[own, n]]
+    return {
+        "kind": "scored",
+        "columns": table.scores,
+        "scenes": table.scenes,
+        "row": row,
+        "ranked": len(first.ids),
+        "alike": tuple(sorted(members[name] for name in near)),
+        "truth": table.truth,
+    }
 
 
 # --- a sealed truth ---
 
 
-def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) -> Artifact:
+def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Found:
     """Score a submission that an earlier job has checked, with the key and without network."""
     others = [name for _, name in socket.if_nameindex() if name != "lo"]
     if others:
         what = f"a sealed truth is not opened while there is a network ({', '.join(others)})"
         raise UsageError(what, fix="run it by `unshare --net`, as the workflow does")
-    place = artifact.place
+    place = found.place
     archive = rules.board.archive(place.benchmark)
-    if artifact.kind != "sealed" or archive is None:
+    if found.kind != "sealed" or archive is None:
         raise SubmissionError("the truth of this benchmark is not sealed", where=place.path)
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
@@ -356,9 +312,13 @@ def score_against_truth(artifact: Artifact, work: Path, rules: Rules, key: Any) 
         )
     except OpenedTruthError as error:
         error.where = place.path
-        update = {"kind": "refused", "problems": (str(error),), "truth": "opened"}
-        return artifact.model_copy(update=update)
-    return artifact.model_copy(update={"answer": answer, "truth": answer.truth_commitment})
+        update: dict[str, Any] = {"kind": "refused", "problems": (str(error),), "truth": "opened"}
+        return found.model_copy(update=update)
+    measured = measure_answer(answer)
+    row = Row(kind="sealed", method=given.method, scores=measured.scores[OVERALL])
+    update = {"answer": answer, "truth": answer.truth_commitment, "row": row}
+    update |= {"columns": answer.columns, "scenes": measured.head.scenes}
+    return found.model_copy(update=update)
 
 
 # --- the board's branch ---
@@ -377,9 +337,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
         repository = Repository.create(work / "board.git", remote)
         repository.fetch({f"refs/heads/{rules.board.branch}": BASE}, blobs=False, depth=1)
         branch = DataBranch(work / "data.git", remote)
-        commit = repository.resolve(BASE) or ""
-        until = time.monotonic() + _FETCHING_S
-        merged = _Merged(repository, branch, rules, work, out, commit, until)
+        merged = _Merged(repository, branch, rules, work, out, time.monotonic() + _FETCHING_S)
         (out / "runs").mkdir(parents=True, exist_ok=True)
         places, others = find_merged(repository, [one.name for one in rules.board.benchmarks])
         for other in others:
@@ -390,9 +348,9 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
             try:
                 if said := merged.score(place, tree):
                     yield place, said
+            except _OF_BOARD:
+                raise
             except UserError as fault:
-                if isinstance(fault, _OF_BOARD):
-                    raise
                 runs = out / place.runs
                 runs.mkdir(parents=True, exist_ok=True)
                 why = str(fault).replace("\n", " ")
@@ -409,38 +367,36 @@ class _Merged:
     rules: Rules
     work: Path
     out: Path
-    commit: str
     until: float
     truths: dict[str, str] = field(default_factory=dict)
 
     def score(self, place: Place, tree: str) -> str:
         """Write a run if none counts, and return a sentence on what was done."""
         sealed = bool(self.rules.board.archive(place.benchmark))
+        commit = self.repository.resolve(BASE) or ""
         last = next(iter(run_folders(self.out / place.runs)), None)
-        why = "" if last is None else self._outdated(last, sealed=sealed)
-        if last is not None and read_run(last).tree == tree and (sealed or not why):
-            return why and f"not scored again: {why}; a new commit of the submission is a try at it"
-        if faults := read_files(self.repository, self.commit, place, self.rules.board, self.work):
+        counts = last is not None and self._counts(last, sealed=sealed)
+        if last is not None and read_run(last).tree == tree and (sealed or counts):
+            return "" if counts else "not scored again by another truth: commit it again to try"
+        if faults := read_files(self.repository, commit, place, self.rules.board, self.work):
             raise faults[0]
         checked = self._check(place, 0.0)
-        given, run = _stated(checked), _next_run(self.out / place.runs)
+        given, run = checked.submission, _next_run(self.out / place.runs)
+        assert given is not None  # without errors it was read
         if sealed:
             answer = self._read_answer(place, tree)
             run.mkdir(parents=True)
             (run / ANSWER_FILE).write_bytes(answer)
-        elif last is not None and not why and _has_same_predictions(last, given):
+        elif last is not None and counts and _has_same_predictions(last, given):
             if error := check_pipeline(given, read_result(last / RESULT_FILE)):
                 raise error
             shutil.copytree(last, run)
         else:
             if checked.predictions is None:
                 checked = self._check(place, max(self.until - time.monotonic(), 1.0) / 2)
-            scored, _, errors = score_submission(checked, self.rules.data, self.rules.run)
-            if errors and checked.claimed is None:
-                raise errors[0]
-            save(scored, run)
-        write_facts(run, given, self.commit, tree)
-        return f"scored again: {why}" if why else "scored"
+            save(score_submission(checked, self.rules.data, self.rules.run), run)
+        write_facts(run, given, commit, tree)
+        return "scored" if last is None or counts else "scored again: another protocol or truth"
 
     def _check(self, place: Place, seconds: float) -> CheckedSubmission:
         """Check a submission once more, beside those that were scored before it."""
@@ -449,9 +405,8 @@ class _Merged:
             for at, one in known_submissions(self.rules.root).items()
             if at != place and run_folders(self.out / at.runs)
         }
-        if twin := next(
-            (at for at in earlier if at.path.casefold() == place.path.casefold()), None
-        ):
+        twin = next((at for at in earlier if at.path.casefold() == place.path.casefold()), None)
+        if twin is not None:
             what = f"differs from the folder {twin.folder} of the board only in case"
             raise SubmissionError(what, where=place.path, fix="choose another name")
         folder, board, data = self.work / place.path, self.rules.board, self.rules.data
@@ -462,28 +417,26 @@ class _Merged:
             raise SubmissionError(error.what, where=place.path, fix=error.fix)
         return checked
 
-    def _outdated(self, run: Path, *, sealed: bool) -> str:
-        """Say what has been replaced since a run; nothing where its scores are comparable."""
+    def _counts(self, run: Path, *, sealed: bool) -> bool:
+        """Whether the protocol and truth of a run are those of today."""
         if (run / ANSWER_FILE).is_file():
             answer = read_answer(run)
-            name, version = answer.protocol, answer.protocol_version
-            marks = answer.protocol_fingerprint, answer.truth_commitment
+            name = answer.protocol
+            found = answer.protocol_version, answer.protocol_fingerprint, answer.truth_commitment
         else:
             result = read_result(run / RESULT_FILE)
             name, version = result.protocol.name, result.protocol.version
-            marks = result.protocol.fingerprint, result.truth.fingerprint
-        protocol = find_protocol(name, self.rules.data)
-        if version != protocol.version:
-            return f"protocol v{version}, now v{protocol.version}"
-        if marks[0] != protocol.fingerprint:
-            return "other settings of the protocol"
+            found = version, result.protocol.fingerprint, result.truth.fingerprint
+        protocol, data = find_protocol(name, self.rules.data), self.rules.data
+        if found[:2] != (protocol.version, protocol.fingerprint):
+            return False
         if name not in self.truths:
             self.truths[name] = (
-                _commitment(protocol.benchmark, self.rules.data)
+                _commitment(protocol.benchmark, data)
                 if sealed
-                else truth_fingerprint(read_truths(protocol, self.rules.data)[1])
+                else truth_fingerprint(read_truths(protocol, data)[1])
             )
-        return "" if marks[1] == self.truths[name] else "another truth"
+        return found[2] == self.truths[name]
 
     def _read_answer(self, place: Place, tree: str) -> bytes:
         """Return the answer that was given before the merge, to the same files."""
@@ -500,11 +453,6 @@ class _Merged:
             what = "these files were scored against an earlier truth, not the one sealed now"
             raise SubmissionError(what, where=place.path, fix="let a new commit of it be scored")
         return content
-
-
-def _stated(checked: CheckedSubmission) -> Submission:
-    assert checked.submission is not None  # without errors it was read
-    return checked.submission
 
 
 def _commitment(benchmark: str, data: Path) -> str:

@@ -1,38 +1,35 @@
-"""Submissions: the keys of ``submission.toml``, their rules and their JSON Schema."""
+"""Submissions: the keys of ``submission.toml`` and their rules."""
 
 from __future__ import annotations
 
 import datetime
-import json
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
-from pydantic import AfterValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.validation import Name, Positive, Strict, nearest, read_toml, validated
+from airzoo_bench.core.validation import Name, Strict, read_toml, validated
 from airzoo_bench.leaderboard.names import BoardName, Line, plain_line
 
 __all__ = [
     "CLAIMED_FILE",
-    "SCHEMA_LINE",
+    "EARLIER_KEYS",
     "SUBMISSION_FILE",
     "Account",
     "Pipeline",
     "Submission",
     "read_submission",
-    "schema_text",
     "submission_text",
 ]
 
 SUBMISSION_FILE = "submission.toml"
-SCHEMA_LINE = "#:schema ../../../../docs/submission.schema.json"
-"""The line that leads editors to the schema, from the folder of a submission."""
 CLAIMED_FILE = "result.json"
-"""The result of the submitter's own `eval`, which may lie next to submission.toml."""
+"""A result that may lie next to submission.toml, as in earlier submissions; nothing reads it."""
+EARLIER_KEYS = ("supersedes", "cost", "baseline")
+"""Keys of earlier submissions, which are ignored."""
 
 # A key of this many dots takes tomllib a second, and four times that of twice.
 _LIMIT_BYTES = 16 << 10
@@ -49,18 +46,6 @@ def _https(address: str) -> str:
     return address
 
 
-def _licence(expression: str) -> str:
-    """Return an expression of SPDX as SPDX writes it."""
-    try:
-        return str(canonicalize_license_expression(expression))
-    except InvalidLicenseExpression:
-        common = ["Apache-2.0", "MIT", "BSD-3-Clause", "GPL-3.0-only", "CC-BY-4.0", "CC-BY-NC-4.0"]
-        raise ValueError(
-            f"SPDX has no licence of this name{nearest(expression, common)}; one without an id "
-            "there is LicenseRef-NAME"
-        ) from None
-
-
 def _reachable(contact: str) -> str:
     plain_line(contact)
     if not re.search(r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$", contact):
@@ -74,12 +59,8 @@ def _entry(text: str) -> str:
     return text
 
 
-Url = Annotated[
-    str, Field(max_length=500, json_schema_extra={"pattern": _URL}), AfterValidator(_https)
-]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Url = Annotated[str, Field(max_length=500), AfterValidator(_https)]
 Account = Annotated[int, Field(ge=1, lt=1 << 63)]
-Licence = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_licence)]
 Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
 Bibtex = Annotated[
     str,
@@ -96,37 +77,14 @@ def _key(what: str, example: Any, default: Any = ..., **more: Any) -> Any:
 class PredictionsGiven(Strict):
     """The place of the predictions: next to submission.toml, or at an address."""
 
-    model_config = ConfigDict(
-        json_schema_extra={"oneOf": [{"required": ["file"]}, {"required": ["url"]}]}
-    )
-
-    file: Name | None = _key(
-        "The file or folder next to submission.toml; or say url instead.", "predictions.npz", None
-    )
+    file: Name | None = _key("The file or folder next to submission.toml.", "predictions.npz", None)
     url: Url | None = _key(
-        "Where CI fetches the predictions, a file or an archive, over https.",
-        "https://zenodo.org/records/1/files/predictions.npz",
-        None,
+        "Where CI fetches the predictions.", "https://zenodo.org/records/1/files/preds.npz", None
     )
-    sha256: Sha256 = _key(
-        "SHA-256 of the file; of a folder, over its files' names and hashes, as "
-        "`airzoo-bench submit` writes it.",
-        "0" * 64,
-    )
-    size: Annotated[int, Field(ge=1, le=1 << 50)] = _key(
-        "Size in bytes; of a folder, of all its files.", 52431, alias="bytes"
-    )
-    reader: Name | None = _key(
-        "The reader of files as a method writes them; `airzoo-bench readers` lists all.",
-        "hloc-poses",
-        None,
-    )
-    names: Name | None = _key(
-        "A list of image names next to submission.toml, a line each, where the method's files do "
-        "not name them.",
-        "names.txt",
-        None,
-    )
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = _key("SHA-256.", "0" * 64)
+    size: Annotated[int, Field(ge=1, le=1 << 50)] = _key("Size in bytes.", 52431, alias="bytes")
+    reader: Name | None = _key("The reader of a method's own files.", "hloc-poses", None)
+    names: Name | None = _key("A list of image names next to this file.", "names.txt", None)
 
     @model_validator(mode="after")
     def _one_place(self) -> PredictionsGiven:
@@ -145,23 +103,8 @@ class Pipeline(Strict):
         "Whether a first answer is re-ordered or refined by a second method.", "single-stage"
     )
     uses: tuple[Literal["prior", "sequence", "heights"], ...] = _key(
-        "Inputs besides the photo and the map: the photo's own position and attitude (prior), "
-        "other photos of the flight (sequence), the surface model (heights).",
-        ["prior"],
-        (),
+        "Inputs besides the photo and the map.", ["prior"], ()
     )
-
-
-class Cost(Strict):
-    """The cost of an answer, as the authors say."""
-
-    hardware: Line = _key("The machine that was timed.", "1 x RTX 4090, 24 GB")
-    seconds_per_query: Positive = _key(
-        "Time for one query, in reconstruction for one scene, with all stages, once maps are "
-        "prepared.",
-        0.042,
-    )
-    memory_gb: Positive | None = _key("The most memory of the accelerator that it took.", 7.5, None)
 
 
 class Submission(Strict):
@@ -169,8 +112,6 @@ class Submission(Strict):
 
     A board keeps it without the contact.
     """
-
-    model_config = ConfigDict(json_schema_extra=lambda schema: schema["required"].append("contact"))
 
     schema_version: Literal[1] = _key("Version of this format.", 1, alias="schema")
     protocol: Name = _key(
@@ -183,12 +124,7 @@ class Submission(Strict):
     team: BoardName = _key(
         "Who submits; the same words for all submissions of a team.", "Example Lab"
     )
-    account: Account | None = _key(
-        "Id of the GitHub account that may change this submission, the one that opens the pull "
-        "request.",
-        1001,
-        None,
-    )
+    account: Account | None = _key("Id of the account that opens the pull request.", 1001, None)
     authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = _key(
         "Of the method, in their order.", ["Ada Example", "Grace Example"]
     )
@@ -196,19 +132,11 @@ class Submission(Strict):
         "When the predictions were made, without quotes.", datetime.date(2026, 11, 22)
     )
     paper: Url | None = _key("The method's paper.", "https://arxiv.org/abs/2311.15937", None)
-    bibtex: Bibtex | None = _key(
-        "How to cite the method, a BibTeX entry.",
-        "@inproceedings{key, title = {Title}, year = {2026}}",
-        None,
-    )
-    code: Url | None = _key(
-        "Open code that makes such predictions.", "https://github.com/serizba/salad", None
-    )
-    weights: Url | None = _key(
-        "The weights that were used.", "https://huggingface.co/example/salad", None
-    )
-    licence: Licence = _key(
-        "Under which others may use these predictions: an id or expression of SPDX.", "CC-BY-4.0"
+    bibtex: Bibtex | None = _key("How to cite the method.", "@article{key, title = {T}}", None)
+    code: Url | None = _key("Open code.", "https://github.com/serizba/salad", None)
+    weights: Url | None = _key("The weights.", "https://huggingface.co/example/salad", None)
+    licence: Line = _key(
+        "Under which others may use these predictions, an id of SPDX.", "CC-BY-4.0"
     )
     training_data: Annotated[tuple[Name, ...], Field(max_length=100)] = _key(
         "Ids of all datasets that any weights were trained on, as far as known; [] for a method "
@@ -216,25 +144,9 @@ class Submission(Strict):
         ["gsv-cities", "university-1652"],
     )
     pipeline: Pipeline = _key("The class of the method.", {"stages": "single-stage", "uses": []})
-    cost: Cost | None = _key(
-        "The cost of an answer, as you measured it.",
-        {"hardware": "1 x RTX 4090, 24 GB", "seconds_per_query": 0.042},
-        None,
-    )
-    baseline: Annotated[dict[Name, bool | int | float], Field(max_length=32)] | None = _key(
-        "Only where `airzoo-bench baseline` made the predictions: its settings that are not the "
-        "default.",
-        {"double": False},
-        None,
-    )
     predictions: PredictionsGiven = _key(
         "Where the predictions lie, and their hash.",
         {"file": "predictions.npz", "sha256": "0" * 64, "bytes": 52431},
-    )
-    supersedes: Name | None = _key(
-        "Ignored: withdraw the earlier submission, or put the new one in its folder.",
-        "salad-2025",
-        None,
     )
     contact: Contact | None = _key(
         "Where the maintainers reach you; it is shown on no page, but this file is as public as "
@@ -242,6 +154,9 @@ class Submission(Strict):
         "first.last@example.org",
         None,
     )
+    supersedes: Any = Field(None, exclude=True)
+    cost: Any = Field(None, exclude=True)
+    baseline: Any = Field(None, exclude=True)
 
     def public(self) -> Submission:
         """Return the same without the contact."""
@@ -262,15 +177,4 @@ def submission_text(submission: Submission) -> str:
     """Return the file that states a submission."""
     values: dict[str, Any] = submission.model_dump(by_alias=True, exclude_none=True)
     # Keys after the head of a table would belong to that table.
-    plain_first = dict(sorted(values.items(), key=lambda item: isinstance(item[1], dict)))
-    return f"{SCHEMA_LINE}\n\n{tomli_w.dumps(plain_first)}"
-
-
-def schema_text() -> str:
-    """Return the file docs/submission.schema.json."""
-    made = Submission.model_json_schema(by_alias=True) | {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "submission.toml",
-        "description": "A submission to a leaderboard of airzoo-bench: docs/submission.md.",
-    }
-    return json.dumps(made, indent=2, ensure_ascii=False) + "\n"
+    return tomli_w.dumps(dict(sorted(values.items(), key=lambda item: isinstance(item[1], dict))))

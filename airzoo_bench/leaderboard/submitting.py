@@ -56,20 +56,18 @@ _OPTIONS = {"authors": "--author", "training_data": "--training-data"}
 class Files:
     """The files of a submission.
 
-    With a `url`, predictions are not copied. `claimed` is a result.json or the folder that holds
-    it, `names` a list of image names.
+    With a `url`, predictions are not copied. `names` is a list of image names.
     """
 
     predictions: Path
     url: str | None = None
-    claimed: Path | None = None
     names: Path | None = None
     reader: str | None = None
 
 
 def protocol_of(files: Files, data: Path) -> str | None:
     """Return the protocol that predictions name, None where they name none."""
-    for path in (files.predictions, files.names, files.claimed):
+    for path in (files.predictions, files.names):
         if path is not None and not path.exists():
             raise UsageError("no such file or folder", where=path)
     try:
@@ -203,9 +201,6 @@ def write_submission(
             shutil.copyfile(path, staged / given["file"])
         if files.names is not None:
             shutil.copyfile(files.names, staged / given["names"])
-        if files.claimed is not None:
-            result = files.claimed / CLAIMED_FILE if files.claimed.is_dir() else files.claimed
-            shutil.copyfile(result, staged / CLAIMED_FILE)
         (staged / SUBMISSION_FILE).write_text(submission_text(stated), "utf-8", newline="")
     return folder
 

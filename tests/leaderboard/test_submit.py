@@ -15,9 +15,7 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
-from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.leaderboard.submission import read_submission
-from airzoo_bench.results.result import write_result
 from tests.leaderboard.hosting import AUTHOR, git
 from tests.leaderboard.submission.support import PROTOCOL, write_board
 from tests.support import write_predictions
@@ -52,18 +50,8 @@ def preds(tmp_path: Path, perfect: Any) -> Path:
 def test_one_command_makes_a_branch_with_the_checked_folder(
     board: Path, data: Path, preds: Path, command: Command
 ) -> None:
-    claimed = preds.with_name("result.json")
-    write_result(claimed, evaluate(preds, data=data, method="SALAD").result)
-    more = (
-        "--set",
-        'pipeline.uses=["prior"]',
-        "--result",
-        claimed,
-        "--set",
-        "code=https://example.org/salad",
-    )
-    cost = ("--set", "cost.hardware=1 x RTX 4090", "--set", "cost.seconds_per_query=0.5")
-    made = command("submit", preds, *OPTIONS, *more, *cost)
+    more = ("--set", 'pipeline.uses=["prior"]', "--set", "code=https://example.org/salad")
+    made = command("submit", preds, *OPTIONS, *more)
     assert made.exit_code == 0, made.output
     assert "checked and scored, nothing wrong" in made.stdout
     assert made.stdout.splitlines()[-2:] == [
@@ -72,12 +60,11 @@ def test_one_command_makes_a_branch_with_the_checked_folder(
     ]
     assert git(board, "branch", "--show-current") == "submit-salad"
     changed = git(board, "show", "--name-only", "--format=%s").splitlines()
-    names = ("preds.npz", "result.json", "submission.toml")
+    names = ("preds.npz", "submission.toml")
     assert changed == ["SALAD on made, retrieval", "", *(f"{FOLDER}/{name}" for name in names)]
     stated = read_submission(board / FOLDER / "submission.toml")
     assert (stated.protocol, stated.account, stated.training_data) == (PROTOCOL, 1001, ())
-    assert stated.cost is not None
-    assert (stated.cost.seconds_per_query, stated.pipeline.uses) == (0.5, ("prior",))
+    assert stated.pipeline.uses == ("prior",)
 
 
 def test_missing_options_are_named_where_nobody_can_be_asked(
@@ -94,7 +81,6 @@ def test_missing_options_are_named_where_nobody_can_be_asked(
     ("options", "said"),
     [
         (("--protocol", "made-retrieva"), "did you mean 'made-retrieval'"),
-        (("--licence", "CC-BY-4"), "did you mean 'CC-BY-4.0'"),
         (("--set", "paper"), "is no key with a value"),
         (("--set", "papr=https://a.org"), "papr"),
         (("--url", "ftp://a.org/p.npz"), "https"),

@@ -84,7 +84,7 @@ function byScene(score, i, j) {
 }
 
 async function draw() {
-  const [i, j] = [first.selectedIndex, second.selectedIndex];
+  const [i, j] = [Number(first.value), Number(second.value)];
   const [a, b] = [data.methods[i], data.methods[j]];
   document.getElementById("found").hidden = i === j;
   const said = document.getElementById("said");
@@ -108,16 +108,17 @@ function start() {
   const asked = new URLSearchParams(location.hash.slice(1));
   for (const [select, key, place] of [[first, "a", 0], [second, "b", 1]]) {
     const found = data.methods.findIndex((method) => method.id === asked.get(key));
-    select.selectedIndex = found < 0 ? place : found;
+    if (found < 0) select.selectedIndex = place;
+    else select.value = found;
   }
   if (!asked.has("b") && first.selectedIndex === second.selectedIndex) second.selectedIndex = first.selectedIndex ? 0 : 1;
   draw();
 }
 
 for (const select of [first, second]) {
-  select.append(...data.methods.map((method) => el("option", {}, method.name)));
+  select.append(...data.order.map((at) => el("option", { value: at }, data.methods[at].name)));
   select.addEventListener("change", () => {
-    const asked = new URLSearchParams({ a: data.methods[first.selectedIndex].id, b: data.methods[second.selectedIndex].id });
+    const asked = new URLSearchParams({ a: data.methods[first.value].id, b: data.methods[second.value].id });
     history.replaceState(null, "", `#${asked}`);
     draw();
   });

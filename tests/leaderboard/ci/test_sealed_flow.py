@@ -134,7 +134,7 @@ def test_sealed_submission_from_pull_request_to_board(
 
     # One that is on the board stays where it is, and the log says how it comes to the new truth.
     board.keep(run.parents[4])
-    data = board.rescore(said="not scored again: another truth; a new commit of the submission")
+    data = board.rescore(said="not scored again")
     assert [path.name for path in data.glob("runs/made/retrieval/salad/*")] == ["1"]
 
 
@@ -168,7 +168,7 @@ def test_what_only_the_truth_shows_is_a_try(
     assert ",scored," in board.data_file("tries.csv").splitlines()[-1]
     board.run("leaderboard", "comment", work / "found-sealed.json", "--out", work / "comment.md")
     comment = (work / "comment.md").read_text()
-    assert "The truth was opened: this counts as a try" in comment
+    assert "The truth was opened" in comment
     assert "45.1" not in comment
 
 
@@ -201,7 +201,7 @@ def test_files_that_changed_between_the_jobs_are_not_scored(
     [path] = (work / "work").rglob("*.npz")
     path.write_bytes(path.read_bytes() + b"x")
     done = opened(board, work, code=1)
-    assert "to the last byte" in str(done.exception)
+    assert "predictions.bytes" in str(done.exception)
     assert not (work / "found-sealed.json").exists()
 
 
@@ -209,7 +209,7 @@ def test_truth_is_not_opened_where_there_is_a_network(
     board: Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth0")])
-    found = {"schema": 1, "kind": "sealed", "pull_request": 1, "account": 1, "head": "a" * 40}
+    found = {"schema": 2, "kind": "sealed", "pull_request": 1, "account": 1, "head": "a" * 40}
     (board.home / "found-score.json").write_text(json.dumps(found))
     done = opened(board, board.home, code=1)
     assert "not opened while there is a network (eth0)" in str(done.exception)

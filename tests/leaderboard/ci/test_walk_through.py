@@ -14,7 +14,7 @@ from airzoo_bench.leaderboard import scoring
 from airzoo_bench.leaderboard.git import BoardError
 from tests.leaderboard.hosting import git
 from tests.leaderboard.walk import ADA, BOARD, BOB, MAINTAINER, Board, submit, worse
-from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
+from tests.support import MadeScene, made_protocol, write_benchmark
 
 
 @pytest.fixture
@@ -129,39 +129,18 @@ def test_run_of_an_earlier_truth_or_protocol_is_scored_again(
     protocol = data / "made/protocols/made-retrieval.toml"
     text = protocol.read_text()
     protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
-    again = board.rescore(said="scored again: protocol v3, now v4")
+    again = board.rescore(said="scored again")
     assert sorted(path.name for path in again.glob("runs/made/retrieval/salad/*")) == ["1", "2"]
     protocol.write_text(text)
     shutil.rmtree(data / "made")
     first = [[(tile + 1) % scenes[0].n_tiles for tile in found] for found in scenes[0].positives]
     changed = [replace(scenes[0], positives=first), *scenes[1:]]
     write_benchmark(data / "made", made_protocol(changed), changed)
-    site = board.build(said="scored again: another truth")
+    site = board.build(said="scored again")
     table = json.loads((site / "board.json").read_text())["tables"]["made-retrieval"]
     [row] = [row for row in table["rows"] if row["kind"] == "re-scored"]
     assert (row["version"], [one["number"] for one in row["history"]]) == (2, [2, 1])
-    assert "another protocol or truth" in row["history"][0]["changes"]
     board.rescore(said="")
-
-
-def test_claimed_result_that_is_not_so_is_refused_and_shown(
-    board: Board, home: Path, perfect: dict[str, list[Any]]
-) -> None:
-    fork = board.clone("ada")
-    predictions = write_predictions(home / "p.npz", "made-retrieval", **worse(perfect))
-    board.run("eval", "retrieval", predictions, "--out", home / "eval", "--method", "Salad")
-    folder = submit(board, fork, worse(perfect), "Salad", "--result", home / "eval/result.json")
-    assert "The claimed result" not in board.ci(1, board.propose(fork, 1), ADA)
-    result = json.loads((folder / "result.json").read_text())
-    from airzoo_bench.results.result import Result as Scores
-
-    for part in (*result["scenes"].values(), result["overall"], result["pooled"]):
-        part["recall@1"] = 1.0
-    better = Scores.model_validate(result | {"checksum": ""}).with_checksum()
-    (folder / "result.json").write_text(better.model_dump_json(by_alias=True))
-    comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
-    assert "differs from the re-scored one" in comment
-    assert "claimed 1, re-scored 0.5" in comment
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.build import build_board
@@ -17,6 +18,7 @@ from airzoo_bench.leaderboard.submission import Submission, submission_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import HIT, made_method, write_method
+from tests.support import protocol
 
 COLUMNS = (
     HIT,
@@ -99,22 +101,24 @@ BOARD = Board.model_validate(
         "title": "A board",
         "url": "https://example.org/board",
         "repository": "lab/board",
-        "benchmarks": ({"name": "made", "title": "Made", "protocols": ("uav-visloc-retrieval",)},),
+        "benchmarks": (
+            {"name": "made", "title": "Made", "protocols": ("made",)},
+            {"name": "uav-visloc", "title": "VisLoc", "protocols": ("uav-visloc-retrieval",)},
+        ),
     }
 )
+PROTOCOL = protocol(name="made", benchmark="made", scenes=({"id": "east", "title": "East"},))
 
 
-def built(
-    root: Path,
-    out: str = "site",
-    notes: list[str] | None = None,
-    results: Sequence[Path] = (),
-    board: Board | None = BOARD,
-) -> Path:
+def built(root: Path, out: str = "site", notes: list[str] | None = None) -> Path:
     """Build the board of a folder."""
+    place = root / "data/made/protocols/made.toml"
+    place.parent.mkdir(parents=True, exist_ok=True)
+    values = PROTOCOL.model_dump(mode="json", by_alias=True, exclude_none=True)
+    place.write_text(tomli_w.dumps(values), encoding="utf-8")
     note = [].append if notes is None else notes.append
     places = root / "runs", root / "submissions"
-    return build_board(*places, results, board, root / "data", root / out, note)
+    return build_board(*places, BOARD, root / "data", root / out, note)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:

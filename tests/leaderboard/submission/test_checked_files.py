@@ -76,10 +76,6 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
         "key 'predictions.sha256' is",
     ),
     "more bytes": (lambda home: _changed(home, lambda c: c + b"x"), "key 'predictions.bytes' is"),
-    "a claim of a million keys": (
-        lambda home: (home / "result.json").write_text("[" + "1," * 3_000_000),
-        "at most 4,194,304",
-    ),
     "no submission": (
         lambda home: (home / "submission.toml").unlink(),
         "no such submission file",

@@ -9,10 +9,15 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.leaderboard.checks import FETCHED
-from airzoo_bench.results.result import write_result
-from tests.leaderboard.submission.support import checked, only_error, write, write_board
+from airzoo_bench.leaderboard.checks import FETCHED, check_pipeline
+from tests.leaderboard.submission.support import (
+    checked,
+    only_error,
+    submission,
+    write,
+    write_board,
+)
+from tests.statistics.support import made_method
 
 
 def test_a_sound_submission_has_no_fault(board: Path, data: Path, perfect: Any) -> None:
@@ -94,7 +99,10 @@ class TestNames:
         assert said in only_error(checked(write(board, perfect, "second", **changes), data))
 
     def test_supersedes_is_ignored_with_a_note(self, board: Path, data: Path, perfect: Any) -> None:
-        found = checked(write(board, perfect, supersedes="nothing"), data)
+        home = write(board, perfect)
+        file = home / "submission.toml"
+        file.write_text('supersedes = "nothing"\n' + file.read_text())
+        found = checked(home, data)
         assert not found.errors
         assert "'supersedes'" in found.warnings[0]
 
@@ -117,21 +125,10 @@ class TestNames:
         assert "'SALAD' is on this board already, of team 'Example Lab', in salad" in found.warnings
 
 
-class TestTrainingData:
-    def test_the_benchmark_itself(self, board: Path, data: Path, perfect: Any) -> None:
-        [warning] = checked(write(board, perfect, training_data=["Made"]), data).warnings
-        assert "are, or are of one dataset with, the benchmark made" in warning
-
-
-class TestClaimed:
-    def test_a_result_of_other_predictions(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        result = evaluate(home / "preds.npz", data=data, method="Other").result
-        write_result(home / "result.json", result)
-        assert "its method is 'Other'" in only_error(checked(home, data))
-
-    def test_a_result_that_was_edited(self, board: Path, data: Path, perfect: Any) -> None:
-        home = write(board, perfect)
-        result = evaluate(home / "preds.npz", data=data, method="SALAD").result
-        write_result(home / "result.json", result.model_copy(update={"notes": ("x",)}))
-        assert "the checksum does not fit" in only_error(checked(home, data))
+def test_poses_that_are_the_prior_belong_to_its_class() -> None:
+    result = made_method({"east": {"recall@1": [1.0] * 10}}).result
+    counts = {scene: c | {"near_prior": 2} for scene, c in result.counts.items()}
+    result = result.model_copy(update={"counts": counts})
+    assert "2 of 10 poses are the photo's own prior" in str(check_pipeline(submission(), result))
+    uses = submission(pipeline={"stages": "single-stage", "uses": ["prior"]})
+    assert check_pipeline(uses, result) is None

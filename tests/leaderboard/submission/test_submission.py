@@ -35,10 +35,7 @@ def path(tmp_path: Path) -> Path:
 
 def test_what_is_written_is_read_again(path: Path) -> None:
     stated = submission(
-        cost={"hardware": "1 x RTX 4090", "seconds_per_query": 0.5},
-        baseline={"words": 2, "double": False},
         bibtex="@article{key,\n\ttitle = {Title}\n}",
-        supersedes="old",
     )
     path.write_text(submission_text(stated), encoding="utf-8")
     assert read_submission(path) == stated
@@ -62,7 +59,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unknown": ({"methd": "SALAD"}, "unknown key 'methd' (did you mean 'method'?)"),
     "type": ({"method": 3}, "key 'method' is 3: Input should be a valid string (such as method"),
     "date": ({"date": "2026-11-22"}, "(such as date = 2026-11-22)"),
-    "licence": ({"licence": "Apache"}, "did you mean 'Apache-2.0'?"),
     "contact": ({"contact": "Ada"}, "key 'contact' is 'Ada': an e-mail address"),
     "http": ({"paper": "http://example.org"}, "key 'paper' is 'http://example.org'"),
     "user": ({"code": "https://github.com@evil.example/"}, "without a user"),
@@ -76,10 +72,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "key 'predictions': either file or url",
     ),
     "ANSI": ({"team": "\x1b[2Jlab"}, "key 'team' is '\\x1b[2Jlab': has U+001B"),
-    "nan": (
-        {"cost": {"hardware": "one", "seconds_per_query": float("nan")}},
-        "key 'cost.seconds_per_query' is nan",
-    ),
 }
 
 
@@ -147,4 +139,5 @@ def _taken_or_refused(factory: pytest.TempPathFactory, content: bytes) -> None:
     with suppress(SubmissionError):
         taken = read_submission(path)
         # What is taken is written and read again, as TOML and as what it was.
-        assert Submission.model_validate(tomllib.loads(submission_text(taken))) == taken
+        again = Submission.model_validate(tomllib.loads(submission_text(taken)))
+        assert again.model_dump() == taken.model_dump()

@@ -1,0 +1,415 @@
+"""The tables of a board: entries of one protocol and truth ranked, papers' numbers and floors."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import unicodedata
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from airzoo_bench.core.registry import load_track
+from airzoo_bench.core.version import __version__
+from airzoo_bench.datasets.about import about_file, about_of
+from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.leaderboard.measured import Entry, Measured, load_arrays, store_arrays
+from airzoo_bench.leaderboard.rows import (
+    OVERALL,
+    Conditions,
+    Head,
+    Row,
+    Scene,
+    Score,
+    Table,
+    Version,
+)
+from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.results.comparison import is_share
+from airzoo_bench.results.result import ScoreColumn, score_columns
+from airzoo_bench.statistics.pair_tests import (
+    correct_pairs,
+    pair_limits,
+    pair_p_values,
+    rank_ranges,
+    resamples_for,
+    told_apart,
+    unpaired_p_values,
+)
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.significance import LEVEL
+from airzoo_bench.tables.published import (
+    published_sources,
+    published_tables,
+    read_source_file,
+    shipped_fingerprints,
+)
+
+__all__ = ["Ranked", "make_table"]
+
+_LONGEST = 40
+
+
+def make_table(
+    protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path | None
+) -> tuple[Table, dict[str, Ranked]]:
+    """Rank the entries of a protocol, beside numbers of papers, floors and what is not scored.
+
+    The ranks are returned by score too. Every two methods are compared for the page only with a
+    cache, where those that the last build has compared are.
+    """
+    members, faults = _members(entries)
+    head = _measured(members[0]).head if members else _head_of(protocol)
+    measured = [_measured(entry) for entry in members]
+    columns = _columns(measured, protocol)
+    ranked = {c.key: _rank(members, c, cache) for c in columns if c.headline and members}
+    conditions = measured[0].conditions if measured else ()
+    rows = [_row(entry, n, ranked, conditions) for n, entry in enumerate(members)]
+    reported = [] if head.sealed else _reported(head, columns)
+    if not measured:
+        printed = {key for row in reported for key in row.scores}
+        columns = [column for column in columns if column.headline or column.key in printed]
+    known = {key for row in (*rows, *reported) for key in row.scores}
+    lead = next((column for column in columns if column.key in known), columns[0])
+    shown = sorted((*rows, *reported), key=lambda row: _order(lead, row))
+    shown = _with_ids([*shown, *_floors(measured), *faults])
+    notes = [f"scored by airzoo-bench {', '.join(sorted({one.made_with for one in measured}))}"]
+    if reported and head.protocol_fingerprint not in shipped_fingerprints(*_of(head)):
+        notes.append("not the shipped protocol: reported numbers may measure something else")
+    table = Table(
+        **dict(head),
+        id=protocol.name,
+        title=protocol.title,
+        summary=" ".join(protocol.summary.split()),
+        benchmark_title=benchmark_title,
+        scores=tuple(columns),
+        conditions=tuple(
+            Conditions(**{key: getattr(one, key) for key in Conditions.model_fields})
+            for one in conditions
+        ),
+        rows=tuple(shown),
+        pairs={k: {"ids": one.ids} | one.pairs for k, one in ranked.items() if one.pairs},
+        about_intervals=measured[0].about_intervals if measured else "",
+        notes=tuple(notes if measured else notes[1:]),
+        data=_data_page(head.benchmark),
+        paper=_paper(head.benchmark),
+    )
+    return table, ranked
+
+
+def _measured(entry: Entry) -> Measured:
+    assert entry.measured is not None
+    return entry.measured
+
+
+def _of(head: Head) -> tuple[str, str]:
+    return head.benchmark, head.track
+
+
+def _members(entries: Sequence[Entry]) -> tuple[list[Entry], list[Row]]:
+    """Return the entries that measure the same, and a row with its reason for every other one.
+
+    The newest protocol and truth count, and the queries that most are scored on. Members are in an
+    order that stays when others come or go.
+    """
+
+    def basis(entry: Entry) -> tuple[Any, ...]:
+        head = _measured(entry).head
+        return head.protocol_fingerprint, head.truth, head.sealed
+
+    shown = [entry for entry in entries if entry.measured is not None]
+    faults = [_stated(entry, "failed", entry.reason) for entry in entries if entry not in shown]
+    if not shown:
+        return [], faults
+    times = Counter(map(basis, shown))
+    newest = max(shown, key=lambda entry: _age(entry, times[basis(entry)]))
+    same = [entry for entry in shown if basis(entry) == basis(newest)]
+    queries = Counter(_measured(entry).queries for entry in same).most_common(1)[0][0]
+    members = [entry for entry in same if _measured(entry).queries == queries]
+    for entry in shown:
+        if entry not in same:
+            faults.append(_stated(entry, "failed", "scored by another protocol or truth, earlier"))
+        elif entry not in members:
+            why = "scored on other queries than most methods of this table"
+            faults.append(_stated(entry, "failed", why))
+    return sorted(members, key=lambda entry: (_measured(entry).key, entry.place)), faults
+
+
+def _age(entry: Entry, times: int) -> tuple[Any, ...]:
+    head = _measured(entry).head
+    version = head.benchmark_version or 0
+    return head.protocol_version, version, entry.scored, times, head.truth
+
+
+def _head_of(protocol: Protocol) -> Head:
+    return Head(
+        benchmark=protocol.benchmark,
+        track=protocol.track,
+        protocol=protocol.name,
+        protocol_version=protocol.version,
+        protocol_fingerprint=protocol.fingerprint,
+        scenes=tuple(Scene(id=s.id, title=s.title, queries=s.queries) for s in protocol.scenes),
+    )
+
+
+def _columns(measured: Sequence[Measured], protocol: Protocol) -> list[ScoreColumn]:
+    """Return the scores that any result has, the headline ones that all have first."""
+    every = [one.columns for one in measured]
+    if not every:
+        every = [score_columns(load_track(protocol.track).scores(protocol))]
+    columns = {column.key: column for one in every for column in one}
+    headline = set.intersection(*({c.key for c in one if c.headline} for one in every))
+    marked = [c.model_copy(update={"headline": c.key in headline}) for c in columns.values()]
+    return sorted(marked, key=lambda column: not column.headline)
+
+
+# --- rows ---
+
+
+def _stated(entry: Entry, kind: Any, reason: str = "") -> Row:
+    """Return a row with what the authors of a submission say."""
+    row = Row(id=entry.place.folder, kind=kind, method=entry.method, reason=reason)
+    given = entry.submission
+    if given is None:
+        return row
+    said = {name: getattr(given, name) for name in Row.model_fields if hasattr(given, name)}
+    said |= {"date": given.date.isoformat(), "summary": given.summary or ""}
+    said |= {"bibtex": given.bibtex or "", **dict(given.pipeline)}
+    return row.model_copy(update=said)
+
+
+def _row(
+    entry: Entry, number: int, ranked: Mapping[str, Ranked], conditions: Sequence[Conditions]
+) -> Row:
+    """Return the row of an entry that was scored here; `number` is its place in `ranked`."""
+    one = _measured(entry)
+    scores = {
+        key: score.model_copy(
+            update={
+                "rank": tuple(ranked[key].ranges[number].tolist()),
+                "near_best": bool(ranked[key].near_best[number]),
+            }
+            if key in ranked
+            else {}
+        )
+        for key, score in one.scores[OVERALL].items()
+    }
+    groups = {found.by: found for found in one.conditions}
+    return _stated(entry, "sealed" if one.head.sealed else "re-scored").model_copy(
+        update={
+            "rescored": entry.scored,
+            "version": entry.number,
+            "notes": (*one.notes, *filter(None, [entry.reason])),
+            "scores": scores,
+            "scenes": _scenes(one.scores),
+            "conditions": {
+                given.by: groups[given.by].values
+                for given in conditions
+                if given.by in groups and _same(given, groups[given.by])
+            },
+            "history": tuple(
+                Version(
+                    number=version.number,
+                    date=version.scored,
+                    scores={k: s.value for k, s in _measured(version).scores[OVERALL].items()},
+                    files=f"{version.place.runs}/{version.number}",
+                )
+                for version in (entry, *entry.older)
+            ),
+        }
+    )
+
+
+def _same(one: Any, other: Any) -> bool:
+    return bool((one.labels, one.members) == (other.labels, other.members))
+
+
+def _scenes(
+    scores: Mapping[str, Mapping[str, Score]],
+) -> dict[str, dict[str, tuple[float | None, float | None, float | None]]]:
+    return {
+        scene: {key: (score.value, score.low, score.high) for key, score in part.items()}
+        for scene, part in scores.items()
+        if scene != OVERALL
+    }
+
+
+def _floors(measured: Sequence[Measured]) -> Iterator[Row]:
+    """Yield scores without a method, of each name the first that a result states."""
+    found = {name: part for one in reversed(measured) for name, part in one.references.items()}
+    for name, part in found.items():
+        scores = {
+            scene: {key: Score(value=value) for key, value in numbers.items()}
+            for scene, numbers in ({OVERALL: part.overall} | part.scenes).items()
+        }
+        yield Row(
+            kind="floor",
+            method=name,
+            source=part.meaning,
+            scores=scores[OVERALL],
+            scenes=_scenes(scores),
+        )
+
+
+def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
+    """Return the methods that papers print numbers of; a number comes from the first that does."""
+    shares = {column.key: column.unit == "share" for column in columns}
+    scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
+    numbers: dict[str, dict[str, dict[str, Score]]] = {}
+    sources: dict[str, dict[str, None]] = {}
+    for table in sorted(published_tables(*_of(head)), key=lambda one: not one.has_scenes):
+        for method, printed in table.values.items():
+            for title, part in printed.items():
+                if title not in scenes:
+                    continue
+                found = numbers.setdefault(method, {}).setdefault(scenes[title], {})
+                for key in part.keys() & shares.keys() - found.keys():
+                    value = part[key] / 100 if shares[key] else part[key]
+                    found[key] = Score(value=value)
+                    sources.setdefault(method, {})[f"{table.source}, {table.label}"] = None
+    return [
+        Row(
+            kind="reported",
+            method=method,
+            source="; ".join(sources[method]),
+            scores=numbers[method].get(OVERALL, {}),
+            scenes=_scenes(numbers[method]),
+        )
+        for method in sources
+    ]
+
+
+def _order(lead: ScoreColumn, row: Row) -> tuple[bool, float, str, str]:
+    value = row.scores.get(lead.key, Score()).value
+    signed = 0.0 if value is None else -value if lead.higher_is_better else value
+    return value is None, signed, row.method, row.id
+
+
+def _with_ids(rows: Sequence[Row]) -> list[Row]:
+    """Give each row a name for its page, which differs from the others' in more than case."""
+    times, found = Counter(row.id.casefold() for row in rows if row.id), []
+    for row in rows:
+        name = row.id
+        if not name:
+            letters = unicodedata.normalize("NFKD", row.method).encode("ascii", "ignore").decode()
+            slug = re.sub(r"[^a-z0-9]+", "-", letters.lower())[:_LONGEST].strip("-") or "method"
+            name = f"{row.kind}-{slug}"
+            times[name] += 1
+            name = name if times[name] == 1 else f"{name}-{times[name]}"
+        found.append(row.model_copy(update={"id": name}))
+    return found
+
+
+def _data_page(benchmark: str) -> str | None:
+    """Return the page of a published benchmark's data."""
+    return about_of(benchmark).page or None if about_file(benchmark).is_file() else None
+
+
+def _paper(benchmark: str) -> str | None:
+    """Return the page of the paper whose numbers on a benchmark travel with the package."""
+    sources = map(read_source_file, published_sources().values())
+    return next((one.url for one in sources if benchmark in one.benchmarks.values()), None)
+
+
+# --- ranks ---
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One score of methods, in their order.
+
+    `ranges` are rank ranges (V, 2), `apart` which two differ after the correction for all pairs
+    (V, V), `near_best` which cannot be told from the best by a test of these two alone (V,).
+    `ids` are their folders; `pairs` is for the file of the board; a sealed table has none.
+    """
+
+    ids: tuple[str, ...]
+    ranges: NDArray[np.int64]
+    apart: Bools
+    near_best: Bools
+    pairs: dict[str, str]
+
+
+def _rank(entries: Sequence[Entry], column: ScoreColumn, cache: Path | None) -> Ranked:
+    """Rank methods of one protocol and truth by a headline score."""
+    methods = [_measured(entry) for entry in entries]
+    scores = [one.scores[OVERALL].get(column.key, Score(value=np.inf)) for one in methods]
+    values = np.array([score.value for score in scores], np.float64)
+    limits: list[Floats] = []
+    if methods[0].head.sealed:
+        errors = np.array([score.standard_error for score in scores], np.float64)
+        p_values = unpaired_p_values(values, errors)
+    elif cache is None:
+        resampling = ResamplingConfig(resamples_for(len(methods)))
+        p_values = pair_p_values(_sample_of(methods, column), resampling)
+    else:
+        *limits, p_values = _compare_pairs(entries, column, cache)
+    corrected = correct_pairs(p_values)
+    upper, pairs = np.triu_indices(len(methods), 1), {}
+    if limits and len(methods) > 1:
+        found = (*limits, p_values, corrected)
+        for name, matrix in zip(("low", "high", "p", "p_holm"), found, strict=True):
+            content = (matrix[upper] + 0.0).astype("<f4").tobytes()  # no -0.0
+            pairs[name] = base64.b64encode(zlib.compress(content, 6)).decode()
+    best = int(np.argmax(values if column.higher_is_better else -values))
+    near = (p_values[best] > LEVEL) | (values == values[best])
+    return Ranked(
+        tuple(entry.place.folder for entry in entries),
+        rank_ranges(values, corrected, higher_is_better=column.higher_is_better),
+        told_apart(values, corrected),
+        near & np.isfinite(values),
+        pairs,
+    )
+
+
+def _sample_of(methods: Sequence[Measured], column: ScoreColumn) -> Sample:
+    """Put one headline score of many methods into a sample, as `make_sample` would."""
+    first, rows = methods[0], []
+    for one in methods:
+        headline = [c.key for c in one.columns if c.headline]
+        rows.append(one.values[headline.index(column.key)])
+    ends = np.cumsum([0, *(units for _, units in first.groups)]).tolist()
+    by_median = first.head.unit == "query" and column.average == "median"
+    return Sample(
+        first.head.unit,
+        tuple(name for name, _ in first.groups),
+        tuple(np.stack([row[start:end] for row in rows]) for start, end in pairwise(ends)),
+        np.full(len(rows), by_median),
+        np.full(len(rows), is_share(column)),
+    )
+
+
+def _compare_pairs(entries: Sequence[Entry], column: ScoreColumn, cache: Path) -> Floats:
+    """Return low, high and p of every two methods (3, V, V), and store them for the next build.
+
+    Methods are in the order of their names here, so that no stored pair is the other way around.
+    """
+    methods = [_measured(entry) for entry in entries]
+    names = [f"{_measured(entry).key} {entry.place.path}" for entry in entries]
+    head, resampling = methods[0].head, ResamplingConfig(resamples_for(len(methods)))
+    basis = (head.protocol, head.protocol_fingerprint, head.truth, column.key)
+    mark = repr((*basis, resampling.resamples, __version__)).encode()
+    path = cache / f"pairs-{hashlib.sha256(mark).hexdigest()}.npz"
+    before = load_arrays(path) or {"names": np.array([]), "pairs": np.zeros((3, 0, 0))}
+    places = {name: place for place, name in enumerate(before["names"].tolist())}
+    known = [n for n, name in enumerate(names) if name in places]
+    then = [places[names[n]] for n in known]
+    wanted = np.ones((len(names),) * 2, np.bool_)
+    wanted[np.ix_(known, known)] = False
+    found = np.ones((3, *wanted.shape))
+    if np.triu(wanted, 1).any():
+        sample = _sample_of(methods, column)
+        found[:2] = pair_limits(sample, resampling, wanted)
+        found[2] = pair_p_values(sample, resampling, wanted)
+    for matrix, stored in zip(found, before["pairs"], strict=True):
+        matrix[np.ix_(known, known)] = stored[np.ix_(then, then)]
+    store_arrays(path, {"names": np.array(names), "pairs": found})
+    return found
