@@ -1,4 +1,4 @@
-"""What CI found about a pull request, and the comment that is made of it alone.
+"""The findings of CI on a pull request, and the comment that is made of them alone.
 
 Whatever strangers wrote stands in code spans and blocks without backticks: there, GitHub
 renders no link, no image, no mention and no reference.
@@ -43,7 +43,7 @@ _NOT_OPENED = (
 
 
 class Found(Model):
-    """What is known of a pull request at the commit `head`.
+    """The findings on a pull request at the commit `head`.
 
     The kind is ``nothing`` where it changes no submission, and ``sealed`` where it is sound and to
     be scored, or scored, against a sealed truth. `tree` is git's id of the submission's folder,

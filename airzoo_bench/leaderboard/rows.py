@@ -1,4 +1,4 @@
-"""What board.json holds: tables of one protocol and truth, and their rows."""
+"""The content of board.json: tables of one protocol and truth, and their rows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Number = float | None
 
 
 class Model(BaseModel):
-    """What is written as JSON; an infinite number is the text "Infinity"."""
+    """A part of board.json, in which an infinite number is the text "Infinity"."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="strings")
 
@@ -96,7 +96,7 @@ class Conditions(Model):
 
 
 class Head(Model):
-    """What all numbers of a table were scored by."""
+    """The benchmark, protocol and truth of all numbers in a table."""
 
     benchmark: str
     benchmark_version: int | None = None

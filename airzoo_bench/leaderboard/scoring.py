@@ -254,7 +254,7 @@ def _copies(
 
 
 def find_standing(place: Place, protocol: Protocol, runs: Path, cache: Path) -> dict[str, Any]:
-    """Return the row of a method as a build would show it, and what it is not told from."""
+    """Return the row of a method as a build would show it, and methods too near to tell apart."""
     cache.mkdir(parents=True, exist_ok=True)
     entries = entries_of(read_entries(runs, runs / "none", cache, lambda _: None), protocol)
     table, ranked = make_table(protocol, "", entries, None)

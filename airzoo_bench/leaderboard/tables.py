@@ -61,7 +61,7 @@ _LONGEST = 40
 def make_table(
     protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path | None
 ) -> tuple[Table, dict[str, Ranked]]:
-    """Rank the entries of a protocol, beside numbers of papers, floors and what is not scored.
+    """Rank the entries of a protocol, beside numbers of papers, floors and failed submissions.
 
     The ranks are returned by score too. Every two methods are compared for the page only with a
     cache, where those that the last build has compared are.
@@ -175,7 +175,7 @@ def _columns(measured: Sequence[Measured], protocol: Protocol) -> list[ScoreColu
 
 
 def _stated(entry: Entry, kind: Any, reason: str = "") -> Row:
-    """Return a row with what the authors of a submission say."""
+    """Return a row with the statements of a submission's authors."""
     row = Row(id=entry.place.folder, kind=kind, method=entry.method, reason=reason)
     given = entry.submission
     if given is None:
