@@ -9,11 +9,12 @@ from inspect import Parameter, Signature
 from typing import Annotated, Any, ClassVar, get_args, get_origin, get_type_hints
 
 import typer
-from typer.core import TyperCommand
 
 from airzoo_bench.cli.common import EngineOption, JobsOption, LightGroup, examples, in_panels
 from airzoo_bench.core.registry import Option, Registry
 from airzoo_bench.engines.engine import LOCAL
+
+Command = Callable[..., None]
 
 
 class BuiltGroup(LightGroup):
@@ -24,40 +25,30 @@ class BuiltGroup(LightGroup):
 
     registry: Registry
     panels: ClassVar[Mapping[str, Sequence[str]]] = {}
-    own_panel: ClassVar[str | None] = None
-    _listing = False
+    own_panel = "Options"
 
     @abstractmethod
-    def command_of(self, thing: Any) -> tuple[Callable[..., None], *tuple[str, ...]]:
+    def command_of(self, thing: Any) -> tuple[Command, *tuple[str, ...]]:
         """Return the function of an entry's subcommand, and its examples."""
 
     def summary_of(self, name: str) -> str:
         """Return what the list of subcommands says of an entry."""
         return str(self.registry.get(name).summary)
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Show the list of subcommands, whose options are not made for it."""
-        self._listing = True
-        try:
-            super().format_help(ctx, formatter)
-        finally:
-            self._listing = False
-
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the registered names."""
         return self.registry.names()
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the subcommand that is meant, or name what may be."""
-        self.commands = dict.fromkeys(self.list_commands(ctx))  # type: ignore[assignment]
-        return super().resolve_command(ctx, args)
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the subcommands, whose options are not made for it."""
+        with formatter.section("Commands"):
+            summaries = {name: self.summary_of(name) for name in self.list_commands(ctx)}
+            formatter.write_dl([(n, text.partition("\n\n")[0]) for n, text in summaries.items()])
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a subcommand."""
         if cmd_name not in self.registry:  # which does not look at all packages, as its names do
             return None
-        if self._listing:
-            return TyperCommand(cmd_name, help=self.summary_of(cmd_name))
         function, *calls = self.command_of(self.registry.get(cmd_name))
         app = typer.Typer(add_completion=False)
         grouped = in_panels(self.panels, self.own_panel)
@@ -77,28 +68,29 @@ def parameter(name: str, kind: Any, default: Any = Parameter.empty) -> Parameter
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
-def field_parameters(options: type[Any]) -> list[Parameter]:
-    """Return a parameter for each field of a dataclass whose types carry options of typer."""
-    hints = get_type_hints(options, include_extras=True)
-    return [parameter(field.name, hints[field.name], field.default) for field in fields(options)]
+def engine_parameters(jobs: int) -> list[Parameter]:
+    """Return the options of a command whose work may be done elsewhere."""
+    return [parameter("jobs", JobsOption, jobs), parameter("engine", EngineOption, LOCAL)]
 
 
 def option_parameters(
     settings: type[Any], texts: Mapping[str, Option] | None = None
 ) -> list[Parameter]:
-    """Return a parameter for each field of a settings dataclass.
+    """Return a parameter for each field of a settings dataclass that is an option.
 
-    A field carries an `Option`, or `texts` has the option of its name with hyphens.
+    Its type carries an `Option` or one of typer's, or `texts` has the option of its name.
     """
     hints = get_type_hints(settings, include_extras=True)
     found = []
     for field in fields(settings):
         kind, one = hints[field.name], (texts or {}).get(field.name.replace("_", "-"))
-        if get_origin(kind) is Annotated:
-            kind, one = get_args(kind)[:2]
         default = Parameter.empty if field.default is MISSING else field.default
-        if isinstance(one, Option):
+        if get_origin(kind) is Annotated and isinstance(get_args(kind)[1], Option):
+            kind, one = get_args(kind)[:2]
+        if one is not None:
             found.append(parameter(field.name, _typed(kind, one, default), default))
+        elif get_origin(kind) is Annotated:
+            found.append(parameter(field.name, kind, default))
     return found
 
 
@@ -111,9 +103,7 @@ def _typed(kind: Any, one: Option, default: Any) -> Any:
     return Annotated[kind, option]
 
 
-def with_parameters(
-    function: Callable[..., None], parameters: Sequence[Parameter], summary: str
-) -> Callable[..., None]:
+def with_parameters(function: Command, parameters: Sequence[Parameter], summary: str) -> Command:
     """Return a function of keywords as one that says which they are."""
 
     def command(**values: Any) -> None:
@@ -123,8 +113,3 @@ def with_parameters(
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     command.__signature__ = Signature(list(parameters))  # type: ignore[attr-defined]
     return command
-
-
-def engine_parameters(jobs: int) -> list[Parameter]:
-    """Return the options of a command whose work may be done elsewhere."""
-    return [parameter("jobs", JobsOption, jobs), parameter("engine", EngineOption, LOCAL)]

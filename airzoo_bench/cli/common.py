@@ -1,4 +1,4 @@
-"""Options, printing and progress of several commands."""
+"""Options, help, printing and progress of several commands."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -20,17 +20,12 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import report_progress
 
 if TYPE_CHECKING:
-    from airzoo_bench.protocol.model import Protocol
-    from airzoo_bench.results.result import ScoreColumn
     from airzoo_bench.tables.model import Table
 
 T = TypeVar("T")
 
-MOST_JOBS = 1024
 _OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
-SCALE = "For scale"
-_FOR_SCALE = ("jobs", "max_memory", "untrusted", "engine", "resume")
-
+_SCALE = ("jobs", "max_memory", "untrusted", "engine", "resume")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -43,31 +38,6 @@ class Format(StrEnum):
     MARKDOWN = "markdown"
     HTML = "html"
     JSON = "json"
-
-
-class LightGroup(TyperGroup):
-    """A group of commands that shows its help without Pydantic, and names the near command."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the arguments; typer's own flags have no default, and its types would be made."""
-        for one in self.get_params(ctx):
-            if isinstance(one, TyperOption) and one.is_flag and one.default is None:
-                one.default = False
-        return super().parse_args(ctx, args)
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command of a name; refuse an unknown one, or a path in its place."""
-        names, given = self.list_commands(ctx), args[0]
-        if given in names or given.startswith("-"):
-            return super().resolve_command(ctx, args)
-        from airzoo_bench.core.validation import nearest
-
-        is_path = Path(given).exists() or Path(given).suffix in _OF_FILES
-        raise UsageError(
-            f"{ctx.command_path} knows no {given!r}{nearest(given, names, 1)}",
-            expected="one of " + ", ".join(names),
-            fix=f"{ctx.command_path} {names[0]} {given}" if is_path else None,
-        )
 
 
 FormatOption = Annotated[Format, typer.Option("--format", "-f", help="How to print the table.")]
@@ -88,7 +58,6 @@ ReaderOption = Annotated[
         "--reader",
         help="Reader of a method's own files (default: found by their content); "
         "`airzoo-bench readers` lists all.",
-        show_default=False,
     ),
 ]
 NamesOption = Annotated[
@@ -97,7 +66,6 @@ NamesOption = Annotated[
         "--names",
         help="A list of images, a line each, in the method's order, for files that do not name "
         "them.",
-        show_default=False,
     ),
 ]
 UntrustedOption = Annotated[
@@ -115,7 +83,6 @@ ImageSizeOption = Annotated[
         metavar="WxH",
         help="Size of the matcher's pictures, such as 640x480, for files that do not state it, "
         "such as SuperGlue's.",
-        show_default=False,
     ),
 ]
 SceneOption = Annotated[
@@ -145,9 +112,33 @@ ResumeOption = Annotated[
     ),
 ]
 JobsOption = Annotated[
-    int,
-    typer.Option("--jobs", "-j", min=1, max=MOST_JOBS, help="Threads or processes to work with."),
+    int, typer.Option("--jobs", "-j", min=1, max=1024, help="Threads or processes to work with.")
 ]
+
+
+class LightGroup(TyperGroup):
+    """A group of commands that shows its help without Pydantic, and names the near command."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments; typer's own flags have no default, and its types would be made."""
+        for one in self.get_params(ctx):
+            if isinstance(one, TyperOption) and one.is_flag and one.default is None:
+                one.default = False
+        return super().parse_args(ctx, args)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command of a name; refuse an unknown one, or a path in its place."""
+        names, given = self.list_commands(ctx), args[0]
+        if given in names or given.startswith("-"):
+            return super().resolve_command(ctx, args)
+        from airzoo_bench.core.validation import nearest
+
+        is_path = Path(given).exists() or Path(given).suffix in _OF_FILES
+        raise UsageError(
+            f"{ctx.command_path} knows no {given!r}{nearest(given, names, 1)}",
+            expected="one of " + ", ".join(names),
+            fix=f"{ctx.command_path} {names[0]} {given}" if is_path else None,
+        )
 
 
 def examples(*calls: str) -> str:
@@ -155,57 +146,31 @@ def examples(*calls: str) -> str:
     return "\n\n".join(f"Example: airzoo-bench {call}" for call in calls)
 
 
-def in_panels(panels: Mapping[str, Sequence[str]], rest: str | None = None) -> type[TyperCommand]:
-    """Return a command class whose help shows options in panels, each a list of parameters.
+def in_panels(panels: Mapping[str, Sequence[str]], rest: str = "Options") -> type[TyperCommand]:
+    """Return a command class whose help shows parameters under titles; others under `rest`.
 
-    Other options stand in the panel `rest`, where it has a name. What is for scale is the last.
+    What is for scale comes last.
     """
-    named = {**panels, **({rest: ()} if rest else {}), SCALE: _FOR_SCALE}
-    titles = [*named]
-    places = {
-        name: (panel, place)
-        for panel, names in enumerate(named.values())
-        for place, name in enumerate(names)
-    }
-
-    def place_of(one: Any) -> tuple[int, int]:
-        if one.name == "help" or one.param_type_name == "argument":
-            return (-1, 0)
-        return places.get(one.name, (titles.index(rest) if rest else -1, 0))
+    titles = {name: title for title, names in panels.items() for name in names}
+    titles |= dict.fromkeys(_SCALE, "For scale")
 
     class Grouped(TyperCommand):
-        def __init__(self, *args: Any, **settings: Any) -> None:
-            super().__init__(*args, **settings)
-            self.params.sort(key=place_of)
-            for one in self.params:
-                panel, _ = place_of(one)
-                if panel >= 0:
-                    one.rich_help_panel = titles[panel]  # type: ignore[attr-defined]
+        def format_options(self, ctx: Any, formatter: Any) -> None:
+            shown: dict[str, list[Any]] = {
+                title: [] for title in ("Arguments", *panels, rest, "For scale")
+            }
+            for one in self.get_params(ctx):
+                if panels and one.name == "help":
+                    continue
+                is_argument = one.param_type_name == "argument"
+                title = "Arguments" if is_argument else titles.get(str(one.name), rest)
+                shown[title] += [record] if (record := one.get_help_record(ctx)) else []
+            for title, records in shown.items():
+                if records:
+                    with formatter.section(title):
+                        formatter.write_dl(records)
 
     return Grouped
-
-
-def check_output(out: Path, results: Iterable[Path], endings: Iterable[str] = ()) -> None:
-    """Refuse, before any work, a file that cannot be written or that would replace a result."""
-    from airzoo_bench.core.files import check_output_file
-    from airzoo_bench.results.files import records_path
-
-    files = [path / "result.json" if path.is_dir() else path for path in results]
-    check_output_file(out, [*files, *map(records_path, files)])
-    known = list(endings)
-    if known and out.suffix.lower() not in known:
-        raise UsageError(
-            f"the file's ending is {out.suffix!r}" if out.suffix else "the file has no ending",
-            where=out,
-            expected=" or ".join(known),
-            fix=f"name it {out.stem}{known[0]}",
-        )
-
-
-def say_replaced(out: Path) -> None:
-    """Warn that a file exists and will be replaced, unless it is empty."""
-    if out.exists() and out.stat().st_size:
-        say(f"{out} is there already and will be replaced")
 
 
 def memory_bytes(text: str) -> int:
@@ -231,11 +196,7 @@ def say(message: str) -> None:
 
 
 def put(text: str, form: Format = Format.TERMINAL) -> None:
-    """Write text to stdout; nothing happens if the reader of a pipe has gone.
-
-    What is the content of a file is UTF-8 whatever the terminal's encoding: files of LaTeX, CSV
-    and the others are read as that, and the letters of names must not be lost on the way.
-    """
+    """Write text to stdout; the content of a file is UTF-8 whatever the terminal's encoding."""
     if form is not Format.TERMINAL and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
     _write(text, sys.stdout)
@@ -245,7 +206,7 @@ def _write(text: str, stream: TextIO) -> None:
     try:
         stream.write(text)
         stream.flush()
-    except BrokenPipeError:
+    except BrokenPipeError:  # the reader of a pipe has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
@@ -260,7 +221,17 @@ def show(table: Table, form: Format) -> None:
             say(note)
 
 
-def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
+def show_rows(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], form: Format
+) -> None:
+    """Print texts and whole numbers as a table."""
+    from airzoo_bench.tables.model import Cell, Column, Row, Table
+
+    cells = tuple(Row(tuple(map(Cell, row))) for row in rows)
+    show(Table(title, tuple(map(Column, columns)), cells), form)
+
+
+def progress(items: Iterable[T], label: str, total: int) -> Generator[T]:
     """Yield the items and show the time left on stderr: a bar, or lines without a terminal."""
     if not sys.stderr.isatty():
         yield from report_progress(items, label, total, say=say)
@@ -273,24 +244,6 @@ def progress(items: Iterable[T], label: str, total: int) -> Iterator[T]:
 @contextmanager
 def working(label: str) -> Iterator[None]:
     """Show on stderr that something is under way; without a terminal, a line if it takes long."""
-    if not sys.stderr.isatty():
-        with closing(report_progress((None,), label, 1, say=say)) as step:
-            next(step)
-            yield
-        return
-    from rich.console import Console
-    from rich.text import Text
-
-    with Console(stderr=True).status(Text(printable(label))):
+    with closing(progress((None,), label, 1)) as step:
+        next(step)
         yield
-
-
-def scores_of(name: str) -> tuple[Protocol, list[ScoreColumn]]:
-    """Return the protocol of a name, and all scores of its track."""
-    from airzoo_bench.benchmark.mirrored import data_here
-    from airzoo_bench.core.registry import load_track
-    from airzoo_bench.protocol.lookup import find_protocol
-    from airzoo_bench.results.result import score_columns
-
-    protocol = find_protocol(name, data_here())
-    return protocol, list(score_columns(load_track(protocol.track).scores(protocol)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -13,13 +13,13 @@ import typer
 
 from airzoo_bench.cli.built import (
     BuiltGroup,
+    Command,
     built_app,
     engine_parameters,
     parameter,
     with_parameters,
 )
 from airzoo_bench.cli.common import (
-    AllOption,
     Format,
     FormatOption,
     ImageSizeOption,
@@ -35,14 +35,14 @@ from airzoo_bench.cli.common import (
     say,
     show,
 )
-from airzoo_bench.cli.locations import DataOption, predictions_here, refuse_one_slash, resolve_data
+from airzoo_bench.cli.locations import DataOption, predictions_here, resolve_data
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.engines.engine import LOCAL, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
-    from airzoo_bench.evaluation.info import EvalOption, TrackInfo
+    from airzoo_bench.evaluation.info import TrackInfo
     from airzoo_bench.evaluation.scene_store import SceneStore
 
 OutOption = Annotated[
@@ -63,26 +63,25 @@ MethodOption = Annotated[
 
 class _EvalGroup(BuiltGroup):
     registry = TRACKS
-    own_panel = "Figures and checks"
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Predictions": ("protocol", "data", "reader", "names", "image_size"),
-        "Output": ("out", "method", "form", "every_score"),
+        "Output": ("out", "method", "form", "figures", "clouds"),
     }
 
-    def command_of(self, thing: TrackInfo) -> tuple[Callable[..., None], str, str]:
+    def command_of(self, thing: TrackInfo) -> tuple[Command, str, str]:
         about = typer.Argument(metavar="PREDICTIONS", help=f"{thing.argument} A path or a URL.")
+        own = {one.name: typer.Option(f"--{one.name}", help=one.help) for one in thing.options}
         parameters = [
             parameter("predictions", Annotated[str, about]),
             parameter("protocol", ProtocolOption, None),
             parameter("data", DataOption, None),
-            parameter("out", OutOption, None),
             parameter("reader", ReaderOption, None),
             parameter("names", NamesOption, None),
             *[parameter("image_size", ImageSizeOption, None)] * thing.takes_image_size,
+            parameter("out", OutOption, None),
             parameter("method", MethodOption, None),
             parameter("form", FormatOption, Format.TERMINAL),
-            parameter("every_score", AllOption, False),
-            *(parameter(one.name, _kind(one), one.default) for one in thing.options),
+            *(parameter(name, Annotated[bool, option], False) for name, option in own.items()),
             *engine_parameters(thing.jobs),
             parameter("max_memory", MemoryOption, "2G"),
             parameter("untrusted", UntrustedOption, False),
@@ -96,63 +95,54 @@ class _EvalGroup(BuiltGroup):
 app = built_app(_EvalGroup, "Score predictions and print the per-scene table.")
 
 
-def _kind(one: EvalOption) -> Any:
-    if isinstance(one.default, bool):
-        return Annotated[bool, typer.Option(f"--{one.name}", help=one.help)]
-    return Annotated[int, typer.Option(f"--{one.name}", min=1, max=one.most, help=one.help)]
-
-
 def _evaluate(
     track: TrackInfo,
     predictions: str,
     protocol: str | None,
     data: str | None,
-    out: str | None,
     reader: str | None,
     names: Path | None,
+    out: str | None,
     method: str | None,
     form: Format,
-    every_score: bool,
     jobs: int,
+    engine: str,
     max_memory: str,
     untrusted: bool,
-    engine: str,
     resume: bool,
     image_size: str | None = None,
-    **extras: bool | int,
+    **writing: bool,
 ) -> None:
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.opening import ReadBy
     from airzoo_bench.evaluation.run_files import check_run_folder, only_run_at
     from airzoo_bench.evaluation.track import Run
+    from airzoo_bench.tables.layouts import scenes_table
 
-    asked = {one: extras[one.name] for one in track.options if extras[one.name] != one.default}
-    writing = [f"--{one.name}" for one in asked if one.needs_out]
-    if out is None and (writing or resume):
-        what = " and ".join([*writing, *["--resume"] * resume])
-        raise UsageError(f"{what}: a folder to write into is needed", fix="add --out DIR")
-    name = method
+    asked = [one for one in track.options if writing[one.name]]
+    if out is None and (asked or resume):
+        flags = " and ".join([f"--{one.name}" for one in asked] + ["--resume"] * resume)
+        raise UsageError(f"{flags}: a folder to write into is needed", fix="add --out DIR")
     if out is not None:
-        refuse_one_slash(out)
         check_run_folder(out, [one for one in (predictions, protocol, data, names) if one])
-        name = method or Path(out).resolve().name or None
+        method = method or Path(out).resolve().name or None
     memory = memory_bytes(max_memory)
     with (
         only_run_at(out),
         open_engine(engine, jobs=jobs, memory_bytes=memory, note=say) as place,
-        _keep_scenes(out if resume and not writing else None) as store,
+        _keep_scenes(out if resume and not asked else None) as store,
     ):
         place.progress = progress
         threads = jobs if engine == LOCAL else 1
         limits = Limits(memory) if untrusted else None
-        run = Run(memory, threads, progress, bool(writing), place, limits)
+        run = Run(memory, threads, progress, bool(asked), place, limits)
         evaluation = evaluate(
             predictions_here(predictions),
             data=resolve_data(data),
             track=track.name,
             protocol=protocol,
-            method=name,
+            method=method,
             run=run,
             read_by=ReadBy(reader, names, image_size),
             begun=partial(_say_replaced, out),
@@ -160,18 +150,18 @@ def _evaluate(
         )
         if evaluation.given.reader is not None:
             say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
-        written = [] if out is None else _save(evaluation, out, partial(_act, asked, run))
-        _print_result(evaluation, form, every_score=every_score)
-        for line in _act(asked, run, evaluation, None):
-            say(line)
-    if method is None and name is not None:
-        say(f"the method is called {name}, after --out; --method gives it another name")
-    if not written:
+        if out is not None:
+            written = _save(evaluation, out, asked, run)
+    if form is Format.JSON:
+        content = json.loads(evaluation.result.model_dump_json(by_alias=True))
+        put(json.dumps(content, indent=1) + "\n")
+    else:
+        show(scenes_table(evaluation.result, floors=True), form)
+    if out is None:
         say("nothing was written; add --out DIR to keep the result and its records")
-        return
-    *others, last = map(str, written)
-    say(f"wrote {', '.join(others)} and {last}")
-    say(f"next: airzoo-bench table {written[0]} --format latex")
+    else:
+        say(f"wrote {', '.join(map(str, written))} of method {method}")
+        say(f"next: airzoo-bench table {written[0]} --format latex")
 
 
 @contextmanager
@@ -187,8 +177,6 @@ def _keep_scenes(out: str | None) -> Iterator[SceneStore | None]:
     store = SceneStore(beside.with_name(f"{beside.name}.unfinished"))
     if store.paths():
         say(f"{store.folder} holds scored scenes, which are used where they are of this very run")
-    else:
-        say("no scene of an earlier run is kept: all begins anew")
     try:
         yield store
     except KeyboardInterrupt:
@@ -206,39 +194,19 @@ def _say_replaced(out: str | None) -> None:
         say(replaced)
 
 
-def _act(
-    asked: dict[EvalOption, Any], run: Any, done: Evaluation, folder: Path | None
-) -> Iterator[str]:
-    """Do what a track's own options ask for: within the run's folder, or without one."""
-    for one, value in asked.items():
-        if one.needs_out == (folder is not None):
-            yield from resolve(one.act)(done, value, folder, run)
-
-
-def _save(
-    evaluation: Evaluation, out: str, act: Callable[[Evaluation, Path], Iterator[str]]
-) -> list[Path]:
-    """Write the files of the run, and say what was drawn."""
+def _save(evaluation: Evaluation, out: str, asked: list[Any], run: Any) -> list[Path]:
+    """Write the files of the run, and those that a track's own options ask for."""
     from airzoo_bench.evaluation.run_files import run_folder, save
 
     lines: list[str] = []
     with run_folder(out) as folder:
 
         def draw(staged: Path) -> None:
-            lines.extend(line.replace(str(staged), str(folder)) for line in act(evaluation, staged))
+            for one in asked:
+                for line in resolve(one.act)(evaluation, True, staged, run):
+                    lines.append(line.replace(str(staged), str(folder)))
 
         written = save(evaluation, folder, draw)
     for line in lines:
         say(line)
     return written
-
-
-def _print_result(evaluation: Evaluation, form: Format, *, every_score: bool) -> None:
-    from airzoo_bench.tables.layouts import scenes_table
-
-    result = evaluation.result
-    if form is Format.JSON:
-        content = json.loads(result.model_dump_json(by_alias=True))
-        put(json.dumps(content, indent=1) + "\n")
-    else:
-        show(scenes_table(result, every_score=every_score, floors=True), form)

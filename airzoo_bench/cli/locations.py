@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +10,7 @@ import typer
 from airzoo_bench.cli.common import working
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import data_location, data_root
-from airzoo_bench.storage.urls import SCHEMES, is_url
+from airzoo_bench.storage.urls import is_url
 
 DataOption = Annotated[
     str | None,
@@ -20,7 +19,6 @@ DataOption = Annotated[
         metavar="PATH|URL",
         help="The benchmark folder, or the folder that holds it; or where it lies in a storage, "
         "such as s3://bucket/name (default: $AIRZOO_BENCH_DATA, else a cache folder).",
-        show_default=False,
     ),
 ]
 ResultsArgument = Annotated[
@@ -31,23 +29,8 @@ ResultsArgument = Annotated[
 ]
 
 
-_ONE_SLASH = re.compile(rf"({'|'.join(SCHEMES)}):/(?!/)", re.IGNORECASE)
-
-
-def refuse_one_slash(location: str) -> None:
-    """Refuse what begins as ``s3:/`` does: it was meant as a URL, and is taken for a path."""
-    found = _ONE_SLASH.match(location)
-    if found is not None and not Path(location).exists():
-        raise UsageError(
-            "a URL lacks a slash",
-            where=f"{found[0]}…",  # what follows may hold a password
-            fix=f"write {found[1]}://…",
-        )
-
-
 def resolve_data(data: str | None) -> Path:
     """Return the folder named, else the configured data root; what lies at a URL is mirrored."""
-    refuse_one_slash("" if data is None else data)
     if is_url(data_location() if data is None else data):
         from airzoo_bench.benchmark.mirrored import data_here
 
@@ -65,7 +48,6 @@ def resolve_data(data: str | None) -> Path:
 
 def predictions_here(location: str) -> Path:
     """Return predictions as a path of this machine; what lies at a URL is mirrored."""
-    refuse_one_slash(location)
     if not is_url(location):
         return Path(location)
     from airzoo_bench.storage.mirror import here

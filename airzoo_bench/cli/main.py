@@ -8,79 +8,120 @@ from __future__ import annotations
 import io
 import re
 import sys
+import textwrap
 import traceback
-from collections.abc import Iterator, Sequence
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperOption
 
-from airzoo_bench.cli.common import LightGroup, in_panels, say
+from airzoo_bench.cli.common import LightGroup, examples, in_panels, say
 from airzoo_bench.core.errors import UserError
 
 _INPUT_IS_WRONG = 2
 _BUG = 70
 _MOST_NEIGHBOURS = 10_000
 
-# By panel and name: a function or a group of commands in a module of this folder, its help, and the
-# name of its examples there where that is not EXAMPLES.
+# By panel and name: a function or a group of commands in a module of this folder, its help, and
+# examples.
 _COMMANDS: dict[str, dict[str, tuple[str, ...]]] = {
     "Score": {
         "eval": ("evaluate:app", "Score predictions and print the per-scene table."),
-        "check": ("check:check", "List every error of predictions."),
-        "readers": ("readers:readers", "List the readers of methods' own files."),
-        "template": ("template:template", "Write an example prediction."),
+        "check": (
+            *("predictions:check", "List every error of predictions.", "check preds.npz"),
+            "check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval",
+        ),
+        "readers": (
+            *("predictions:readers", "List the readers of methods' own files.", "readers vpr"),
+            "eval retrieval logs/2026-01-01_12-00-00 --protocol uav-visloc-retrieval",
+        ),
+        "template": (
+            *("predictions:template", "Write an example prediction."),
+            "template airzoo-mini-retrieval --out preds.npz",
+        ),
         "baseline": ("baseline:app", "Run a plain method that needs no weights."),
     },
     "Results": {
-        "table": ("table:table", "Print results as a table: terminal, LaTeX, CSV ..."),
-        "compare": ("compare:compare", "Compare methods query by query, with tests."),
-        "breakdown": ("breakdown:breakdown", "Print scores by weather, altitude ..."),
+        "table": (
+            *("table:table", "Print results as a table: terminal, LaTeX, CSV ..."),
+            "table results/*/result.json --format latex",
+            "table */result.json --layout scenes --published -f latex",
+            "table uav-visloc-retrieval --published --layout scenes",
+        ),
+        "compare": (
+            *("results:compare", "Compare methods query by query, with tests."),
+            "compare results/mine/result.json results/theirs/result.json",
+            "compare results/*/result.json --method Mine",
+        ),
+        "breakdown": (
+            *("results:breakdown", "Print scores by weather, altitude ..."),
+            "breakdown results/mine/result.json --by weather",
+            "breakdown results/*/result.json --by altitude_m --bins 50,100 --score R@1",
+        ),
         "plot": ("plot:app", "Draw results as pictures."),
-        "report": ("report:report", "Write a report: one HTML file with everything."),
+        "report": (
+            *("results:report", "Write a report: one HTML file with everything."),
+            "report results/*/result.json -o report.html",
+        ),
     },
     "Data": {
         "prepare": ("prepare:app", "Make a benchmark folder out of data."),
-        "download": ("download:download", "Fetch a published benchmark, or its links."),
-        "manifest": ("manifest:manifest", "Fill in benchmark.toml of your own folder."),
-        "protocols": ("protocols:protocols", "List all protocols, or print one."),
+        "download": (
+            *("data:download", "Fetch a published benchmark, or its links.", "download NAME"),
+            "download NAME --to /data/NAME --scene 01",
+        ),
+        "manifest": (
+            *("data:manifest", "Fill in benchmark.toml of your own folder.", "manifest mine"),
+        ),
+        "protocols": (
+            *("data:protocols", "List all protocols, or print one."),
+            "protocols uav-visloc-retrieval",
+        ),
     },
     "Checks": {
-        "audit": ("audit:audit", "Check a published table against arithmetic."),
+        "audit": (
+            *("checks:audit", "Check a published table against arithmetic.", "audit table.csv"),
+            "audit table.csv --counts City=161,Rural=190 --format markdown",
+        ),
         "check-geometry": (
-            *("check_geometry:check_geometry", "Check frames and depth of a dataset."),
-            "GEOMETRY_EXAMPLES",
+            *("checks:check_geometry", "Check frames and depth of a dataset."),
+            "check-geometry airzoo-mini --format json",
         ),
         "check-split": (
-            *("check_geometry:check_split", "Check that two sets see no common ground."),
-            "SPLIT_EXAMPLES",
+            *("checks:check_split", "Check that two sets see no common ground."),
+            "check-split training-set airzoo-mini --out overlaps.csv",
         ),
     },
     "Leaderboard": {
-        "submit": ("submit:submit", "Submit predictions to a board."),
+        "submit": (
+            *("submit:submit", "Submit predictions to a board.", "submit preds.npz --method SALAD"),
+            "submit preds.npz --url https://zenodo.org/records/1/files/preds.npz --set "
+            "code=https://github.com/serizba/salad",
+        ),
         "submission": ("submit:app", "Check a submission before it is sent."),
         "leaderboard": ("leaderboard:app", "A board of your own: files, CI, pages."),
-        "seal": ("seal:seal", "Split a benchmark from its truth.", "SEAL_EXAMPLES"),
-        "seal-score": ("seal:seal_score", "Score against a sealed truth.", "SCORE_EXAMPLES"),
+        "seal": (
+            *("seal:seal", "Split a benchmark from its truth."),
+            "seal mine --out public/mine --archive public/mine.age --to age1...",
+        ),
+        "seal-score": (
+            *("seal:seal_score", "Score against a sealed truth."),
+            "seal-score preds.npz --protocol mine-retrieval --data public/mine --archive "
+            "public/mine.age --key key.txt",
+        ),
     },
     "AirZoo-Mini, which needs no data": {
-        "demo": ("demo:demo", "Run a plain method on every track, and print the tables."),
-        "mini": ("mini:app", "Make the world of AirZoo-Mini, and photos of it."),
+        "demo": ("baseline:demo", "Run a plain method on every track of a demo.", "demo"),
+        "mini": ("mini:app", "Take photos of the world of AirZoo-Mini."),
     },
 }
 _PLACES = {name: place for panel in _COMMANDS.values() for name, place in panel.items()}
 
-# Options that library code names, and that not every command has which calls it.
-_SHARED = {
-    "--data", "--depth", "--engine", "--force", "--image-size", "--jobs", "--max-memory",
-    "--names", "--out", "--protocol", "--reader", "--resume",
-}  # fmt: skip
-_OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
-_OTHER_CALL = re.compile(r"`[^`]*`(?: with --\w+)?")
-_OR = ", or "
+typer.core.HAS_RICH = False  # which takes as long to import as all else
+# Lines of the help end between words, never within --image-size.
+textwrap.TextWrapper.wordsep_re = textwrap.TextWrapper.wordsep_simple_re
 
 
 class _Main(LightGroup):
@@ -106,7 +147,7 @@ class _Main(LightGroup):
                 formatter.write_dl([(name, place[1]) for name, place in places.items()])
 
 
-def _build_command(name: str, place: str, _: str, examples: str = "EXAMPLES") -> Any:
+def _build_command(name: str, place: str, _: str, *calls: str) -> Any:
     home, attribute = place.split(":")
     module = import_module(f"airzoo_bench.cli.{home}")
     found = getattr(module, attribute)
@@ -116,20 +157,9 @@ def _build_command(name: str, place: str, _: str, examples: str = "EXAMPLES") ->
         return group
     app = typer.Typer(add_completion=False)
     panels = in_panels(getattr(module, "PANELS", {}))
-    app.command(name, cls=panels, epilog=getattr(module, examples))(found)
+    app.command(name, cls=panels, epilog=examples(*calls))(found)
     return typer.main.get_command(app)
 
-
-_display_type = TyperOption.display_type_rich
-
-
-def _breakable_type(option: TyperOption, ctx: Any) -> str:
-    """Return the type that the help shows, with choices that a line may end between."""
-    return (_display_type(option, ctx) or "").replace("|", "| ")
-
-
-# Typer writes choices without blanks, which narrow terminals break in mid-word.
-TyperOption.display_type_rich = _breakable_type  # type: ignore[method-assign, assignment]
 
 app = typer.Typer(
     name="airzoo-bench",
@@ -139,7 +169,6 @@ app = typer.Typer(
     epilog="Start with: airzoo-bench demo, or airzoo-bench eval retrieval preds.npz",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # rich takes as long to import as all else
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -172,7 +201,7 @@ def main() -> None:
     except UserError as error:
         _refuse(error)
     except MemoryError as error:
-        fix = "lower --max-memory, or lower --jobs, or run it on a machine with more memory"
+        fix = "lower --max-memory or --jobs, or run it on a machine with more memory"
         _refuse(UserError(f"not enough memory ({error})", fix=fix))
     except OSError as error:
         where = str(error.filename or "a file")[:200]
@@ -184,34 +213,8 @@ def main() -> None:
 
 
 def _refuse(error: UserError) -> NoReturn:
-    """Say what is wrong, and only such ways to mend it as the command has."""
-    error.fix = own_ways(error.fix, options_of(typer.main.get_command(app), sys.argv[1:]))
     say(f"airzoo-bench: {error}{_near_path(error)}")
     sys.exit(_INPUT_IS_WRONG)
-
-
-def options_of(group: Any, words: Sequence[str] | Iterator[str]) -> set[str]:
-    """Return the options of the command that words of a command line name."""
-    rest = iter(words)
-    found = group.get_command(None, next(rest, "")) if hasattr(group, "get_command") else None
-    if found is not None:
-        return options_of(found, rest)
-    return {name for one in group.params for name in one.opts}
-
-
-def own_ways(fix: str | None, options: set[str]) -> str | None:
-    """Leave out ways to mend a fault, with ", or " between, by options that a command lacks.
-
-    Library code is called by many commands, and says how to mend a fault in all of them: "raise
-    --max-memory, or sample the mesh".
-    """
-    foreign = _SHARED - options
-    ways = [
-        way
-        for way in (fix or "").split(_OR)
-        if foreign.isdisjoint(_OPTION.findall(_OTHER_CALL.sub("", way)))
-    ]
-    return _OR.join(ways) or None
 
 
 def _near_path(error: UserError) -> str:

@@ -9,36 +9,23 @@ from typing import Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.breakdown import parse_bins
 from airzoo_bench.cli.built import parameter, with_parameters
-from airzoo_bench.cli.common import (
-    LightGroup,
-    SceneOption,
-    check_output,
-    examples,
-    say,
-    say_replaced,
-    working,
-)
+from airzoo_bench.cli.common import LightGroup, SceneOption, examples, in_panels, say, working
 from airzoo_bench.cli.locations import DataOption, ResultsArgument, resolve_data
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.cli.results import parse_bins
 
 
 def _option(name: str, kind: Any, help_text: str, default: Any = None, **more: Any) -> Parameter:
-    flags = [f"--{name.replace('_', '-')}"] if kind is bool else []
-    return parameter(name, Annotated[kind, typer.Option(*flags, help=help_text, **more)], default)
+    flag = f"--{name.replace('_', '-')}"
+    return parameter(name, Annotated[kind, typer.Option(flag, help=help_text, **more)], default)
 
 
 _OUT = Annotated[Path, typer.Option("--out", "-o", help="The .png, .svg or .pdf to save.")]
 _SCORE = _option("score", str | None, "Key or title (default: the first that fits).")
 _SCENE = parameter("scene", SceneOption, None)
 _DATA = parameter("data", DataOption, None)
-_SIZE = "(default: what the content needs)."
 _LAST = (
-    _option("width", str | None, f"Such as 3.3in or 8.4cm {_SIZE}"),
-    _option("height", str | None, f"Such as 2.4in {_SIZE}"),
-    _option("dpi", int | None, "Dots per inch of a .png (default: 150).", min=30, max=1200),
-    _option("title", str, "Written above (default: none).", ""),
+    _option("width", str | None, "Such as 3.3in or 8.4cm (default: what the content needs)."),
     _option("bare", bool, "Say the small print on stderr, for the caption.", False),
 )
 # Of each kind, a function of `airzoo_bench.report.draw`: its help, an example, its options.
@@ -68,8 +55,18 @@ _KINDS: dict[str, tuple[str, str, tuple[Parameter, ...]]] = {
     ),
     "scenes": (
         "Draw a score by method and scene as coloured cells: brighter is better.",
-        '-o scenes.svg --title "By scene"',
+        "-o scenes.svg",
         (_SCORE,),
+    ),
+    "condition": (
+        "Draw a score in groups of queries, with 95 % intervals, a marker a method and group.",
+        "--by altitude_m -o altitude.svg",
+        (
+            _option("by", str, "A column of the records, such as weather.", Parameter.empty),
+            _option("bins", str | None, "Inner edges of a number, such as 50,100."),
+            _SCORE,
+            _SCENE,
+        ),
     ),
     "map": (
         "Draw a scene's map: hits and misses of retrieval; arrows of errors, magnified, of matching"
@@ -89,16 +86,6 @@ _KINDS: dict[str, tuple[str, str, tuple[Parameter, ...]]] = {
         "-o cloud.png",
         (_SCENE,),
     ),
-    "condition": (
-        "Draw a score in groups of queries, with 95 % intervals, a marker a method and group.",
-        "--by altitude_m -o altitude.svg",
-        (
-            _option("by", str, "A column of the records, such as weather.", Parameter.empty),
-            _option("bins", str | None, "Inner edges of a number, such as 50,100."),
-            _SCORE,
-            _SCENE,
-        ),
-    ),
 }
 
 app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Draw results as pictures.")
@@ -110,49 +97,30 @@ def _group() -> None:
 
 
 def _draw(
-    kind: str,
-    results: list[str],
-    out: Path,
-    width: str | None,
-    height: str | None,
-    dpi: int | None,
-    title: str,
-    bare: bool,
-    data: str | None = None,
-    **more: Any,
+    kind: str, results: list[str], out: Path, width: str | None, bare: bool, **more: Any
 ) -> None:
+    from airzoo_bench.core.files import check_output_file
     from airzoo_bench.report.draw import picture
-    from airzoo_bench.report.figures import Sheet, check_ending, save_figure
-    from airzoo_bench.report.figures import parse_length as inches
+    from airzoo_bench.report.figures import Sheet, check_ending, parse_length, save_figure
     from airzoo_bench.results.files import results_here
 
-    paths = results_here(results)
-    check_output(out, paths)
-    if check_ending(out) != "png" and dpi is not None:
-        fix = "leave it out, or save a .png"
-        raise UsageError(f"--dpi is for .png, and {out} is drawn in lines and letters", fix=fix)
-    if more.get("bins") is not None:
+    check_ending(out)
+    check_output_file(out)
+    if "bins" in more:
         more["bins"] = parse_bins(more["bins"])
-    if _DATA in _KINDS[kind][2]:
-        more["data"] = resolve_data(data)
+    if "data" in more:
+        more["data"] = resolve_data(more["data"])
     aside: list[str] = []
-    size = inches(width, "--width"), inches(height, "--height")
-    sheet = Sheet(size[0], title, height_in=size[1], aside=aside if bare else None)
-    say_replaced(out)
+    sheet = Sheet(parse_length(width), aside=aside if bare else None)
     with working(f"drawing {out}"):
-        figure = picture(kind, paths, sheet, **more)
-        save_figure(figure, out, dpi=dpi)
+        save_figure(picture(kind, results_here(results), sheet, **more), out)
     say("\n".join([f"drew {out}", *aside]))
 
 
 for _kind, (_summary, _example, _own) in _KINDS.items():
-    _first = (
-        parameter("results", ResultsArgument),
-        parameter("out", _OUT),
-        *(one for one in _own if one.default is Parameter.empty),
-    )
-    _rest = [one for one in _own if one.default is not Parameter.empty]
     _named = "results/mymethod" if _kind in ("map", "query", "cloud") else "results/*/result.json"
-    app.command(_kind, epilog=examples(f"plot {_kind} {_named} {_example}"))(
-        with_parameters(partial(_draw, _kind), (*_first, *_rest, *_LAST), _summary)
+    _all = [parameter("results", ResultsArgument), parameter("out", _OUT), *_own, *_LAST]
+    _all.sort(key=lambda one: one.default is not Parameter.empty)
+    app.command(_kind, cls=in_panels({}), epilog=examples(f"plot {_kind} {_named} {_example}"))(
+        with_parameters(partial(_draw, _kind), _all, _summary)
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
 from functools import partial
@@ -14,6 +14,8 @@ import typer
 
 from airzoo_bench.cli.built import (
     BuiltGroup,
+    Command,
+    built_app,
     engine_parameters,
     option_parameters,
     parameter,
@@ -24,7 +26,7 @@ from airzoo_bench.cli.locations import with_data
 from airzoo_bench.core.errors import counted
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
-from airzoo_bench.datasets.about import About, about_file, read_about
+from airzoo_bench.datasets.about import About, about_file, about_of
 from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
 
 if TYPE_CHECKING:
@@ -83,30 +85,21 @@ class _PrepareGroup(BuiltGroup):
     }
 
     def summary_of(self, name: str) -> str:
-        path = about_file(name)  # which spares the import of the dataset
-        about: About = read_about(path) if path.is_file() else DATASETS.get(name).about
-        return about.summary
+        """Return the summary, without importing a built-in dataset."""
+        about = about_of(name) if about_file(name).is_file() else DATASETS.get(name).about
+        return str(about.summary)
 
-    def command_of(self, thing: Dataset[Any]) -> tuple[Callable[..., None], str]:
-        parameters = [*option_parameters(thing.options, thing.about.options), *_OUTPUT]
+    def command_of(self, thing: Dataset[Any]) -> tuple[Command, str]:
+        about = thing.about
+        parameters = [*option_parameters(thing.options, about.options), *_OUTPUT]
         if thing.jobs is not None:  # a process a scene, or a photo of airzoo-mini
             parameters += engine_parameters(thing.jobs)
-        about, published = thing.about, ""
-        if about.is_published:
-            published = f"\n\nData: {about.page}\n\nLicence: {about.licence}."
-        summary = f"{about.summary}{published}"
-        command = with_parameters(partial(_prepare, thing), parameters, summary)
+        data = f"\n\nData: {about.page}\n\nLicence: {about.licence}." if about.is_published else ""
+        command = with_parameters(partial(_prepare, thing), parameters, f"{about.summary}{data}")
         return command, f"prepare {about.example}"
 
 
-app = typer.Typer(
-    cls=_PrepareGroup, help="Make a benchmark folder out of data.", no_args_is_help=True
-)
-
-
-@app.callback()
-def _group() -> None:
-    """Make a benchmark folder out of data."""
+app = built_app(_PrepareGroup, "Make a benchmark folder out of data.")
 
 
 def _prepare(
@@ -126,17 +119,16 @@ def _prepare(
     chosen, root = dataset.options(**options), data_root()
     with working("getting ready"):
         folder = out or root / dataset.folder_name(chosen, root)
-    settings = PrepareSettings(
-        folder,
-        root,
-        tiles_on_disk=tiles is Parts.FILES,
-        crops_on_disk=crops is Parts.FILES,
-        copy=copy,
-        replace=force,
-        progress=progress,
-        note=say,
-    )
-    with working("getting ready"):
+        settings = PrepareSettings(
+            folder,
+            root,
+            tiles_on_disk=tiles is Parts.FILES,
+            crops_on_disk=crops is Parts.FILES,
+            copy=copy,
+            replace=force,
+            progress=progress,
+            note=say,
+        )
         there = not force and dataset.is_prepared(chosen, settings)
     if there:
         put(f"{folder}\n")
@@ -145,7 +137,7 @@ def _prepare(
     check_new_folder(folder, replace=force)
     with open_engine(engine, jobs=jobs, here=Processes(jobs), note=say) as place:
         prepared = dataset.prepare(chosen, replace(settings, engine=place))
-    _print_prepared(dataset.about, dataset.about.without_truth, prepared)
+    _print_prepared(dataset.about, prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
         where = with_data(None if prepared.folder.parent == root else prepared.folder)
@@ -154,30 +146,22 @@ def _prepare(
         raise typer.Exit(1)
 
 
-def _print_prepared(about: About, reasons: Mapping[str, str], prepared: Prepared) -> None:
+def _print_prepared(about: About, prepared: Prepared) -> None:
     put(f"{prepared.folder}\n")
-    if about.licence:
-        put(f"  licence: {about.licence}\n")
-    for sentence in about.assumptions:
-        put(f"  assumed: {sentence}\n")
-    for sentence in about.unverified:
-        put(f"  not verified: {sentence}\n")
+    lines = [f"licence: {about.licence}"] * bool(about.licence)
+    lines += [f"assumed: {sentence}" for sentence in about.assumptions]
+    lines += [f"not verified: {sentence}" for sentence in about.unverified]
+    put("".join(f"  {line}\n" for line in lines))
     several = len(prepared.summaries) > 1
     for scene, summary in prepared.summaries.items():
-        _print_scene(scene, summary, reasons, several)
+        _print_scene(scene, summary, about.without_truth, several)
     for scene, summary in prepared.summaries.items():
-        for sentence in summary.warnings:
-            say(f"warning: {_naming_scene(scene, sentence) if several else sentence}")
-        for sentence in summary.notes:
-            say(_naming_scene(scene, sentence) if several else sentence)
+        for sentence in (*(f"warning: {one}" for one in summary.warnings), *summary.notes):
+            # Some begin so: "flight 07: ...".
+            named = re.match(rf"(warning: )?\w+ {re.escape(scene)}\b", sentence) or not several
+            say(sentence if named else f"scene {scene}: {sentence}")
     for scene, why in prepared.failed.items():
         say(f"left out, scene {scene}: {why}")
-
-
-def _naming_scene(scene: str, sentence: str) -> str:
-    """Name the scene that a sentence is about, unless it begins so: "flight 07: ..."."""
-    named = re.match(rf"\w+ {re.escape(scene)}\b", sentence)
-    return sentence if named else f"scene {scene}: {sentence}"
 
 
 def _print_scene(
@@ -185,16 +169,12 @@ def _print_scene(
 ) -> None:
     if not summary.facts or several:
         put(f"{scene}, {counted(summary.photos, 'photo')}\n")
-    for line in summary.facts:
-        put(f"  {line}\n")
+    lines = [*summary.facts]
     for track, found in summary.tracks.items():
-        _print_track(track, found.text, found.left_out)
-    for track, reason in reasons.items():
-        if track not in summary.tracks:
-            _print_track(track, f"no: {reason}")
-
-
-def _print_track(track: str, text: str, left_out: int = 0) -> None:
-    put(f"  {track:15} {text}\n")
-    if left_out:
-        put(f"  {'':15} {counted(left_out, 'photo')} left out; excluded.csv says why\n")
+        lines.append(f"{track:15} {found.text}")
+        if found.left_out:
+            left_out = counted(found.left_out, "photo")
+            lines.append(f"{'':15} {left_out} left out; excluded.csv says why")
+    missing = [track for track in reasons if track not in summary.tracks]
+    lines += [f"{track:15} no: {reasons[track]}" for track in missing]
+    put("".join(f"  {line}\n" for line in lines))

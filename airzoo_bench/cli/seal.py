@@ -11,7 +11,6 @@ from airzoo_bench.cli.common import (
     Format,
     NamesOption,
     ReaderOption,
-    examples,
     progress,
     put,
     say,
@@ -23,13 +22,8 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import sealing
 from airzoo_bench.leaderboard.sealed_scoring import score_sealed
 
-__all__ = ["SCORE_EXAMPLES", "SEAL_EXAMPLES", "seal", "seal_score"]
+__all__ = ["seal", "seal_score"]
 
-SEAL_EXAMPLES = examples("seal mine --out public/mine --archive public/mine.age --to age1...")
-SCORE_EXAMPLES = examples(
-    "seal-score preds.npz --protocol mine-retrieval --data public/mine --archive public/mine.age "
-    "--key key.txt"
-)
 
 ArchiveOption = Annotated[Path, typer.Option("--archive", help="The archive of the truth.")]
 KeyOption = Annotated[

@@ -27,13 +27,8 @@ from airzoo_bench.leaderboard.submitting import (
 )
 from airzoo_bench.tables.layouts import scenes_table
 
-__all__ = ["EXAMPLES", "PANELS", "app", "submit"]
+__all__ = ["PANELS", "app", "submit"]
 
-EXAMPLES = examples(
-    "submit preds.npz --method SALAD",
-    "submit preds.npz --url https://zenodo.org/records/1/files/preds.npz --set "
-    "code=https://github.com/serizba/salad",
-)
 PANELS = {
     "Questions": (
         *("protocol", "method", "team", "contact", "author", "licence", "training_data", "stages"),

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from airzoo_bench.cli.built import field_parameters, with_parameters
-from airzoo_bench.cli.common import examples, show
+import typer
+
+from airzoo_bench.cli.built import option_parameters, parameter, with_parameters
+from airzoo_bench.cli.common import show
 from airzoo_bench.cli.table_request import TableRequest
 
-EXAMPLES = examples(
-    "table results/*/result.json --format latex",
-    "table */result.json --layout scenes --published -f latex",
-    "table uav-visloc-retrieval --published --layout scenes",
-)
 PANELS = {
     "Rows and columns": ("layout", "scene", "every", "scores", "published", "floors", "rename"),
     "Values": ("intervals", "decimals", "second", "baseline", "highlight"),
@@ -27,8 +24,11 @@ def _table(**options: Any) -> None:
     show(make_table(asked), asked.form)
 
 
+_about = "One or more result.json, or their folders: paths or URLs. With --published also names of "
+_about += "protocols, for what papers print on them."
+_results = Annotated[list[str], typer.Argument(metavar="RESULTS", help=_about)]
 table = with_parameters(
     _table,
-    field_parameters(TableRequest),
+    [parameter("results", _results), *option_parameters(TableRequest)],
     "Print one result by scene, or several side by side by method.",
 )

@@ -6,15 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from airzoo_bench.cli.common import scores_of
+from airzoo_bench.benchmark.mirrored import data_here
+from airzoo_bench.cli.common import Format
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.protocol.lookup import shipped_protocols
+from airzoo_bench.protocol.lookup import find_protocol, shipped_protocols
 from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.files import method_names, result_paths, results_here
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.result import Result, read_result, score_columns
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables import layouts, marks
+from airzoo_bench.tables.intervals import with_intervals
 from airzoo_bench.tables.method_table import (
     MethodTable,
     empty_table,
@@ -38,15 +43,19 @@ class _Part:
 def make_table(asked: TableRequest) -> Table:
     """Read the results that a request names, lay them out and mark the best."""
     parts = _read_parts(asked)
-    layout = asked.layout_for(len(parts), sum(len(part.results) for part in parts))
-    for name in asked.scores or ():
+    layout = _choose_layout(asked, len(parts), sum(len(part.results) for part in parts))
+    wanted = asked.scores or ()
+    for name in wanted:
         check_score(name, [c for part in parts for c in part.table.scores], "--score")
-    chosen = [_chosen(part.table.scores, asked.scores) for part in parts]
-    tables = [
-        _filled(asked, layout, replace(part, table=replace(part.table, scores=scores)))
-        for part, scores in zip(parts, chosen, strict=True)
-        if scores
-    ]
+    tables, left_out = [], []
+    for part in parts:
+        known = named_scores(part.table.scores)
+        scores = tuple(dict.fromkeys(known[name] for name in wanted if name in known))
+        if wanted and not scores:
+            left_out.append(part.table.title)
+        else:
+            chosen = replace(part.table, scores=scores or part.table.scores)
+            tables.append(_filled(asked, layout, replace(part, table=chosen)))
     if not any(table.rows for table in tables):
         titles = ", ".join(table.title for table in tables)
         raise UsageError(
@@ -54,13 +63,42 @@ def make_table(asked: TableRequest) -> Table:
             fix="name a protocol of a benchmark in protocols/published, or another --layout",
         )
     made = _laid_out(asked, layout, tables, parts[0])
-    left_out = [part.table.title for part, scores in zip(parts, chosen, strict=True) if not scores]
     if left_out:
-        note = f"left out, having no {' or '.join(asked.scores or ())}: {', '.join(left_out)}"
+        note = f"left out, having no {' or '.join(wanted)}: {', '.join(left_out)}"
         made = replace(made, notes=(note, *made.notes))
     if asked.decimals is not None:
         made = marks.with_decimals(made, asked.decimals)
-    return made if layout is Layout.RESULT else _marked(asked, made)
+    if layout is Layout.RESULT:
+        return made
+    made = marks.highlight(marks.mark_best(made, second=asked.second), asked.highlight or ())
+    baselines = marks.parse_baselines(made, asked.baseline or ())
+    made = marks.add_citations(made, asked.cite or (), published_sources())
+    return marks.add_gains(made, baselines)
+
+
+def _choose_layout(asked: TableRequest, protocols: int, results: int) -> Layout:
+    """Return the layout for so many results; refuse what does not go with it."""
+    among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
+    options = [f"--{name}" for name in among_methods if getattr(asked, name)]
+    layout = asked.layout
+    if layout is None and protocols > 1:
+        layout = Layout.BENCHMARKS
+    elif layout is None:  # one result has nothing to be compared with, unless that is asked for
+        layout = Layout.METHODS if options or results > 1 else Layout.RESULT
+    wrong = ""
+    if layout is Layout.RESULT and (options or results > 1):
+        wrong = f"layout result shows one result alone, and here are {results} results "
+        wrong += " ".join(options)
+    elif asked.scene and layout is not Layout.METHODS:
+        wrong = f"--scene does not go with layout {layout}"
+    elif layout in (Layout.METHODS, Layout.SCENES) and protocols > 1:
+        wrong = f"layout {layout} is for one protocol, and here are {protocols}"
+    if wrong:
+        others = [str(one) for one in Layout if one is not layout]
+        raise UsageError(wrong.rstrip(), fix=f"choose --layout {', '.join(others)}")
+    if asked.cite and asked.form is not Format.LATEX:
+        raise UsageError("--cite is for LaTeX", fix="add --format latex")
+    return layout
 
 
 def _read_parts(asked: TableRequest) -> list[_Part]:
@@ -76,7 +114,8 @@ def _read_parts(asked: TableRequest) -> list[_Part]:
     for places in groups.values():
         some, files = [results[i] for i in places], [paths[i] for i in places]
         parts.append(_Part(method_table(some, paths=files, every_score=every_score), some, files))
-    for protocol, columns in map(scores_of, names):
+    for protocol in (find_protocol(name, data_here()) for name in names):
+        columns = score_columns(load_track(protocol.track).scores(protocol))
         scores = [column for column in columns if every_score or column.headline]
         parts.append(_Part(empty_table(protocol, scores)))
     return parts
@@ -89,10 +128,8 @@ def _renamed(
     known = method_names(paths, results)
     names: dict[str, str] = {}
     for text in texts:
-        # A name may itself hold an equals sign.
-        splits = [(text[:i], text[i + 1 :].strip()) for i, c in enumerate(text) if c == "="]
-        old, new = next((pair for pair in splits if pair[0] in known), (text, ""))
-        if not new:
+        old, _, new = map(str.strip, text.rpartition("="))
+        if old not in known or not new:
             near = nearest(text.partition("=")[0][:80], known)
             raise UsageError(
                 f"{text[:80]!r} gives no method a new name{near}",
@@ -108,14 +145,6 @@ def _renamed(
     return changed
 
 
-def _chosen(scores: Sequence[ScoreColumn], wanted: list[str] | None) -> tuple[ScoreColumn, ...]:
-    """Return the scores named by key or title, in that order; all if none is named."""
-    if not wanted:
-        return tuple(scores)
-    by_name = named_scores(scores)
-    return tuple(dict.fromkeys(by_name[name] for name in wanted if name in by_name))
-
-
 def _filled(asked: TableRequest, layout: Layout, part: _Part) -> MethodTable:
     """Add intervals, published rows and floors, where they are asked for."""
     table = part.table
@@ -123,7 +152,9 @@ def _filled(asked: TableRequest, layout: Layout, part: _Part) -> MethodTable:
     if layout in (Layout.RESULT, Layout.SCENES):
         scenes = [*table.scenes, OVERALL]
     if asked.intervals and part.results:
-        table = _with_intervals(part, scenes)
+        triples = zip(table.rows, part.results, part.paths, strict=True)
+        methods = [Scored(row.method, result, read_records(path)) for row, result, path in triples]
+        table = with_intervals(table, methods, ResamplingConfig(), scenes)
     if asked.published:
         table = with_published(
             table,
@@ -138,18 +169,6 @@ def _filled(asked: TableRequest, layout: Layout, part: _Part) -> MethodTable:
     if asked.floors and part.results and layout is not Layout.RESULT:
         table = with_floors(table, part.results)
     return table
-
-
-def _with_intervals(part: _Part, scenes: Sequence[str]) -> MethodTable:
-    from airzoo_bench.results.records import Scored, read_records  # these need pandas
-    from airzoo_bench.statistics.samples import ResamplingConfig
-    from airzoo_bench.tables.intervals import with_intervals
-
-    methods = [
-        Scored(row.method, result, read_records(path))
-        for row, result, path in zip(part.table.rows, part.results, part.paths, strict=True)
-    ]
-    return with_intervals(part.table, methods, ResamplingConfig(), scenes)
 
 
 def _laid_out(
@@ -168,10 +187,3 @@ def _laid_out(
     )
     legend = (*first.about_intervals, *made.legend)
     return replace(made, notes=(*first.notes, *made.notes), legend=legend)
-
-
-def _marked(asked: TableRequest, made: Table) -> Table:
-    made = marks.highlight(marks.mark_best(made, second=asked.second), asked.highlight or ())
-    baselines = marks.parse_baselines(made, asked.baseline or ())
-    made = marks.add_citations(made, asked.cite or (), published_sources())
-    return marks.add_gains(made, baselines)

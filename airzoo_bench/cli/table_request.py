@@ -1,4 +1,4 @@
-"""The options of ``airzoo-bench table``, and whether they fit together."""
+"""The options of ``airzoo-bench table``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from airzoo_bench.cli.common import AllOption, Format, FormatOption, ScoresOption
-from airzoo_bench.core.errors import UsageError
+
+Texts = list[str] | None
 
 
 class Layout(StrEnum):
@@ -21,27 +22,15 @@ class Layout(StrEnum):
     BENCHMARKS = "benchmarks"
 
 
-def _option(help_text: str, *names: str, **bounds: Any) -> typer.models.OptionInfo:
-    option: typer.models.OptionInfo = typer.Option(*names, help=help_text, **bounds)
-    return option
-
-
-Texts = list[str] | None
+def _option(help_text: str, *names: str, **bounds: Any) -> Any:
+    return typer.Option(*names, help=help_text, **bounds)
 
 
 @dataclass(frozen=True)
 class TableRequest:
     """The options of the command."""
 
-    results: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RESULTS",
-            help="One or more result.json, or their folders: paths or URLs. With --published also "
-            "names of protocols, for what papers print on them.",
-        ),
-    ]
-    form: FormatOption = Format.TERMINAL
+    results: list[str]
     layout: Annotated[
         Layout | None,
         _option(
@@ -87,28 +76,4 @@ class TableRequest:
     cite: Annotated[
         Texts, _option("LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable.")
     ] = None
-
-    def layout_for(self, protocols: int, results: int) -> Layout:
-        """Return the layout for so many results; refuse what does not go with it."""
-        among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
-        asked = [f"--{name}" for name in among_methods if getattr(self, name)]
-        layout = self.layout
-        if layout is None and protocols > 1:
-            layout = Layout.BENCHMARKS
-        elif layout is None:
-            # One result has nothing to be compared with, unless that is asked for.
-            layout = Layout.METHODS if asked or results > 1 else Layout.RESULT
-        wrong = ""
-        if layout is Layout.RESULT and (asked or results > 1):
-            wrong = f"layout result shows one result alone, and here are {results} "
-            wrong += f"results {' '.join(asked)}".rstrip()
-        elif self.scene and layout is not Layout.METHODS:
-            wrong = f"--scene does not go with layout {layout}"
-        elif layout in (Layout.METHODS, Layout.SCENES) and protocols > 1:
-            wrong = f"layout {layout} is for one protocol, and here are {protocols}"
-        if wrong:
-            others = [str(one) for one in Layout if one is not layout]
-            raise UsageError(wrong, fix=f"choose --layout {', '.join(others)}")
-        if self.cite and self.form is not Format.LATEX:
-            raise UsageError("--cite is for LaTeX", fix="add --format latex")
-        return layout
+    form: FormatOption = Format.TERMINAL

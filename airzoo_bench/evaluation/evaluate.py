@@ -357,7 +357,6 @@ def write_template(
     out: Path | None = None,
     kind: str | None = None,
     seed: int = 0,
-    force: bool = False,
 ) -> Template:
     """Write an example prediction for a protocol, at random."""
     chosen = find_protocol(protocol, data)
@@ -368,19 +367,19 @@ def write_template(
             expected=" or ".join(info.templates) or "no --kind",
         )
     target = out or Path("template" if info.folders else "template.npz")
-    _check_target(target, info, force=force)
+    _check_target(target, info)
     benchmark, truths = read_truths(chosen, data, sealed=True)
     kind = kind or (*info.templates, "")[0]
     note = load_track(info.name).template(target, truths, chosen, kind, seed)
     return Template(info.name, target, note, benchmark.is_sealed)
 
 
-def _check_target(out: Path, info: TrackInfo, *, force: bool) -> None:
+def _check_target(out: Path, info: TrackInfo) -> None:
     """Refuse, before any work, a place where a template cannot be, or where predictions are."""
     if not info.folders:
         check_npz(out)
-        what = "is there already, and could be a prediction" if out.is_file() and not force else ""
-        fix = "name another file with --out, or add --force"
+        what = "is there already, and could be a prediction" if out.is_file() else ""
+        fix = "name another file with --out"
     else:
         filled = out.is_dir() and any(out.iterdir())
         what = "is there and not empty" if filled else ""

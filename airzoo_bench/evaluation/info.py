@@ -13,19 +13,16 @@ DOUBLED = Option("double", "Look for the finest features too, for four times the
 
 @dataclass(frozen=True)
 class EvalOption:
-    """An option of ``airzoo-bench eval`` that one track has; a number up to `most`, or a flag.
+    """A flag of ``airzoo-bench eval`` that one track has, to write more files into the output.
 
-    `act` is a ``module:function``: it takes the `evaluate.Evaluation`, the option's value, the
-    output folder or None, and `Run`, and yields lines to print. With `needs_out` it writes files,
-    whose names match `files`, into a folder of the option's name.
+    `act` is a ``module:function``: it takes the `evaluate.Evaluation`, True, the output folder and
+    `Run`, yields lines to print, and writes files, whose names match `files`, into a folder of the
+    option's name.
     """
 
     name: str
     help: str
     act: str
-    default: bool | int = False
-    most: int = 1
-    needs_out: bool = True
     files: str = ".*"
 
 

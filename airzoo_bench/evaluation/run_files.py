@@ -26,9 +26,8 @@ def _run_entries() -> tuple[list[str], dict[str, str]]:
     for info in map(TRACKS.get, TRACKS.names()):
         files += info.files
         for option in info.options:
-            if option.needs_out:
-                known = folders.get(option.name, r"\..*")
-                folders[option.name] = f"{known}|(?:{option.files})"
+            known = folders.get(option.name, r"\..*")
+            folders[option.name] = f"{known}|(?:{option.files})"
     return files, folders
 
 

@@ -29,31 +29,11 @@ def made(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", [["report"], ["plot", "scenes"]])
-@pytest.mark.parametrize("given", ["result.json", "a.html", "a.svg", ""])
-def test_what_is_read_is_never_written(
-    command: list[str], given: str, made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = {path: path.read_bytes() for path in made.iterdir()}
-    read = ["result.json", "records.csv"] if given in ("result.json", "") else [given]
-    read += ["a.records.csv"] if given.startswith("a.") else []
-    (made.parent / "link").symlink_to(made, target_is_directory=True)
-    for out in [folder / name for folder in (made, made.parent / "link") for name in read]:
-        assert run_main(*command, made / given, "-o", out) == 2
-        assert "is read to make what would be written here" in capsys.readouterr().err
-    assert {path: path.read_bytes() for path in made.iterdir()} == before
-
-
 @pytest.mark.parametrize(
     ("out", "message"),
     [
-        (
-            "x.txt",
-            "the file's ending is '.txt'\n  expected: .html or .htm\n  fix:      name it x.h",
-        ),
-        ("x", "the file has no ending"),
+        ("x.txt", "x.txt: a report is a page"),
         ("in/result.json/x.html", "in/result.json: a file, not a folder"),
-        ("in", "in: a folder, not a file"),
         ("x" * 300 + ".html", "cannot be written: "),
     ],
 )
@@ -68,16 +48,6 @@ def test_a_report_that_cannot_be_written_costs_no_work(
     assert run_main("report", made, "-o", made.parent / out) == 2
     assert message in capsys.readouterr().err
     assert files_below(made.parent) == {"in", *(f"in/{path.name}" for path in made.iterdir())}
-
-
-@pytest.mark.parametrize("command", [["report"], ["plot", "scenes"]])
-def test_that_a_file_is_replaced_is_said(
-    command: list[str], made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = made.parent / ("x.html" if command == ["report"] else "x.svg")
-    for said in (False, True):
-        assert run_main(*command, made, "-o", out) == 0
-        assert (f"{out} is there already and will be replaced" in capsys.readouterr().err) is said
 
 
 @pytest.mark.parametrize("ending", [".html", ".HTM"])

@@ -29,7 +29,7 @@ print(*sorted(sys.modules), file=sys.stderr)
         *("--help", "--version", "table --help", "check -h", "plot -h", "plot recall -h"),
         *("eval --help", *(f"eval {track} -h" for track in TRACKS.names())),
         *("baseline --help", *(f"baseline {track} -h" for track in TRACKS.names())),
-        *("prepare --help", "mini world -h"),
+        *("prepare --help", "mini render -h"),
     ],
 )
 def test_help_loads_nothing_heavy(call: str) -> None:

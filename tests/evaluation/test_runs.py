@@ -134,9 +134,8 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
     said = capsys.readouterr().err
     assert "holds a run, Method by " in said
     assert "this one takes the place of result.json, records.csv, timings.csv, figures\n" in said
-    assert f"wrote {out / 'result.json'} and {out / 'records.csv'}" in said
+    assert f"wrote {out / 'result.json'}, {out / 'records.csv'} of method mymethod" in said
     assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
-    assert "the method is called mymethod, after --out; --method gives it another name" in said
     assert read_result(out / "result.json").predictions.method == "mymethod"
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out, "--method", "M") == 0
     said = capsys.readouterr().err

@@ -16,9 +16,8 @@ import typer
 from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
-from airzoo_bench.cli.breakdown import breakdown
 from airzoo_bench.cli.plot import app as plot
-from airzoo_bench.cli.report import report
+from airzoo_bench.cli.results import breakdown, report
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import ERROR, HIT, made_result, write_method

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.report.figures import parse_length
@@ -72,7 +71,6 @@ def test_thresholds_are_of_reconstruction(tmp_path: Path) -> None:
         (("scenes", "--score", "recall@", "-o", "x.png"), "'recall@1'"),
         (("recal", "-o", "x.png"), "did you mean 'recall'"),
         (("recall", "--width", "wide", "-o", "x.png"), "no width"),
-        (("recall", "--height", "tall", "-o", "x.png"), "no height"),
         (("recall", "--scene", "eats", "-o", "x.png"), "no scene 'eats'"),
     ],
 )
@@ -101,21 +99,6 @@ def test_an_option_of_another_kind(tmp_path: Path, kind: str, option: str) -> No
     assert done.exit_code == 2
     assert f"No such option: {option}" in done.output
     assert not list(tmp_path.glob("x.*"))
-
-
-def test_dots_per_inch(tmp_path: Path) -> None:
-    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
-    widths = []
-    for dpi in (None, 150, 300):
-        out = tmp_path / "x.png"
-        asked = () if dpi is None else ("--dpi", dpi)
-        assert run("plot", "recall", path, "--width", "3in", "-o", out, *asked).exit_code == 0
-        with Image.open(out) as picture:
-            widths.append(picture.width)
-            assert picture.info["dpi"] == pytest.approx((dpi or 150, dpi or 150), abs=0.1)
-    assert widths == [450, 450, 900]
-    done = run("plot", "recall", path, "--dpi", 300, "-o", tmp_path / "x.pdf")
-    assert "--dpi is for .png" in str(done.exception)
 
 
 def test_a_kind_left_out_is_told_how_to_fix(tmp_path: Path) -> None:

@@ -249,7 +249,7 @@ def test_the_hardest_queries_are_worst_on_average_then_by_error_and_no_hits() ->
 
 def test_nothing_hostile_gets_out_of_its_text(tmp_path: Path) -> None:
     paths = write_methods(tmp_path, [retrieval_method(HOSTILE, 0)])
-    page = made_page(tmp_path, *paths, "--title", HOSTILE)
+    page = made_page(tmp_path, *paths)
     assert page.parts[0]["methods"] == [HOSTILE]
     scripts = re.findall(r"<script[^>]*>", page.text)
     assert len(scripts) == len(re.findall("</script>", page.text)) == len(page.blobs) + 2

@@ -30,18 +30,6 @@ def test_no_url_that_can_be_read(
         assert "s3://, gs://, hf://, https://" in message, call
 
 
-def test_a_url_with_one_slash(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "s3:").mkdir()
-    (tmp_path / "s3:" / "there.npz").touch()
-    assert run_main("check", "s3:/bucket/p.npz") == 2
-    assert "s3:/…: a URL lacks a slash" in capsys.readouterr().err
-    assert run_main("check", "s3:/there.npz") == 2
-    assert "lacks a slash" not in capsys.readouterr().err  # a path that is there is a path
-
-
 def test_only_runs_are_written_to_urls(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_main("report", "r.json", "--out", "s3://bucket/a.html") == 2
     assert "looks like a URL, and this is written to a disk" in capsys.readouterr().err

@@ -83,20 +83,6 @@ def test_a_comparison_of_one_score_speaks_of_no_other(scored: Scored, run: Run) 
     assert all(name in text for name in NAMES)
 
 
-def test_most_different_queries_differ_so(scored: Scored, run: Run) -> None:
-    column = scored.headline[0]
-    ask = ("compare", *scored.paths[1:], "--most-different", "4", "--score", column.key)
-    table = check_formats(run, *ask)
-    first, second = (
-        frame.set_index("scene" if scored.track == "reconstruction" else "query")[column.key]
-        for frame in list(scored.records.values())[1:]
-    )
-    apart = (second - first).where(first != second, 0).abs().sort_values(ascending=False)
-    listed = apart[[row[table.columns[0]] for row in table.rows]]
-    assert listed.tolist() == apart.head(len(listed)).tolist()
-    assert len(listed) == min(4, (apart > 0).sum())
-
-
 # --- breakdown -------------------------------------------------------------------------------
 
 

@@ -1,27 +1,60 @@
-"""``airzoo-bench check-geometry`` and ``check-split``: whether a dataset agrees with itself."""
+"""``airzoo-bench audit``, ``check-geometry``, ``check-split``: published numbers and geometry."""
 
 from __future__ import annotations
 
 import json
+import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, examples, progress, put, say, show
+from airzoo_bench.cli.common import Format, FormatOption, progress, put, say, show
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
     from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
+_MOST_M = 2000.0  # rays to the ground are cut here
 
-SPLIT_EXAMPLES = examples("check-split training-set airzoo-mini --out overlaps.csv")
-GEOMETRY_EXAMPLES = examples("check-geometry airzoo-mini --format json")
-PANELS = {
-    "Cameras": ("scene", "poses", "images", "crs"),
-    "Depth": ("depth", "depth_kind", "depth_scale", "samples", "seed", "median_below"),
-    "Output": ("form",),
-}
+
+def audit(
+    table: Annotated[
+        Path,
+        typer.Argument(
+            help="CSV, a line a number: the columns method, scene, metric, value, and any of "
+            "table, benchmark, track, unit, n, bold, gain."
+        ),
+    ],
+    form: FormatOption = Format.TERMINAL,
+    counts: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Queries of scenes, as 'scene=n,...' or 'benchmark/scene=n,...', repeatable "
+            "(default: what the file says, else what the values imply)."
+        ),
+    ] = None,
+) -> None:
+    """Check a published table against arithmetic. Exit code 1 when it contradicts itself.
+
+    Numbers as they are typed off a page: the first line 'method,scene,metric,value', then a line a
+    number, such as 'X,City,R@1,8.70'. Keep trailing zeros. See docs/audit.md.
+    """
+    from airzoo_bench.audit.audit import audit as audit_published
+    from airzoo_bench.audit.counts import parse_counts
+    from airzoo_bench.audit.findings import audit_table, audit_text
+    from airzoo_bench.tables.published import read_published
+
+    given = parse_counts(counts or [])
+    done = audit_published(read_published(table), given)
+    if form is Format.TERMINAL:
+        width = shutil.get_terminal_size((80, 24)).columns
+        put(audit_text(done, width, styled=sys.stdout.isatty()))
+    else:
+        show(audit_table(done), form)
+    if done.failed:
+        raise typer.Exit(1)
 
 
 def check_geometry(
@@ -51,28 +84,30 @@ def check_geometry(
         float | None,
         typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG."),
     ] = None,
-    samples: Annotated[int, typer.Option(min=64, help="Pixels sampled of each frame.")] = 4096,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sampling.")] = 0,
     median_below: Annotated[
         float, typer.Option(min=0.0, help="The median relative depth error must be below this.")
     ] = 0.00066,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
     """Check frames and depth of a dataset; exit code 1 where something is wrong."""
+    from airzoo_bench.datasets.geometry_checks import scenes
     from airzoo_bench.datasets.geometry_checks.report import geometry_table
 
     if depth_scale is not None and not 0.0 < depth_scale < float("inf"):
         what = f"--depth-scale {depth_scale} is not a scale"
         raise UsageError(what, expected="metres of a unit")
-    sampling = {
-        "kind": depth_kind,
-        "scale_m": depth_scale,
-        "pixels": samples,
-        "seed": seed,
-        "median_below": median_below,
-    }
-    scenes = _scenes(data, scene, poses, images, crs)
-    checked = [_checked(one, depth, sampling) for one in scenes]
+    if data is not None and (poses, images, crs) == (None, None, None):
+        found = scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene, measured=True)
+    elif data is None and scene is None and poses is not None and images is not None:
+        found = [scenes.scene_from_poses(poses, images, crs, progress)]
+    else:
+        raise UsageError(
+            "what is to be checked is not clear",
+            expected="a benchmark folder DATA, perhaps with --scene; or --poses and --images, "
+            "perhaps with --crs",
+        )
+    sampling = {"kind": depth_kind, "scale_m": depth_scale, "median_below": median_below}
+    checked = [_checked(one, depth, sampling) for one in found]
     passes = not any(one.failures for one in checked)
     if form is Format.JSON:
         values = {"passes": passes, "scenes": [one.values for one in checked]}
@@ -81,22 +116,6 @@ def check_geometry(
         show(geometry_table(checked), form)
     if not passes:
         raise typer.Exit(1)
-
-
-def _scenes(
-    data: Path | None, scene: str | None, poses: Path | None, images: Path | None, crs: str | None
-) -> list[PosedScene]:
-    from airzoo_bench.datasets.geometry_checks import scenes
-
-    if data is not None and (poses, images, crs) == (None, None, None):
-        return scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene, measured=True)
-    if data is None and scene is None and poses is not None and images is not None:
-        return [scenes.scene_from_poses(poses, images, crs, progress)]
-    raise UsageError(
-        "what is to be checked is not clear",
-        expected="a benchmark folder DATA, perhaps with --scene; or --poses and --images, "
-        "perhaps with --crs",
-    )
 
 
 def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
@@ -119,16 +138,15 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
     found = None
     if has_depth:
         paths = find_depths(folder, scene.images)
-        found = check_depth_consistency(scene, paths, **sampling, progress=progress)
+        found = check_depth_consistency(
+            scene.ids, scene.cameras, scene.poses, paths, **sampling, progress=progress
+        )
     return SceneGeometry(scene, chain, found)
 
 
 def check_split(
     train: Annotated[Path, typer.Argument(help="A benchmark folder, or a CSV of footprints.")],
     test: Annotated[Path, typer.Argument(help="Another.")],
-    max_range: Annotated[
-        float, typer.Option(min=1.0, help="Rays to the ground are cut at this many metres.")
-    ] = 2000.0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="CSV of all pairs that overlap.")
     ] = None,
@@ -140,7 +158,7 @@ def check_split(
     """
     from airzoo_bench.datasets.geometry_checks import splits
 
-    sets = [splits.read_footprints(place, max_range) for place in (train, test)]
+    sets = [splits.read_footprints(place, _MOST_M) for place in (train, test)]
     found = splits.compare_splits(*sets, csv=out, progress=progress)
     show(splits.split_table(found), form)
     if out is not None:
