@@ -138,9 +138,7 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
     found = None
     if has_depth:
         paths = find_depths(folder, scene.images)
-        found = check_depth_consistency(
-            scene.ids, scene.cameras, scene.poses, paths, **sampling, progress=progress
-        )
+        found = check_depth_consistency(scene, paths, **sampling, progress=progress)
     return SceneGeometry(scene, chain, found)
 
 
