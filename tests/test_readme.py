@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 PROJECT = Path(__file__).parents[1]
-# A block of `sh` is run; of `console` the command is run and prints the lines below it.
-BLOCK = re.compile(r"^```(sh|console|csv)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+# `sh` is run, unless a comment is above it; the command of `console` prints the lines below it.
+BLOCK = re.compile(r"(?<!-->\n)^```(sh|console|csv)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SHELL = f"""set -eu
 pip() {{ :; }}
 airzoo-bench() {{ {sys.executable} -m airzoo_bench "$@"; }}
@@ -41,7 +41,7 @@ def follow(page: str, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_pages_print_what_they_show(tmp_path: Path) -> None:
-    names = ("index", "retrieval", "matching", "reconstruction", "audit")
+    names = ("index", "retrieval", "matching", "reconstruction", "statistics", "compare", "audit")
     for page in (*(f"docs/{name}.md" for name in names), "README.md"):
         folder = tmp_path / page
         folder.mkdir(parents=True)
