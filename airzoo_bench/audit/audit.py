@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from fractions import Fraction
-from itertools import combinations, permutations
+from itertools import chain, combinations, permutations
 
 from airzoo_bench.audit.counts import check_counts, define_precision, resolve_queries
 from airzoo_bench.audit.findings import Audit, Finding, Grade, Outcome
@@ -19,7 +19,7 @@ Pair = tuple[Value, Value]
 
 # What is within a distance is within a larger one.
 _GROWING = (Family.HITS, Family.PRECISION, Family.RECALL, Family.F1, Family.CURVE)
-_FEWEST_SCORES = 3  # a whole row of fewer says nothing: two scores may agree by chance
+_FEWEST = 3  # a whole row of fewer says nothing: two scores may agree by chance
 _MOST_NAMES = 10
 _ZERO = Fraction(0)
 
@@ -84,7 +84,7 @@ def _check_ranges(values: Values) -> Outcome:
 def _of_pairs(
     check: str, what: str, none: str, pairs: Sequence[Pair], findings: Iterable[Finding | None]
 ) -> Outcome:
-    cells = tuple(cell for pair in pairs for cell in pair)
+    cells = tuple(chain.from_iterable(pairs))
     left = "" if pairs else none
     return Outcome(check, len(pairs), what, left, tuple(filter(None, findings)), cells=cells)
 
@@ -151,20 +151,19 @@ def _judge_f1(cell: Value, precision: Value, recall: Value) -> Finding | None:
     highs = [max(_ZERO, one.share.high) for one in (precision, recall)]
     # A mean F1 over scenes is at least P + R - 1 of the means.
     low = max(_ZERO, sum(lows, _ZERO) - 1) if cell.is_summary else _f1_of(*lows)
-    possible, digits = Span(low, _f1_of(*highs)), cell.number.decimals
+    possible = Span(low, _f1_of(*highs))
     if cell.share.meets(possible):
         return None
-    p, r = precision.number.text, recall.number.text
-    if cell.is_summary:
-        ends = (decimal_text(end * cell.full, digits) for end in (possible.low, possible.high))
-        why = (
-            f"with mean precision {p} and mean recall {r} a mean F1 lies between P + R - 1 and the "
-            f"F1 of the means, which is {' to '.join(ends)}; printed is {cell.number.text}"
-        )
-    else:
+    p, r, printed = precision.number.text, recall.number.text, cell.number.text
+    ends = [decimal_text(x * cell.full, cell.number.decimals) for x in (low, possible.high)]
+    why = (
+        f"with mean precision {p} and mean recall {r} a mean F1 lies between P + R - 1 and the "
+        f"F1 of the means, which is {' to '.join(ends)}; printed is {printed}"
+    )
+    if not cell.is_summary:
         middle = _f1_of(precision.number.value / precision.full, recall.number.value / recall.full)
-        exact = decimal_text(middle * cell.full, digits)
-        why = f"F1 = 2 x {p} x {r} / ({p} + {r}) = {exact}, printed is {cell.number.text}"
+        exact = decimal_text(middle * cell.full, cell.number.decimals)
+        why = f"F1 = 2 x {p} x {r} / ({p} + {r}) = {exact}, printed is {printed}"
     # Where all three digits were cut off, or two were rounded before.
     slack = sum((c.number.half / c.full for c in (cell, precision, recall)), _ZERO)
     if cell.share.widened(slack).meets(possible):
@@ -210,11 +209,9 @@ def _differing(first: Value, second: Value) -> Finding | None:
 def _check_misplaced_rows(values: Values, off: AbstractSet[Value]) -> Outcome:
     """Find rows that another table prints, number for number, under another method's name."""
     rows = grouped(values, lambda value: value.row)
-    compared = [
-        row
-        for row in rows.values()
-        if len(row) >= _FEWEST_SCORES and any(cell.number.value for cell in row)
-    ]
+    compared = [r for r in rows.values() if len(r) >= _FEWEST and any(c.number.value for c in r)]
+    if len({row[0].table for row in compared}) < 2:
+        compared = []
 
     def content(row: Values) -> tuple[object, ...]:
         numbers = frozenset((cell.metric, cell.number.value) for cell in row)
@@ -229,20 +226,17 @@ def _check_misplaced_rows(values: Values, off: AbstractSet[Value]) -> Outcome:
             has_another = any(printed.get(c.metric, c.number.value) != c.number.value for c in row)
             # Of two such rows, the one whose averages are off is in the wrong place.
             is_right = off.isdisjoint(row) and not off.isdisjoint(other)
-            if cell.table == there.table or cell.method == there.method:
-                continue
-            if has_another and not is_right:
+            apart = cell.table != there.table and cell.method != there.method
+            if apart and has_another and not is_right:
                 numbers = ", ".join(f"{cell.metric} {cell.number.text}" for cell in row)
                 why = (
                     f"all {len(row)} numbers of this row ({numbers}) are those of {there.method} "
                     f"in {there.table}, {there.scene}, so it may have the wrong name"
                 )
                 findings.append(Finding(Grade.INCONSISTENT, "row", cell, why))
-    if len({row[0].table for row in compared}) < 2:
-        compared = []
     left = "" if compared else "nothing is printed in two tables"
     what = "rows, whether another table prints one under another method's name"
-    cells = tuple(cell for row in compared for cell in row)
+    cells = tuple(chain.from_iterable(compared))
     return Outcome("row", len(compared), what, left, tuple(findings), cells=cells)
 
 
@@ -265,24 +259,22 @@ def _judge_column(column: Values) -> Iterator[Finding]:
     higher = column[0].score.higher_is_better
     best = (max if higher else min)(column, key=lambda cell: cell.number.value).number
     leaders = [cell for cell in column if cell.number.value == best.value]
-    bold_leaders = [cell for cell in leaders if cell.bold]
+    bold = [cell for cell in leaders if cell.bold]
     for cell in column:
-        text, leads = cell.number.text, cell.number.value == best.value
+        text, leads = cell.number.text, cell in leaders
         if cell.bold == leads:
             continue
-        grade = Grade.ROUNDING if leads and bold_leaders else Grade.INCONSISTENT
         if not leads:
             better = "higher" if higher else "lower"
             why = f"{text} is bold, but {_names(leaders)} has {best.text}, and {better} is better"
-        elif bold_leaders:
-            why = f"{text} is not bold, but the same number of {_names(bold_leaders)} is"
+        elif bold:
+            why = f"{text} is not bold, but the same number of {_names(bold)} is"
         else:
-            bold = _names([cell for cell in column if cell.bold])
-            why = f"{text} is the best of {len(column)} methods, but {bold} is bold"
-        yield Finding(grade, "bold", cell, why)
+            others = _names([cell for cell in column if cell.bold])
+            why = f"{text} is the best of {len(column)} methods, but {others} is bold"
+        yield Finding(Grade.ROUNDING if leads and bold else Grade.INCONSISTENT, "bold", cell, why)
 
 
 def _names(cells: Values) -> str:
-    """Name methods, the first few where all of a long table are alike."""
     more = [f"{len(cells) - _MOST_NAMES} more"] if len(cells) > _MOST_NAMES else []
     return " and ".join([*(cell.method for cell in cells[:_MOST_NAMES]), *more])

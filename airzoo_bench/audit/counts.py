@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,7 @@ _MOST_MISFITS = 0.1
 _FEWEST = 3  # from so many values on one may be a misprint
 
 
-@dataclass(frozen=True)
-class Queries:
+class Queries(NamedTuple):
     """How many queries a scene has, given by the user or the file, or else concluded."""
 
     number: int
@@ -202,23 +202,24 @@ def check_counts(
     """Find shares of queries that are no whole number of queries."""
     hits = shares_of_scenes(values, Family.HITS)
     known = [_Share(cell, queries[key_of(cell)]) for cell in hits if key_of(cell) in queries]
-    number = counted(len({key_of(share.cell) for share in known}), "scene")
     unknown = [cell for cell in hits if key_of(cell) not in queries]
     left = "" if hits else "no share of queries, such as R@1, is printed"
     if unknown:
-        scenes = list(dict.fromkeys(cell.place for cell in unknown))
-        names = ", ".join(scenes[:3]) + (" ..." if len(scenes) > 3 else "")
-        left = f"{counted(len(unknown), 'share')} in {names}, whose number of queries is not known "
+        scenes = first_of(dict.fromkeys(cell.place for cell in unknown))
+        left = (
+            f"{counted(len(unknown), 'share')} in {scenes}, whose number of queries is not known "
+        )
         left += "and the values do not tell: give it by --counts"
-    return Outcome(
-        "counts",
-        len(known),
-        f"shares of queries in {number}, whether each is a whole number of queries",
-        left,
-        tuple(_no_count("counts", one) for one in known if one.off > Fraction(1, 2)),
-        tuple(conclusions),
-        cells=tuple(share.cell for share in known),
-    )
+    what = f"shares of queries in {counted(len({key_of(one.cell) for one in known}), 'scene')}"
+    return _outcome("counts", f"{what}, whether each is a whole number", left, known, conclusions)
+
+
+def _outcome(
+    check: str, what: str, left: str, shares: Sequence[_Share], conclusions: Sequence[str]
+) -> Outcome:
+    found = tuple(_no_count(check, one) for one in shares if one.off > Fraction(1, 2))
+    cells = tuple(share.cell for share in shares)
+    return Outcome(check, len(shares), what, left, found, tuple(conclusions), cells)
 
 
 def define_precision(
@@ -252,16 +253,10 @@ def define_precision(
             left += sum(not cell.is_summary for cell in cells)
             text = f"that of {variant}" if variant else text
         conclusions.append(f"AP of {', '.join(filter(None, name))}: the definition is {text}")
-    none = "no average precision such as AP@5 is printed in a scene with known queries"
-    return precise, Outcome(
-        "AP counts",
-        len(shares),
-        "mean precisions, whether each is a whole number of positives",
-        f"{left} that are not known to be mean precision" if left else none * (not shares),
-        tuple(_no_count("AP counts", one) for one in shares if one.off > Fraction(1, 2)),
-        tuple(conclusions),
-        tuple(share.cell for share in shares),
-    )
+    none = "" if shares else "no average precision such as AP@5 of a scene with known queries"
+    left_out = f"{left} that are not known to be mean precision" if left else none
+    what = "mean precisions, whether each is a whole number of positives"
+    return precise, _outcome("AP counts", what, left_out, shares, conclusions)
 
 
 def _is_precision(shares: Sequence[_Share], doubtful: Collection[tuple[str, ...]]) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby
@@ -85,18 +84,10 @@ class Audit:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The gravest first, then by table and place, in the order of the file."""
+        """The gravest first, then in the order of the file."""
         found = [finding for outcome in self.outcomes for finding in outcome.findings]
-        found.sort(key=lambda finding: finding.cell.line)
-        places = [(f.cell.table, f.cell.place) for f in found]
         grades = list(Grade)
-        first = {place: number for number, place in reversed([*enumerate(places)])}
-
-        def order(finding: Finding) -> tuple[int, int]:
-            place = finding.cell.table, finding.cell.place
-            return grades.index(finding.grade), first[place]
-
-        return tuple(sorted(found, key=order))
+        return tuple(sorted(found, key=lambda one: (grades.index(one.grade), one.cell.line)))
 
     @property
     def conclusions(self) -> tuple[str, ...]:
@@ -115,10 +106,9 @@ class Audit:
         counts = ", ".join(f"{grades.count(grade)} {grade.value}" for grade in Grade)
         if self.checked == self.cells:
             return f"{self.source}: {counts}, in {counted(self.cells, 'value')}"
-        checked = (
-            f"only {self.checked} of {self.cells}" if self.checked else f"none of {self.cells}"
-        )
-        return f"{self.source}: {counts}; {checked} values could be checked, apart from their range"
+        checked = f"only {self.checked}" if self.checked else "none"
+        apart = f"{checked} of {self.cells} values could be checked, apart from their range"
+        return f"{self.source}: {counts}; {apart}"
 
     @property
     def failed(self) -> bool:
@@ -131,11 +121,9 @@ def audit_table(audit: Audit) -> Table:
     titles = ("Grade", "Check", "Table", "Scene", "Method", "Score", "Printed", "Why")
     rows = []
     for one in audit.findings:
-        cell = one.cell
-        where = (cell.table, cell.place, cell.method, cell.metric)
-        rows.append(
-            Row(tuple(map(Cell, (one.grade, one.check, *where, cell.number.text, one.why))))
-        )
+        where = (one.cell.table, one.cell.place, one.cell.method, one.cell.metric)
+        texts = (one.grade, one.check, *where, one.cell.number.text, one.why)
+        rows.append(Row(tuple(map(Cell, texts))))
     checked = (f"checked, {outcome.check}: {outcome.text}" for outcome in audit.outcomes)
     concluded = (f"concluded, {conclusion}" for conclusion in audit.conclusions)
     notes = (*checked, *concluded, *audit.notes)
@@ -143,43 +131,36 @@ def audit_table(audit: Audit) -> Table:
 
 
 def audit_text(audit: Audit, width: int, *, styled: bool = False) -> str:
-    """Lay out an audit as text."""
-    room = min(max(width, _NARROWEST), _WIDEST)
-    sections = []
-    for title, body in _sections(audit):
-        head = _wrapped("", "", title, room)
-        shown = [f"\x1b[1m{line}\x1b[0m" for line in head] if styled else head
-        lines = [line for part in body for line in _wrapped(*part, room)]
-        sections.append("".join(f"{line}\n" for line in [*shown, *lines]))
-    return "\n".join(sections)
-
-
-def _sections(audit: Audit) -> Iterator[tuple[str, list[tuple[str, str, str]]]]:
-    """Yield titles with their paragraphs: indents of the first and further lines, text."""
-    none = "Nothing found." if audit.checked else "Nothing could be checked, so nothing was found."
-    yield audit.summary, [] if audit.findings else [("", "", none)]
+    """Lay out an audit as text, a paragraph a finding."""
+    nothing = "Nothing found." if audit.checked else "Nothing could be checked."
+    sections = [(audit.summary, [] if audit.findings else [("", nothing)])]
     for grade, of_grade in groupby(audit.findings, key=lambda finding: finding.grade):
-        findings, body = list(of_grade), []
-        places = groupby(findings, key=lambda finding: (finding.cell.table, finding.cell.place))
-        for place, own in places:
-            body.append(("  ", "  ", ", ".join(filter(None, place))))
-            for one in own:
-                cell = one.cell
-                printed = f"{cell.method}, {cell.metric}: {cell.number.text} [{one.check}]"
-                body += [(" " * 4, " " * 4, printed), (" " * 8, " " * 8, one.why)]
-        yield f"{grade.value.upper()} ({len(findings)}): {_MEANING[grade]}", body
-    yield "CHECKED", [(f"  {o.check:<10} ", " " * 13, o.text) for o in audit.outcomes]
-    if audit.conclusions:
-        yield "WHAT THE NUMBERS SAY", [("  ", " " * 6, text) for text in audit.conclusions]
-    if audit.notes:
-        yield "NOTES", [("  ", "  ", note) for note in audit.notes]
+        findings, body, place = list(of_grade), list[tuple[str, str]](), ""
+        for one in findings:
+            cell = one.cell
+            here = ", ".join(filter(None, (cell.table, cell.place)))
+            body += [("  ", here)] * (here != place)
+            printed = f"{cell.method}, {cell.metric}: {cell.number.text} [{one.check}]"
+            body += [(" " * 4, printed), (" " * 8, one.why)]
+            place = here
+        title = f"{grade.value.upper()} ({len(findings)}): {_MEANING[grade]}"
+        sections.append((title, body))
+    sections += [
+        ("CHECKED", [(f"  {one.check:<10} ", one.text) for one in audit.outcomes]),
+        ("WHAT THE NUMBERS SAY", [("  ", text) for text in audit.conclusions]),
+        ("NOTES", [("  ", note) for note in audit.notes]),
+    ]
+    texts, room = [], min(max(width, _NARROWEST), _WIDEST)
+    for title, body in sections[:1] + [section for section in sections[1:] if section[1]]:
+        head = _wrapped("", title, room)
+        shown = [f"\x1b[1m{line}\x1b[0m" for line in head] if styled else head
+        lines = [line for first, text in body for line in _wrapped(first, text, room)]
+        texts.append("".join(f"{line}\n" for line in [*shown, *lines]))
+    return "\n".join(texts)
 
 
-def _wrapped(first: str, further: str, text: str, room: int) -> list[str]:
+def _wrapped(first: str, text: str, room: int) -> list[str]:
+    further = " " * len(first)
     return textwrap.wrap(
-        plain(text),
-        room,
-        initial_indent=first,
-        subsequent_indent=further,
-        break_on_hyphens=False,
+        plain(text), room, initial_indent=first, subsequent_indent=further, break_on_hyphens=False
     )

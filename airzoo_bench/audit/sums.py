@@ -39,11 +39,6 @@ class _Averaged:
         return not self.is_weighed, self.cell.score.family is Family.MEDIAN
 
     @property
-    def of_rounded(self) -> Fraction:
-        """The mean of the values as printed."""
-        return sum((part.number.value for part in self.scenes), Fraction(0)) / len(self.scenes)
-
-    @property
     def fits_scenes(self) -> bool:
         """Whether it rounds the unweighted mean over scenes."""
         return self.cell.span.meets(self.over_scenes)
@@ -85,20 +80,14 @@ def check_averages(
             free = found.count(None) if pooled and is_loose else 0
             tested, loose = tested + len(kind) - free, loose + free
     left = {
-        "may be over all queries, whose numbers are not known (--counts), so that only lying "
-        "between the scenes' values was checked": loose,
-        "whose scenes are not all, or not at all, in the file": len(summaries) - tested - loose,
+        "may be over all queries, whose numbers are not known (--counts)": loose,
+        "whose scenes are not all in the file": len(summaries) - tested - loose,
     }
     why = "; ".join(f"{number} {reason}" for reason, number in left.items() if number)
-    return Outcome(
-        "average",
-        tested,
-        "averages against the scenes they are of",
-        why if summaries else "nothing is printed for several scenes",
-        tuple(findings),
-        tuple(conclusions),
-        tuple(compared),
-    )
+    none = "nothing is printed for several scenes"
+    what, left_out = "averages against the scenes they are of", why if summaries else none
+    all_found = (tuple(findings), tuple(conclusions), tuple(compared))
+    return Outcome("average", tested, what, left_out, *all_found)
 
 
 def _identity(cell: Value) -> tuple[object, ...]:
@@ -127,11 +116,9 @@ def _averaged(
 
 def _exact(cell: Value, queries: Mapping[Key, Queries], precise: Collection[Key]) -> Span:
     """Return where the true value lies: at a count, where it is one and counts are known."""
-    known, places = queries.get(key_of(cell)), 0
-    if cell.score.family is Family.HITS:
-        places = 1
-    elif score_of(cell) in precise:
-        places = cell.score.cutoff
+    is_hits = cell.score.family is Family.HITS
+    places = 1 if is_hits else cell.score.cutoff if score_of(cell) in precise else 0
+    known = queries.get(key_of(cell))
     if known is None or not places:
         return cell.span
     return counted_share(cell.number, known.number * places, cell.full)
@@ -183,8 +170,10 @@ def _judge(average: _Averaged, same: Sequence[Value], *, pooled: bool) -> Findin
     why += f"; printed here is {number.text}"
     others = [c for c in same if c.table != cell.table and c.number.value != number.value]
     why += "".join(f", in {other.table} {other.number.text}" for other in others)
-    if not pooled and abs(number.value - average.of_rounded) <= number.half:
-        twice = decimal_text(average.of_rounded, number.decimals + 2)
+    parts = [part.number.value for part in average.scenes]
+    of_rounded = sum(parts, Fraction(0)) / len(parts)
+    if not pooled and abs(number.value - of_rounded) <= number.half:
+        twice = decimal_text(of_rounded, number.decimals + 2)
         why += f"; the scenes' values as printed have the mean {twice}, so it was rounded twice"
         return Finding(Grade.ROUNDING, "average", cell, why)
     if cell.span.widened(2 * number.half).meets(mean):
@@ -226,29 +215,21 @@ def check_gains(values: Sequence[Value]) -> Outcome:
     unexplained = 0
     for place, gains in grouped(printed, lambda g: (g.cell.table, g.cell.method)).items():
         base, based = _baseline(gains, columns)
+        text = f"no method of the table explains more than half of {counted(len(gains), 'gain')}"
         if base:
             explained = sum(gain.is_explained for gain in based)
             are = agreeing(explained, "is", "are")
-            text = f"gains are over {base}: {explained} of {len(gains)} {are} right up to the last "
-            text += "digit"
-        else:
-            unexplained += len(gains)
-            text = (
-                f"no method of the table explains more than half of {counted(len(gains), 'gain')}"
-            )
+            right = f"{explained} of {len(gains)} {are} right up to the last digit"
+            text = f"gains are over {base}: {right}"
+        unexplained += 0 if base else len(gains)
         compared += [cell for gain in based for cell in (gain.cell, gain.base) if cell]
         findings += filter(None, (_judge_gain(gain, base) for gain in based))
         conclusions.append(f"gain of {', '.join(filter(None, place))}: {text}")
     left = f"gains over no method of the table: {unexplained}" if unexplained else ""
-    return Outcome(
-        "gain",
-        len(printed) - unexplained,
-        "printed gains, whether they are the difference of the printed values",
-        left if printed else "no gain is printed",
-        tuple(findings),
-        tuple(conclusions),
-        tuple(compared),
-    )
+    left, what = left if printed else "no gain is printed", "printed gains, whether they are the "
+    what += "difference of the printed values"
+    tested, found = len(printed) - unexplained, tuple(findings)
+    return Outcome("gain", tested, what, left, found, tuple(conclusions), tuple(compared))
 
 
 def _column(cell: Value) -> tuple[str, ...]:

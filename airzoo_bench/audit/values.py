@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields, replace
+from decimal import ROUND_HALF_UP, Decimal, localcontext
 from enum import StrEnum
 from fractions import Fraction
 from functools import cache
@@ -197,12 +198,8 @@ def _settled(values: list[Value]) -> list[Value]:
     def place(value: Value, score: Score) -> tuple[object, ...]:
         return value.table, *value.group, score.thresholds
 
-    clouds = (Family.F1, Family.PRECISION)
-    of_clouds = {
-        place(value, value.score)
-        for value in values
-        if value.score.family in clouds and value.score.thresholds
-    }
+    clouds = [v for v in values if v.score.family in (Family.F1, Family.PRECISION)]
+    of_clouds = {place(value, value.score) for value in clouds if value.score.thresholds}
     settled = []
     for value in values:
         score, cloud = value.score, _of_cloud(value.score)
@@ -220,17 +217,13 @@ def _of_cloud(score: Score) -> Score | None:
     """Return recall or precision at K as a point cloud's within K; None for other scores."""
     if score.family is Family.AVERAGE_PRECISION and score.variant == "precision":
         return Score(score.name, Family.PRECISION, ((Fraction(score.cutoff), ""),))
-    if score.family is Family.HITS:
-        return Score(score.name, Family.RECALL, score.thresholds)
-    return None
+    recall = Score(score.name, Family.RECALL, score.thresholds)
+    return recall if score.family is Family.HITS else None
 
 
 def decimal_text(number: Fraction, decimals: int) -> str:
     """Write an exact number with `decimals` decimals, halves away from zero."""
-    scaled = abs(number) * 10**decimals
-    digits = str((2 * scaled.numerator + scaled.denominator) // (2 * scaled.denominator))
-    sign = "-" if number < 0 and int(digits) else ""
-    if decimals == 0:
-        return sign + digits
-    digits = digits.rjust(decimals + 1, "0")
-    return f"{sign}{digits[:-decimals]}.{digits[-decimals:]}"
+    half = Decimal(1).scaleb(-decimals)
+    with localcontext(prec=60):
+        exact = Decimal(number.numerator) / Decimal(number.denominator)
+        return f"{exact.quantize(half, ROUND_HALF_UP):zf}"

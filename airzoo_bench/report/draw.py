@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.report.curves import errors, recall, thresholds
 from airzoo_bench.report.figures import Sheet
-from airzoo_bench.report.marks import condition, intervals, scenes
 from airzoo_bench.report.matching import draw_arrows, draw_matches
-from airzoo_bench.report.places import find_places
+from airzoo_bench.report.places import draw_hits, draw_tiles, find_places
+from airzoo_bench.report.plots import condition, errors, intervals, recall, scenes, thresholds
 from airzoo_bench.report.reconstruction import draw_clouds
-from airzoo_bench.report.retrieval import draw_hits, draw_tiles
 from airzoo_bench.report.sections import read_sections
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.records import Scored, read_scored

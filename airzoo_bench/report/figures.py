@@ -15,10 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError, counted
+from airzoo_bench.core.errors import UsageError, counted, first_of
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.tables.method_table import UNITS
 from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:
@@ -32,7 +35,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 FORMATS = ("png", "svg", "pdf")
 """What `save_figure` writes, by the ending of the file."""
 
-_ERRORS = "viridis"  # even steps of lightness, for print and colour-blind readers
+_PALETTE = "viridis"  # even steps of lightness, for print and colour-blind readers
 _BEYOND = (213, 94, 0)  # vermilion: at the limit or farther
 _NO_ROOM = "constrained_layout not applied"
 _DPI = 150
@@ -51,6 +54,21 @@ _METADATA: dict[str, dict[str, None]] = {
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
+
+
+# Tables have room for a word; a picture found alone must say what was measured.
+_ERRORS = {
+    "error_m": "translation error",
+    "horizontal_m": "horizontal error",
+    "vertical_m": "vertical error",
+    "rotation_deg": "rotation error",
+    "distance_m": "distance of the first tile",
+    "chamfer_m": "Chamfer distance",
+    "accuracy_m": "accuracy",
+    "completeness_m": "completeness",
+}
+_NAMED = 6
+_DECADES = 100.0
 
 
 @dataclass(frozen=True)
@@ -255,7 +273,7 @@ def error_codes(errors: Floats, limit: float) -> NDArray[np.int64]:
 
 def error_palette() -> NDArray[np.uint8]:
     """Return the 256 colours of errors; the last one is for errors at the limit or beyond."""
-    table = load_matplotlib().colormaps[_ERRORS](np.linspace(0, 1, 255))[:, :3]
+    table = load_matplotlib().colormaps[_PALETTE](np.linspace(0, 1, 255))[:, :3]
     colours: NDArray[np.uint8] = np.vstack([(table * 255).round(), _BEYOND]).astype(np.uint8)
     return colours
 
@@ -266,7 +284,71 @@ def add_error_bar(axes: Axes, limit: float, label: str) -> None:
     from matplotlib.colors import Normalize
 
     over = tuple(part / 255 for part in _BEYOND)
-    colours = load_matplotlib().colormaps[_ERRORS].with_extremes(over=over)
+    colours = load_matplotlib().colormaps[_PALETTE].with_extremes(over=over)
     figure: Any = axes.get_figure(root=True)
     shown = ScalarMappable(Normalize(0, limit), colours)
     figure.colorbar(shown, ax=axes, label=label, extend="max", shrink=0.85, pad=0.02)
+
+
+def error_label(score: ScoreColumn) -> str:
+    """Name what one query or scene has, with its unit: ``translation error [m]``."""
+    return f"{_ERRORS.get(score.key, score.title)} [{UNITS[score.unit]}]"
+
+
+def axis_label(score: ScoreColumn) -> str:
+    """Name a score with its unit: ``R@1 [%]``, ``median translation error [m]``."""
+    is_median = score.average == "median" and score.key in _ERRORS
+    return f"median {error_label(score)}" if is_median else error_label(score)
+
+
+def arrow(score: ScoreColumn) -> str:
+    """Return the arrow that says which direction is better."""
+    return "↑" if score.higher_is_better else "↓"
+
+
+def heading(score: ScoreColumn) -> str:
+    """Head a column of a score: title, unit, and which direction is better."""
+    return f"{score.title} [{UNITS[score.unit]}] {arrow(score)}"
+
+
+def shown_value(score: ScoreColumn, values: Floats) -> Floats:
+    """Return shares as percent; other values unchanged."""
+    scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
+    return scaled
+
+
+def spans_decades(score: ScoreColumn, finite: Floats) -> bool:
+    """Return whether the values are errors that span decades, and need a logarithmic axis."""
+    if score.unit == "share" or not len(finite):
+        return False
+    return bool(0 < finite.min() < finite.max() / _DECADES)
+
+
+def over_scenes(methods: Sequence[Scored]) -> str:
+    """Return what labels add if values are means over several scenes."""
+    return ", mean over scenes" if len(methods[0].result.scenes) > 1 else ""
+
+
+def noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
+    """Return the sheet, or a new one; its small print begins with where the numbers come from."""
+    given = sheet or Sheet()
+    return replace(given, notes=(_small_print(methods), *given.notes))
+
+
+def _small_print(methods: Sequence[Scored]) -> str:
+    """Say where a picture's numbers come from: benchmark, protocol, queries, scenes."""
+    result = methods[0].result
+    truth, protocol = result.truth, result.protocol
+    titles = list(truth.scene_titles.values())
+    scenes = f"scene {titles[0]}" if len(titles) == 1 else counted(len(titles), "scene")
+    measured = scenes
+    if result.unit == "query":
+        measured = f"{counted(len(methods[0].records), 'query')} in {scenes}"
+    used = f"protocol {protocol.name}, version {protocol.version}"
+    return f"benchmark {truth.benchmark}, version {truth.version}; {used}: {measured}"
+
+
+def who(names: Sequence[str], between: str = ", ") -> str:
+    """List names; only the first few of many."""
+    names = [name_text(name) for name in names]
+    return between.join(names) if len(names) <= _NAMED else first_of(names)

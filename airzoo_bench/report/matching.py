@@ -27,7 +27,6 @@ from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.predictions import Correspondences
 from airzoo_bench.matching.solving import PoseEstimate
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.report.curves import errors
 from airzoo_bench.report.figures import (
     COLOURS,
     Sheet,
@@ -38,6 +37,7 @@ from airzoo_bench.report.figures import (
     save_figure,
 )
 from airzoo_bench.report.places import Place, draw_ground, places_of, true_window
+from airzoo_bench.report.plots import errors
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.records import Scored
 
@@ -79,6 +79,13 @@ def _read(path: Path, written: int) -> Matches:
     del written  # a file that was written anew is read anew
     file = NpzFile(path, _LIMIT_BYTES)
     return Matches(**{one.name: file.read(one.name) for one in fields(Matches)})
+
+
+def has_matches(folder: Path, query: str) -> bool:
+    """Tell whether a run has left matches of a query to draw."""
+    found = read_matches(folder)
+    rows = [] if found is None else np.flatnonzero(found.queries == query).tolist()
+    return found is not None and any(np.diff(found.offsets)[row] for row in rows)
 
 
 def _gather(

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import resources
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.labels import heading, meaning
+from airzoo_bench.report.figures import heading
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
@@ -36,11 +40,11 @@ from airzoo_bench.tables.intervals import (
 )
 from airzoo_bench.tables.marks import best_texts
 from airzoo_bench.tables.method_table import as_shown, score_column, shared_references
-from airzoo_bench.tables.model import Cell, Table, share_to_percent, show_number
+from airzoo_bench.tables.model import Cell, Column, Table, share_to_percent, show_number
 
 OVERALL, POOLED = "overall", "pooled"
 _BEST, _TIED = "best", "tied"
-_RESAMPLES, _FEWEST_RESAMPLES = 10_000, 1_000
+_RESAMPLES, _FEWEST = 10_000, 1_000
 _WORK = 2.5e9  # values whose signs are drawn for tests: some seconds
 _DRAWN = 1e9  # values drawn for medians: as long
 _FINEST = 40  # resamples a comparison, so that a corrected p can still be a finding
@@ -117,67 +121,52 @@ def find(section: Section) -> Findings:
 
 
 def _intervals(section: Section) -> tuple[dict[str, dict[str, Limits]], str]:
-    scores, resamples = _affordable(section)
+    """Take the intervals of headline scores: shares by formula, others where it takes seconds."""
+    scores, drawn = section.headline, [s for s in section.headline if not is_share(s)]
+    values = len(section.methods) * len(section.methods[0].records) * max(1, len(drawn))
+    plan = _limited_plan(_DRAWN / values)
+    if plan is None:
+        plan, scores = ResamplingConfig(), [score for score in scores if is_share(score)]
     if not scores:
         return {}, "no intervals: there are too many queries and methods"
-    plan = ResamplingConfig(resamples)
-    found = sample_intervals(make_sample(section.methods, scores), plan)
+    found, count = (
+        sample_intervals(make_sample(section.methods, scores), plan),
+        len(section.methods),
+    )
     parts = {OVERALL: found.overall} | (found.groups if section.by_query else {})
-    every = [interval for part in parts.values() for interval in part]
     limits = {
         scope: {
-            score.key: [_ends(one) for one in part[at : at + len(section.methods)]]
-            for score, at in zip(scores, range(0, len(part), len(section.methods)), strict=True)
+            score.key: [_ends(one) for one in part[place * count : (place + 1) * count]]
+            for place, score in enumerate(scores)
         }
         for scope, part in parts.items()
     }
-    return limits, _about_intervals(section, scores, every, plan)
+    every = [interval for part in parts.values() for interval in part]
+    names = ", ".join(score.title for score in scores)
+    made = intervals_made(every, plan, resampled(section.first.unit), f"intervals of {names}")
+    why = " / ".join(sorted({interval.reason for interval in every if interval.reason}))
+    said = [made or "no intervals", f"none where {why}" * bool(why)]
+    if len(scores) < len(section.headline):
+        said.append("of the other scores they would take too long")
+    return limits, "; ".join(filter(None, said))
+
+
+def _limited_plan(resamples: float) -> ResamplingConfig | None:
+    return ResamplingConfig(min(_RESAMPLES, int(resamples))) if resamples >= _FEWEST else None
 
 
 def _ends(interval: Interval) -> list[float] | None:
-    known = interval.low is not None and interval.high is not None
-    return [interval.low, interval.high] if known else None  # type: ignore[list-item]
-
-
-def _affordable(section: Section) -> tuple[list[ScoreColumn], int]:
-    """Return the headline scores whose intervals take seconds; those of shares are formulas."""
-    drawn = [score for score in section.headline if not is_share(score)]
-    values = len(section.methods) * len(section.methods[0].records) * max(1, len(drawn))
-    resamples = min(_RESAMPLES, int(_DRAWN / values))
-    if resamples >= _FEWEST_RESAMPLES:
-        return section.headline, resamples
-    return [score for score in section.headline if is_share(score)], _RESAMPLES
+    return None if interval.low is None or interval.high is None else [interval.low, interval.high]
 
 
 def plan_groups(section: Section) -> ResamplingConfig | None:
     """Return a plan of intervals within groups by every condition; None if they take too long."""
     if is_share(section.headline[0]):  # by a formula
         return ResamplingConfig()
-    values = len(section.methods) * len(section.methods[0].records) * len(section.conditions)
-    resamples = min(_RESAMPLES, int(_DRAWN / max(values, 1)))
-    return ResamplingConfig(resamples) if resamples >= _FEWEST_RESAMPLES else None
-
-
-def _about_intervals(
-    section: Section,
-    scores: Sequence[ScoreColumn],
-    every: Sequence[Interval],
-    plan: ResamplingConfig,
-) -> str:
-    """Say how the intervals were made, and why some are missing."""
-    why = " / ".join(sorted({interval.reason for interval in every if interval.reason}))
-    names = ", ".join(score.title for score in scores)
-    made = intervals_made(every, plan, resampled(section.first.unit), f"intervals of {names}")
-    if not made:
-        return f"no intervals: {why}"
-    parts = [made]
-    if len(scores) < len(section.headline):
-        parts.append("of the other scores they would take too long")
-    if why:
-        parts.append(f"none where {why}")
-    if section.by_query and len(section.first.scenes) > 1:
-        parts.append("of scenes and of the average over scenes, none of pooled values")
-    return "; ".join(parts)
+    groupings = max(1, len(section.conditions))
+    return _limited_plan(
+        _DRAWN / (len(section.methods) * len(section.methods[0].records) * groupings)
+    )
 
 
 def _plan(section: Section, comparisons: int) -> ResamplingConfig | None:
@@ -232,19 +221,14 @@ def _legend(found: Findings, marks: Sequence[str], scope: str) -> str:
 
 
 def _data(
-    score: ScoreColumn,
-    values: _Row,
-    marks: Sequence[str] | None = None,
-    limits: Limits | None = None,
+    score: ScoreColumn, values: _Row, marks: Sequence[str] = (), limits: Limits | None = None
 ) -> list[Datum]:
+    texts, none = score_texts(score, values), [None] * len(values)
     return [
-        Datum(
-            text,
-            None if value is None else float(value),
-            marks[n] if marks else "",
-            " to ".join(score_texts(score, ends)) if limits and (ends := limits[n]) else "",
+        Datum(text, value, mark, " to ".join(score_texts(score, ends or ())))
+        for text, value, mark, ends in zip(
+            texts, values, marks or [""] * len(texts), limits or none, strict=True
         )
-        for n, (text, value) in enumerate(zip(score_texts(score, values), values, strict=True))
     ]
 
 
@@ -317,27 +301,17 @@ def scene_panes(section: Section, found: Findings) -> list[Pane]:
 
 def grid_of(table: Table, caption: str = "") -> Grid:
     """Turn a table of the command line into one of the page."""
+    best = {True: "descending", False: "ascending", None: ""}
     heads = [
-        Head(
-            column.heading,
-            table.is_text(n),
-            best={True: "descending", False: "ascending", None: ""}[column.higher_is_better],
-        )
+        Head(column.heading, table.is_text(n), best=best[column.higher_is_better])
         for n, column in enumerate(table.columns)
     ]
-    rows = [
-        Line(
-            [
-                Datum(
-                    cell.text(column.decimals),
-                    cell.value if isinstance(cell.value, int | float) else None,
-                    _BEST if cell.best else "",
-                )
-                for cell, column in zip(row.cells, table.columns, strict=True)
-            ]
-        )
-        for row in table.rows
-    ]
+
+    def datum(cell: Cell, column: Column) -> Datum:
+        order = cell.value if isinstance(cell.value, int | float) else None
+        return Datum(cell.text(column.decimals), order, _BEST * cell.best)
+
+    rows = [Line([*map(datum, row.cells, table.columns)]) for row in table.rows]
     return Grid(caption or table.title, heads, rows, list(table.all_notes))
 
 
@@ -364,6 +338,10 @@ def pair_panes(section: Section) -> list[Pane]:
     plan = _plan(section, count * count)
     if count < 2 or plan is None:
         return []
+    about = (
+        f"Paired by {section.first.unit}, of the average over scenes; p corrected: after Holm for "
+        f"all pairs of methods; {plan.resamples} resamples."
+    )
     panes = []
     for one, other, pairs in _corrected(section, count, plan):
         first, second = section.methods[one], section.methods[other]
@@ -375,15 +353,8 @@ def pair_panes(section: Section) -> list[Pane]:
         scores = section.headline[:1]
         differing = grid_of(differences_table([first, second], scores, _DIFFERING))
         title = f"{first.name} and {second.name}"
-        panes.append(Pane(f"{one} {other}", title, [grid, differing], _about_pairs(section, plan)))
+        panes.append(Pane(f"{one} {other}", title, [grid, differing], about))
     return panes
-
-
-def _about_pairs(section: Section, plan: ResamplingConfig) -> str:
-    return (
-        f"Paired by {section.first.unit}, of the average over scenes; p corrected: after Holm for "
-        f"all pairs of methods; {plan.resamples} resamples."
-    )
 
 
 def _corrected(
@@ -438,3 +409,17 @@ def notes_by_method(section: Section) -> list[str]:
         for note, who in names.items()
     ]
     return [*said, *section.notes]
+
+
+@cache
+def _meanings() -> dict[str, dict[str, str]]:
+    text = resources.files("airzoo_bench.report").joinpath("meanings.toml").read_text("utf-8")
+    return tomllib.loads(text)
+
+
+def meaning(track: str, score: ScoreColumn) -> str:
+    """Explain a score in a few words; empty for a score that is not known here."""
+    for pattern, words in _meanings().get(track, {}).items():
+        if found := re.fullmatch(pattern, score.key):
+            return words.format(*found.groups())
+    return ""

@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
+from airzoo_bench.core.errors import UsageError, UserError, counted
 from airzoo_bench.core.files import canonical_json
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.version import __version__
-from airzoo_bench.report.clouds import error_bar, pack_clouds
-from airzoo_bench.report.curves import errors, kept_ranks, recall, threshold_scores, thresholds
-from airzoo_bench.report.figures import Sheet, error_palette, figure_bytes
-from airzoo_bench.report.labels import axis_label, error_label, meaning
-from airzoo_bench.report.marks import condition, draw_intervals, over_what, scenes
+from airzoo_bench.report.figures import (
+    Sheet,
+    axis_label,
+    error_label,
+    error_palette,
+    figure_bytes,
+)
 from airzoo_bench.report.numbers import (
     OVERALL,
     Datum,
@@ -29,6 +31,7 @@ from airzoo_bench.report.numbers import (
     Line,
     breakdown_panes,
     find,
+    meaning,
     notes_by_method,
     pair_panes,
     plan_groups,
@@ -37,7 +40,19 @@ from airzoo_bench.report.numbers import (
 )
 from airzoo_bench.report.packing import Blobs, content_policy, data_uri, page_json
 from airzoo_bench.report.places import Place, find_places
+from airzoo_bench.report.plots import (
+    condition,
+    draw_intervals,
+    errors,
+    kept_ranks,
+    over_what,
+    recall,
+    scenes,
+    threshold_scores,
+    thresholds,
+)
 from airzoo_bench.report.queries import hardest, order_said, pack_maps, pack_queries
+from airzoo_bench.report.reconstruction import error_bar, pack_clouds
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.tables.breakdown import condition_title
 from airzoo_bench.tables.method_table import shared_references
@@ -79,8 +94,7 @@ def make_report(
     places = [_places(section, data, notes, faults) for section in sections]
     if data_was_named and faults and not any(places):
         raise faults[0]
-    names = _names(sections)
-    together = zip(sections, places, names, strict=True)
+    together = zip(sections, places, _names(sections), strict=True)
     parts = [
         _part(f"part{number}", name, section, found, pictures, blobs, notes)
         for number, (section, found, name) in progress(
@@ -91,16 +105,12 @@ def make_report(
 
 
 def _places(section: Section, data: Path, notes: list[str], faults: list[UserError]) -> list[Place]:
+    """Find the places of a section, or note why there are none."""
     try:
-        try:
-            return find_places(section, data)
-        except OSError as error:  # nobody said that it is there, or that it can be read
-            raise BenchmarkError(
-                f"cannot be read: {error.strerror or error}", where=error.filename or data
-            ) from error
-    except UserError as error:
+        return find_places(section, data)
+    except (UserError, OSError) as error:
         notes.append(f"no maps and pictures for {section.first.protocol.name}: {error}")
-        if section.by_query:
+        if section.by_query and isinstance(error, UserError):
             faults.append(error)
         return []
 
@@ -108,14 +118,13 @@ def _places(section: Section, data: Path, notes: list[str], faults: list[UserErr
 def _names(sections: Sequence[Section]) -> list[str]:
     """Name parts by benchmark and track; several of both get protocol and fingerprints too."""
     plain = [f"{section.first.truth.benchmark}, {section.track}" for section in sections]
-    names = []
-    for name, section in zip(plain, sections, strict=True):
-        used, truth = section.first.protocol, section.first.truth
-        apart = (
-            f" ({used.name} v{used.version}, {used.fingerprint[:6]}, truth {truth.fingerprint[:6]})"
-        )
-        names.append(name + apart * (plain.count(name) > 1))
-    return names
+    prints = [(one.first.protocol, one.first.truth.fingerprint[:6]) for one in sections]
+    return [
+        name
+        + f" ({used.name} v{used.version}, {used.fingerprint[:6]}, truth {truth})"
+        * (plain.count(name) > 1)
+        for name, (used, truth) in zip(plain, prints, strict=True)
+    ]
 
 
 def _part(
@@ -162,7 +171,11 @@ def _part(
         "hardest_order": order_said(section) if section.by_query else "",
         "clouds": clouds,
         "counts": _counts(section),
-        "settings": list(_flat(first.protocol.settings)),
+        "settings": [
+            (f"{key}.{name}" if name else key, canonical_json(value))
+            for key, part in first.protocol.settings.items()
+            for name, value in (part.items() if isinstance(part, dict) else [("", part)])
+        ],
         "first": first,
         "results": [(method.name, method.result) for method in section.methods],
         "data": {
@@ -189,12 +202,14 @@ def _best(section: Section, grid: Grid) -> dict[str, Any]:
     """Return the best value of the first headline score, who has it, and who ties with it."""
     place = 1 + [score.key for score in section.scores].index(section.headline[0].key)
     cells = [line.cells[place] for line in grid.rows if not line.floor]
-    best = [n for n, cell in enumerate(cells) if cell.mark == "best"] or [0]
-    tied = sum(cell.mark == "tied" for cell in cells)
-    who = section.methods[best[0]].name + f" and {len(best) - 1} more" * (len(best) > 1)
-    if tied:
-        who += f"; {counted(tied, 'other', 'others')} cannot be told from it"
-    return {"head": grid.heads[place], "cell": cells[best[0]], "who": who}
+    marks = [cell.mark for cell in cells]
+    first, best, tied = (
+        marks.index("best") if "best" in marks else 0,
+        *map(marks.count, ("best", "tied")),
+    )
+    who = section.methods[first].name + f" and {best - 1} more" * (best > 1)
+    who += f"; {counted(tied, 'other', 'others')} cannot be told from it" * bool(tied)
+    return {"head": grid.heads[place], "cell": cells[first], "who": who}
 
 
 def _figures(section: Section, found: Findings, notes: list[str]) -> Iterator[tuple[str, Figure]]:
@@ -232,30 +247,15 @@ def _image(title: str, figure: Figure) -> tuple[str, str]:
 
 def _counts(section: Section) -> Grid:
     names = list(next(iter(section.first.counts.values())))
-    rows = [
-        Line(
-            [
-                Datum(method.name),
-                Datum(title),
-                *(Datum(str(counts.get(name, "–")), counts.get(name)) for name in names),
-            ]
-        )
-        for method in section.methods
-        for scene, title in section.first.truth.scene_titles.items()
-        for counts in [method.result.counts[scene]]
-    ]
+    rows = []
+    for method in section.methods:
+        for scene, title in section.first.truth.scene_titles.items():
+            counts = method.result.counts[scene]
+            numbers = [Datum(str(counts.get(name, "–")), counts.get(name)) for name in names]
+            rows.append(Line([Datum(method.name), Datum(title), *numbers]))
     heads = [Head("Method", True), Head("Scene", True)]
     heads += [Head(name.replace("_", " "), best="descending") for name in names]
     return Grid("What was counted", heads, rows)
-
-
-def _flat(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield settings as pairs of a dotted key and a text."""
-    if isinstance(value, dict) and value:
-        for name, inner in value.items():
-            yield from _flat(inner, f"{key}.{name}" if key else str(name))
-    else:
-        yield key, value if isinstance(value, str) else canonical_json(value)
 
 
 def _read(name: str) -> str:

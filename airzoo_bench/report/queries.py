@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,10 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb
-from airzoo_bench.report.figures import figure_bytes
-from airzoo_bench.report.labels import error_label, heading
-from airzoo_bench.report.matching import arrow_factor, draw_matches, estimates_on_map, read_matches
+from airzoo_bench.report.figures import error_label, figure_bytes, heading
+from airzoo_bench.report.matching import arrow_factor, draw_matches, estimates_on_map, has_matches
 from airzoo_bench.report.packing import Blobs, data_uri
-from airzoo_bench.report.places import Place, jpeg, read_tile, retrieved, true_window
+from airzoo_bench.report.places import Place, Window, jpeg, read_tile, retrieved, true_window
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn
@@ -25,11 +25,11 @@ from airzoo_bench.tables.breakdown import condition_title
 from airzoo_bench.tables.intervals import score_texts
 from airzoo_bench.tables.model import Cell
 
-_DECIMALS = ((1000.0, 0), (100.0, 1), (1.0, 2), (0.0, 4))  # for values from each size up
 _LONG_SIDE_PX, _SIDE_PX, _TILE_PX = 1600, 240, 120
 _MAPS_BYTES, _MAP_BYTES, _PICTURES_BYTES = 1536 << 10, 800 << 10, 1 << 20
 _STEPS_PER_PIXEL = 4  # places are kept to a quarter of a pixel of the map's picture
 _NOWHERE = -32768
+_Source = tuple[Callable[[], bytes], dict[str, Any]]
 
 
 def pack_queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
@@ -49,15 +49,17 @@ def pack_queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
 def _pack_score(section: Section, score: ScoreColumn, blobs: Blobs) -> dict[str, Any]:
     values = [m.records[score.key].to_numpy(np.float64) for m in section.methods]
     hits = is_hit(section.track, score)
-    packed = blobs.numbers(np.array(values), _hit_texts if hits else partial(score_texts, score))
+    packed = blobs.numbers(np.array(values), _writer(section, score))
     title = score.title if hits else f"{error_label(score)}"
     best = "descending" if score.higher_is_better else "ascending"
     hit = int(np.unique(values).searchsorted(1.0)) if hits else -1
     return packed | {"title": title, "heading": heading(score), "best": best, "hit": hit}
 
 
-def _hit_texts(values: Floats) -> list[str]:
-    return ["✓ hit" if value == 1 else "✗ miss" for value in values]
+def _writer(section: Section, score: ScoreColumn) -> Callable[[Floats], list[str]]:
+    if is_hit(section.track, score):
+        return lambda values: ["✓ hit" if value == 1 else "✗ miss" for value in values]
+    return partial(score_texts, score)
 
 
 def _pack_condition(section: Section, name: str, blobs: Blobs) -> dict[str, Any]:
@@ -74,10 +76,8 @@ def _condition_texts(values: Floats) -> list[str]:
     """Write numbers with decimals that suit the largest one."""
     finite = values[np.isfinite(values)]
     most = np.abs(finite).max(initial=0.0)
-    decimals = next(digits for least, digits in _DECIMALS if most >= least)
-    if (finite == np.round(finite)).all():
-        decimals = 0
-    return [Cell(value).text(decimals) for value in values.tolist()]
+    whole = (finite == np.round(finite)).all() or most >= 1000
+    return [Cell(value).text(0 if whole else 2 if most >= 1 else 4) for value in values.tolist()]
 
 
 def pack_maps(
@@ -202,7 +202,6 @@ def hardest(
     by_scene = {place.scene: place for place in places}
     records, first = section.methods[0].records, section.query_scores[0]
     values = np.array([m.records[first.key].to_numpy(np.float64) for m in section.methods])
-    write = _hit_texts if is_hit(section.track, first) else partial(score_texts, first)
     left, bare, cards = _PICTURES_BYTES, 0, []
     for row in hardest_rows(section, count).tolist():
         query, place = str(records["query"].iloc[row]), by_scene.get(records["scene"].iloc[row])
@@ -211,8 +210,9 @@ def hardest(
         if size > left:
             pictures, bare = [], bare + 1
         left -= size if pictures else 0
-        texts = zip([m.name for m in section.methods], write(values[:, row]), strict=True)
-        cards.append({"query": query, "pictures": pictures, "values": list(texts)})
+        texts = _writer(section, first)(values[:, row])
+        named = list(zip([m.name for m in section.methods], texts, strict=True))
+        cards.append({"query": query, "pictures": pictures, "values": named})
     if bare:
         name = section.first.protocol.name
         notes.append(
@@ -224,52 +224,42 @@ def hardest(
 
 def _pictures(section: Section, place: Place, query: str, row: int) -> Iterator[dict[str, Any]]:
     """Yield the pictures of a query; those that cannot be read are left out."""
-    kept = [n for n, folder in enumerate(section.folders) if _has_matches(place, folder, query)]
-    if kept:
-        yield from _picture(
-            lambda: figure_bytes(draw_matches(section, place, query, number=kept[0]), "jpg", 90),
-            title=f"matches of {section.methods[kept[0]].name}",
-            kind="wide",
-        )
-        return
-    yield from _picture(
-        lambda: jpeg(read_rgb(place.photos[query], long_side_px=_SIDE_PX), 70), title="photo"
-    )
+    for read, about in _sources(section, place, query, row):
+        with suppress(UserError):
+            yield {**about, "src": data_uri(read(), "image/jpeg")}
+
+
+def _sources(section: Section, place: Place, query: str, row: int) -> Iterator[_Source]:
+    """Yield functions that read pictures, and what is said of each."""
+    for number, folder in enumerate(section.folders if place.matching else ()):
+        if has_matches(folder, query):
+            about = {"title": f"matches of {section.methods[number].name}", "kind": "wide"}
+            yield partial(_matches_jpeg, section, place, query, number), about
+            return
+    yield partial(_read_jpeg, place.photos[query]), {"title": "photo"}
     window = true_window(place, query)
     if window is not None:
-        yield from _picture(
-            lambda: jpeg(read_rgb(window[0].path, window[1], long_side_px=_SIDE_PX), 70),
-            title="the place on the map",
-        )
+        yield partial(_read_jpeg, window[0].path, window[1]), {"title": "the place on the map"}
     found = retrieved(section, place, np.array([row]))
     if found is None or place.tiles is None:
         return
     for rank, (tile, hit) in enumerate(zip(found.tiles[0, 0], found.hits[0, 0], strict=True), 1):
         if tile >= 0:
-            yield from _picture(
+            title = str(place.tiles["id"].iloc[tile])
+            kind = "hit" if hit else "miss"
+            yield (
                 partial(_tile_jpeg, place, int(tile)),
-                title=str(place.tiles["id"].iloc[tile]),
-                kind="hit" if hit else "miss",
-                rank=rank,
+                {"title": title, "kind": kind, "rank": rank},
             )
 
 
-def _has_matches(place: Place, folder: Path, query: str) -> bool:
-    """Tell whether a run has left matches of a query to draw."""
-    found = None if place.matching is None else read_matches(folder)
-    if found is None:
-        return False
-    row = np.flatnonzero(found.queries == query)
-    return bool(len(row) and np.diff(found.offsets)[row[0]])
+def _read_jpeg(path: Path, window: Window | None = None) -> bytes:
+    return jpeg(read_rgb(path, window, long_side_px=_SIDE_PX), 70)
+
+
+def _matches_jpeg(section: Section, place: Place, query: str, number: int) -> bytes:
+    return figure_bytes(draw_matches(section, place, query, number=number), "jpg", 90)
 
 
 def _tile_jpeg(place: Place, tile: int) -> bytes:
     return jpeg(read_tile(place, tile, _TILE_PX), 70)
-
-
-def _picture(draw: Callable[[], bytes], **about: object) -> Iterator[dict[str, Any]]:
-    """Yield a picture, or nothing if it cannot be read: the report does without it."""
-    try:
-        yield {**about, "src": data_uri(draw(), "image/jpeg")}
-    except UserError:
-        return

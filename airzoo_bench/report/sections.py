@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.results.comparable import apart_in, check_same_queries, choose_scores
 from airzoo_bench.results.files import method_names, records_path, result_paths
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
 
 _KEPT = frozenset(("scene", "query", "first_hit_rank", "ranked", "failed"))
-_FIRST_TILE = "first_tile"  # of records from before there were the columns of `RANKED_TILE`
 _MOST_RANKS = 5
 _MOST_TILES = 2_000_000  # of all methods and queries: about 4 MB of the page
 
@@ -70,7 +68,8 @@ class Section:
     @cached_property
     def conditions(self) -> list[str]:
         """Columns of conditions, such as weather, that are the same for all methods."""
-        return [name for name in condition_names(self.methods[0]) if not self._is_apart(name)]
+        names = condition_names(self.methods[0])
+        return [name for name in names if apart_in(self.methods, name) is None]
 
     @property
     def notes(self) -> list[str]:
@@ -78,7 +77,7 @@ class Section:
         notes = [
             f"no scores by {condition_title(name)}: the results have other values of it"
             for name in condition_names(self.methods[0])
-            if self._is_apart(name)
+            if name not in self.conditions
         ]
         if self.track == "retrieval" and self.ranks < _MOST_RANKS:
             kept = f"only the first {self.ranks} of {_MOST_RANKS} retrieved tiles of each query"
@@ -89,15 +88,11 @@ class Section:
         """Return the rows of the records that are of a scene."""
         return np.flatnonzero((self.methods[0].records["scene"] == scene).to_numpy(bool))
 
-    def _is_apart(self, condition: str) -> bool:
-        return apart_in(self.methods, condition) is not None
-
 
 def tile_columns(columns: Container[str]) -> list[str]:
     """Return the columns of the first tiles of each list, best first."""
     names = [f"{RANKED_TILE}{rank}" for rank in range(1, _MOST_RANKS + 1)]
-    found = [name for name in names if name in columns]
-    return found or [name for name in (_FIRST_TILE,) if name in columns]
+    return [name for name in names if name in columns]
 
 
 def _is_shown(score: ScoreColumn) -> bool:
@@ -123,37 +118,27 @@ def read_sections(paths: Sequence[Path]) -> list[Section]:
             for n in members
         ]
         check_same_queries(methods)
-        order = _best_first(methods)
+        score = choose_scores(methods, [])[0]
+        sign = -1 if score.higher_is_better else 1
+        order = sorted(
+            range(len(methods)), key=lambda n: sign * methods[n].result.overall[score.key]
+        )
         folders = [paths[members[n]].parent for n in order]
         sections.append(Section([methods[n] for n in order], folders, ranks))
-    return _in_order(sections)
-
-
-def _best_first(methods: list[Scored]) -> list[int]:
-    score = choose_scores(methods, [])[0]
-    sign = -1 if score.higher_is_better else 1
-    values = [sign * method.result.overall[score.key] for method in methods]
-    return sorted(range(len(methods)), key=lambda number: values[number])
-
-
-def _in_order(sections: list[Section]) -> list[Section]:
     benchmarks = list(dict.fromkeys(section.first.truth.benchmark for section in sections))
     tracks = list(TRACKS.names())
-
-    def place(section: Section) -> tuple[int, int]:
-        known = section.track in tracks
-        track = tracks.index(section.track) if known else len(tracks)
-        return benchmarks.index(section.first.truth.benchmark), track
-
-    return sorted(sections, key=place)
+    return sorted(
+        sections,
+        key=lambda one: (
+            benchmarks.index(one.first.truth.benchmark),
+            tracks.index(one.track) if one.track in tracks else len(tracks),
+        ),
+    )
 
 
 def _shown_records(path: Path, result: Result, ranks: int) -> pd.DataFrame:
     """Read of the records what a report shows, to take less time and hold less."""
-    try:
-        heads = column_names(records_path(path))
-    except (ResultError, OSError):
-        heads = []  # which reading says with its reason
+    heads = column_names(records_path(path)) if records_path(path).is_file() else []
     scores = {column.key: column for column in result.columns}
     tiles = tile_columns(heads)[:ranks]
     kept = [

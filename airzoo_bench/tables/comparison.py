@@ -71,7 +71,7 @@ def _amount(pair: Pair) -> str:
 
 
 def _evidence(pair: Pair, resampling: ResamplingConfig) -> str:
-    """Return the interval of the better one's lead, p, and any disagreement between them."""
+    """Return the interval of the better one's lead, and p."""
     low, high = pair.interval.low, pair.interval.high
     if low is None or high is None:
         text = " (no interval)"
@@ -88,26 +88,7 @@ def _evidence(pair: Pair, resampling: ResamplingConfig) -> str:
         p_values["McNemar"] = pair.p_mcnemar
     for name, p in p_values.items():
         text += f", {name} " + (f"< {LEAST_P}" if p < LEAST_P else f"= {p:.4f}")
-    doubt = disagreement(pair)
-    return text + (f"; but {doubt}" if doubt else "")
-
-
-def disagreement(pair: Pair) -> str:
-    """Say where the interval of a difference and the verdict point different ways; else empty."""
-    low, high = pair.interval.low, pair.interval.high
-    if low is None or high is None:
-        return ""
-    holds_0, word = low <= 0 <= high, verdict(pair)
-    if word in ("better", "worse") and holds_0:
-        return "the interval holds 0"
-    if word != "unclear" or holds_0:
-        return ""
-    if pair.test.p_value <= LEVEL:
-        return (
-            "the interval excludes 0, as p does before Holm's correction: "
-            "intervals are not corrected for the number of methods"
-        )
-    return "the interval excludes 0: interval and test answer different questions"
+    return text
 
 
 def comparison_table(comparison: Comparison) -> Table:
@@ -173,10 +154,6 @@ def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
         reasons = [(why(pair), pair.score, comparison.other(pair)) for pair in pairs]
         return notes_by_reason(reasons, prefix, "against" if comparison.of_one else "of")
 
-    def doubt(pair: Pair) -> str:
-        found = disagreement(pair)
-        return f"{verdict(pair)}, but {found}" if found else ""
-
     def too_few(pair: Pair) -> str:
         if verdict(pair) != "too few":
             return ""
@@ -186,13 +163,11 @@ def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
         differ = f"only {counted(count, comparison.unit)} {agreeing(count, 'differs', 'differ')}"
         return f"{differ}, so p {agreeing(count, 'is', 'cannot be below')} {pair.p_floor:g}"
 
+    notes = noted("too few to tell; ", too_few)
     # Of two methods by few scores, sentences have room.
     if len(pairs) == len({pair.score.key for pair in pairs}) <= _SENTENCES:
         told = [pair for pair in pairs if verdict(pair) != "too few"]
-        notes = [sentence(pair, comparison.resampling) for pair in told]
-    else:
-        notes = noted("", doubt)
-    notes += noted("too few to tell; ", too_few)
+        notes = [*(sentence(pair, comparison.resampling) for pair in told), *notes]
     return notes + noted("no interval; ", lambda pair: pair.interval.reason)
 
 
@@ -222,7 +197,8 @@ def _how(comparison: Comparison) -> list[str]:
     if any(pair.p_mcnemar is not None for pair in pairs):
         tests.append("McNemar exact, for hits")
     made, drawn = [pair.interval for pair in pairs], resampled(comparison.unit)
-    notes = brackets_note(made, plan, drawn, "intervals of the difference")
+    uncorrected = ", not corrected for the number of methods" * (family > 1)
+    notes = brackets_note(made, plan, drawn, f"intervals of the difference{uncorrected}")
     return [*notes, f"p: {'; '.join(tests)}"]
 
 

@@ -183,9 +183,7 @@ def with_published(
         for row in (row for table in plain for row in _reported(methods, table)):
             averages.setdefault(row.method, row)
         rows = [_with_average(row, averages.get(row.method)) for row in rows]
-    pairs = [(table, other) for table in chosen for other in tables] if average else []
-    notes = [_disagreement(methods, table, other) for table, other in pairs]
-    return replace(methods, rows=(*rows, *methods.rows)).noted(*filter(None, notes))
+    return replace(methods, rows=(*rows, *methods.rows))
 
 
 def _with_average(row: MethodRow, other: MethodRow | None) -> MethodRow:
@@ -208,17 +206,6 @@ def _reported(methods: MethodTable, table: PublishedTable) -> list[MethodRow]:
         }
         rows.append(MethodRow(method, values, reported=f"{table.source}, {table.label}"))
     return rows
-
-
-def _disagreement(methods: MethodTable, table: PublishedTable, other: PublishedTable) -> str:
-    differ = []
-    for method, scenes in table.values.items():
-        here, there = scenes.get(OVERALL, {}), other.values.get(method, {}).get(OVERALL, {})
-        keys = {score.key for score in methods.scores} & here.keys() & there.keys()
-        if any(here[key] != there[key] for key in keys):
-            differ.append(method)
-    same = f"{other.label} of the same source prints another average of {', '.join(differ)}"
-    return same if differ else ""
 
 
 def with_floors(methods: MethodTable, results: Sequence[Result]) -> MethodTable:

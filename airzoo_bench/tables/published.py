@@ -173,19 +173,14 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 def _check_columns(path: Path, columns: Sequence[str]) -> None:
     known = [*_NEEDED, *_OPTIONAL]
-    lacking = [name for name in _NEEDED if name not in columns]
-    odd = [name for name in columns if name not in known]
-    what = ""
-    if lacking:
-        what = f"no column {', '.join(lacking)} (found: {', '.join(columns)[:200] or 'none'})"
-    elif odd:
-        what = f"unknown column {odd[0][:80]!r}{nearest(odd[0], known)}"
-    elif len(set(columns)) < len(columns) or {"gain", "printed_delta"} <= set(columns):
-        what = "two columns for the same; there may be one of gain or printed_delta"
-    if what:
+    faults = [f"no column {name}" for name in _NEEDED if name not in columns]
+    faults += [f"unknown column {n[:80]!r}{nearest(n, known)}" for n in columns if n not in known]
+    if len(set(columns)) < len(columns) or {"gain", "printed_delta"} <= set(columns):
+        faults.append("two columns for the same; there may be one of gain or printed_delta")
+    if faults:
         expected = f"the columns {', '.join(_NEEDED)}, and any of {', '.join(_OPTIONAL)}"
         fix = "write a line a number; see docs/audit.md"
-        raise ResultError(what, where=path, expected=expected, fix=fix)
+        raise ResultError(faults[0], where=path, expected=expected, fix=fix)
 
 
 def _value(where: str, line: int, row: Mapping[str, str]) -> PrintedValue:

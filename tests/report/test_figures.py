@@ -14,17 +14,22 @@ from matplotlib.text import Text
 
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.report import draw
-from airzoo_bench.report.curves import error_shares, longest_list, recall_curve, share_below
 from airzoo_bench.report.figures import (
     Sheet,
+    axis_label,
     error_colours,
     figure_bytes,
     label_text,
     save_figure,
     series_style,
 )
-from airzoo_bench.report.labels import axis_label
-from airzoo_bench.report.marks import draw_intervals
+from airzoo_bench.report.plots import (
+    draw_intervals,
+    error_shares,
+    longest_list,
+    recall_curve,
+    share_below,
+)
 from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import breakdown_table

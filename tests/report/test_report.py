@@ -19,8 +19,14 @@ from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scoring import reconstruction_scores
-from airzoo_bench.report.labels import meaning
-from airzoo_bench.report.numbers import find, marks_of, pair_panes, scene_panes, summary_panes
+from airzoo_bench.report.numbers import (
+    find,
+    marks_of,
+    meaning,
+    pair_panes,
+    scene_panes,
+    summary_panes,
+)
 from airzoo_bench.report.packing import Blobs, page_json
 from airzoo_bench.report.queries import hardest_rows
 from airzoo_bench.report.sections import Section, read_sections

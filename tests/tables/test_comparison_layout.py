@@ -16,8 +16,7 @@ from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.statistics.intervals import Interval
-from airzoo_bench.tables.comparison import comparison_table, disagreement, sentence, verdict
+from airzoo_bench.tables.comparison import comparison_table, sentence, verdict
 from airzoo_bench.tables.render import render
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method
 from tests.tables.comparisons import FAST, PAIR, against
@@ -112,25 +111,3 @@ class TestVerdict:
     def test_a_small_p_is_never_nothing(self) -> None:
         tiny = replace(PAIR, test=replace(PAIR.test, p_value=9.9e-5), p_mcnemar=1e-9)
         assert "p < 0.0001, after Holm = 0.0200, McNemar < 0.0001" in sentence(tiny, FAST)
-
-    @pytest.mark.parametrize(
-        ("limits", "p_value", "p_holm", "said"),
-        [
-            ((0.0, 0.2), 0.01, 0.02, "the interval holds 0"),
-            ((0.01, 0.2), 0.01, 0.02, ""),
-            ((-0.01, 0.2), 0.06, 0.06, ""),
-            ((0.01, 0.2), 0.06, 0.06, "the interval excludes 0: interval and test"),
-            ((-0.2, -0.01), 0.06, 0.06, "the interval excludes 0: interval and test"),
-            ((0.01, 0.2), 0.04, 0.08, "the interval excludes 0, as p does before Holm"),
-            ((None, None), 0.04, 0.08, ""),
-        ],
-    )
-    def test_where_test_and_interval_disagree(
-        self, limits: tuple[float, float], p_value: float, p_holm: float, said: str
-    ) -> None:
-        test = replace(PAIR.test, p_value=p_value)
-        pair = replace(PAIR, interval=Interval(*limits, "bca"), test=test, p_holm=p_holm)
-        found = disagreement(pair)
-        assert found.startswith(said) if said else not found
-        end = f"; but {found}." if said else f"McNemar = {PAIR.p_mcnemar:.4f}."
-        assert sentence(pair, FAST).endswith(end)
