@@ -56,11 +56,6 @@ def test_an_average_precision_may_name_its_definition(name: str, variant: str | 
     assert (score.cutoff, score.variant) == (5, variant)
 
 
-def test_thresholds_have_units() -> None:
-    assert read_score("recall@(5m, 1°)").thresholds == ((Fraction(5), "m"), (Fraction(1), "deg"))
-    assert read_score("recall@0.25m").thresholds == ((Fraction(1, 4), "m"),)
-
-
 def rows(value: str, unit: str) -> Rows:
     return rows_of({"A": {"East": {"R@1": value}}}, unit=unit)
 

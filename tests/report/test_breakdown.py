@@ -24,13 +24,10 @@ from airzoo_bench.tables.breakdown import (
     number_texts,
 )
 from tests.matching import world as matching_world
-from tests.reconstruction import world as clouds_world
 from tests.report.made import (
     retrieval_method,
     write_photo_results,
 )
-
-NO_ALIGNMENT = {"method": "none"}
 
 RECORDS = pd.DataFrame(
     {
@@ -55,14 +52,6 @@ def test_bins_hold_their_lower_edge() -> None:
         "below 50": [0],
         "50 to 100": [1, 2],
         "100 and more": [3, 5],
-        "unknown": [4],
-    }
-
-
-def test_bins_that_are_empty_are_left_out() -> None:
-    assert groups("altitude_m", [150, 200, 300]) == {
-        "below 150": [0, 1, 2, 3],
-        "300 and more": [5],
         "unknown": [4],
     }
 
@@ -98,13 +87,6 @@ def test_labels_are_all_different(values: list[object], labels: list[str]) -> No
     # Groups keep the order of their values.
     known = [found.codes[place] for place in np.argsort(pd.Series(values).astype(str))]
     assert set(known) == set(range(len(labels)))
-
-
-def test_labels_of_bins_are_all_different() -> None:
-    records = pd.DataFrame({"date": [20240114, 20240115, 20240116, 20240117]})
-    found = group_records(records, "date", [20240115, 20240116])
-    assert found.labels == ("below 20240115", "20240115 to 20240116", "20240116 and more")
-    assert found.counts.tolist() == [1, 1, 2]
 
 
 @given(st.sets(st.floats(allow_nan=False), max_size=20))
@@ -181,10 +163,6 @@ def test_what_a_method_did_is_no_condition(track: str, names: list[str]) -> None
     assert is_condition("weather", track)
 
 
-def test_a_column_is_kept_by_the_track_that_makes_it() -> None:
-    assert is_condition("alignment", "retrieval")
-
-
 def conditions_left(result: Result, records: pd.DataFrame) -> set[str]:
     scores = {column.key for column in result.columns}
     return {
@@ -207,14 +185,3 @@ def test_records_of_matching_hold_conditions_beside_what_is_declared(tmp_path: P
         path = world.write(tmp_path / "method.npz", form)
         found = evaluate(path, data=world.root)
         assert conditions_left(found.result, found.records) == {"altitude_m", "pitch_deg"}
-
-
-@pytest.mark.parametrize("cameras", [True, False])
-def test_records_of_reconstruction_hold_what_is_declared(cameras: bool, tmp_path: Path) -> None:
-    world = clouds_world.make_world(tmp_path / "data")
-    clouds = {"lot": clouds_world.true_points("lot")}
-    path = clouds_world.predict_clouds(world, tmp_path / "p", clouds, cameras)
-    chosen = world.protocol(tmp_path / "c.toml", **({} if cameras else {"alignment": NO_ALIGNMENT}))
-    found = world.score(path, protocol=str(chosen))
-    assert found.records.shape[1] > 20
-    assert conditions_left(found.result, found.records) == set()

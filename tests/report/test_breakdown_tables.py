@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.results.records import Scored
 from tests.report.made import (
     made_page,
     reconstruction_method,
@@ -17,7 +15,6 @@ from tests.report.made import (
     run,
     write_methods,
 )
-from tests.statistics.support import made_result
 
 
 def test_one_result_gives_a_column_a_score(tmp_path: Path) -> None:
@@ -76,27 +73,6 @@ def test_two_scores_of_several_results(tmp_path: Path) -> None:
         assert beside["low"] < value < beside["high"]
 
 
-def test_the_best_is_that_of_its_score(tmp_path: Path) -> None:
-    methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
-    ask = ("--by", "scene", "--score", "R@1", "--score", "Median", "-f", "markdown")
-    done = run("breakdown", *write_methods(tmp_path, methods), *ask)
-    west = done.stdout.splitlines()[3].strip("| ").split(" | ")
-    assert west[2:4] == ["15.00", "**25.00**"]
-    assert sum(text.startswith("**") for text in west[4:]) == 1
-
-
-def test_an_infinite_median_is_shown_and_explained(tmp_path: Path) -> None:
-    method = retrieval_method("mine", 0)
-    method.records.loc[method.records["weather"] == "rainy", "error_m"] = np.inf
-    remade = made_result(method.records, method.result.columns)
-    [path] = write_methods(tmp_path, [Scored("mine", remade, method.records)])
-    done = run("breakdown", path, "--by", "weather", "--score", "Median", "-f", "markdown")
-    rainy = next(line for line in done.stdout.splitlines() if line.startswith("| rainy"))
-    assert " inf " in rainy
-    assert "Median in rainy: no interval; all queries are alike" in done.stdout
-    assert "half of the group or more failed" in done.stdout
-
-
 def test_groups_of_one_method_are_not_those_of_another(tmp_path: Path) -> None:
     paths = write_methods(tmp_path, [retrieval_method("a", 0), retrieval_method("b", 1)])
     done = run("breakdown", *paths, "--by", "first_hit_rank")
@@ -121,20 +97,6 @@ def test_pictures_and_reports_do_not_put_queries_into_groups_of_another_method(
     assert "no scores by weather: the results have other values of it" in page.text
 
 
-def test_an_unknown_column_names_all_that_there_are(tmp_path: Path) -> None:
-    [path] = write_methods(tmp_path, [retrieval_method("mine", 0)])
-    done = run("breakdown", path, "--by", "wether", "--score", "R@1")
-    assert "did you mean 'weather'" in str(done.exception)
-    assert "altitude_m, weather" in str(done.exception)
-
-
-def test_few_queries_are_one_line(tmp_path: Path) -> None:
-    [path] = write_methods(tmp_path, [retrieval_method("mine", 0)])
-    ask = ("--by", "altitude_m", "--bins", "22,26,30", "--intervals", "-f", "json")
-    notes = json.loads(run("breakdown", path, *ask).stdout)["notes"]
-    assert "below 22, 22 to 26, 26 to 30: no interval" in notes[1]
-
-
 def test_scenes_are_no_queries(tmp_path: Path) -> None:
     paths = write_methods(tmp_path, [reconstruction_method(name, 0) for name in "ab"])
     done = run("breakdown", *paths, "--by", "scene", "-f", "json")
@@ -142,10 +104,3 @@ def test_scenes_are_no_queries(tmp_path: Path) -> None:
     assert table["columns"][1]["title"] == "Scenes"
     assert table["notes"] == []
     assert not any("quer" in note for note in table["notes"])
-
-
-def test_bins_that_are_no_numbers(tmp_path: Path) -> None:
-    [path] = write_methods(tmp_path, [retrieval_method("mine", 0)])
-    done = run("breakdown", path, "--by", "altitude_m", "--bins", "50;100")
-    assert isinstance(done.exception, UsageError)
-    assert "no numbers" in str(done.exception)

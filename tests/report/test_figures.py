@@ -77,20 +77,6 @@ def test_a_line_ends_where_the_longest_list_does() -> None:
     figure_bytes(draw.recall([short]), "png")
 
 
-def test_a_line_beneath_another_is_wider() -> None:
-    lines = draw.recall([retrieval_method(name, 0) for name in ("a", "b")]).axes[0].lines
-    assert lines[0].get_linewidth() > lines[1].get_linewidth()
-
-
-def test_what_an_error_curve_leaves_out_is_counted() -> None:
-    method = retrieval_method("a", 0)
-    failed = int(np.isinf(method.records["error_m"]).sum())
-    said = texts_of(draw.errors([method], ERROR))
-    assert f"off the axis, of 40 queries: a {failed} infinite" in said
-    method.records["error_m"] = 1.0
-    assert "off the axis" not in texts_of(draw.errors([method], ERROR))
-
-
 def marks_of(axes: Axes) -> list[tuple[float, float, str]]:
     """Return the places of round marks, and how they are filled."""
     return [
@@ -118,18 +104,6 @@ def test_intervals_stand_in_order_and_infinite_ones_on_the_edge() -> None:
     assert arrow.xyann == (3.0, 0)
 
 
-def test_pictures_say_how_intervals_were_made_or_why_there_are_none() -> None:
-    methods = [reconstruction_method("a", 0)]
-    headline = next(column for column in methods[0].result.columns if column.headline)
-    said = texts_of(draw.intervals(methods, headline))
-    assert "no interval: only 3 scenes" in said
-    assert "bars" not in said
-    assert "bars: 95 % interval, MOVER" in texts_of(draw.intervals([retrieval_method("a", 0)], HIT))
-    full, other = retrieval_method("full", 0), retrieval_method("other", 1)
-    full.records["error_m"] = 1.0
-    assert "no interval of full: all" in texts_of(draw.intervals([full, other], ERROR))
-
-
 def test_a_brighter_cell_is_better_and_infinite_ones_are_grey() -> None:
     methods = [of_values("a", [9.0]), of_values("b", [1.0]), of_values("c", [INF])]
     figure = draw.scenes(methods, ERROR)
@@ -154,16 +128,6 @@ def test_a_condition_shows_counts_averages_and_the_intervals_of_breakdown() -> N
     np.testing.assert_allclose(found, [[span.low, span.high] for span in spans if span])
     values = [row.cells[-1].value for row in table.rows]
     np.testing.assert_allclose([mark[1] for mark in marks_of(axes)], np.array(values, float))
-
-
-def test_infinite_groups_are_open_marks_on_the_upper_edge() -> None:
-    method = retrieval_method("a", 0)
-    rainy = method.records["weather"] == "rainy"
-    method.records.loc[rainy, "error_m"] = INF
-    figure = draw.condition([method], ERROR, "weather")
-    mark = marks_of(figure.axes[0])[0]
-    assert mark[1:] == (1.0, "white")
-    assert "open: infinite, 1 of 3 values" in texts_of(figure)
 
 
 def test_thresholds_are_those_of_the_protocol() -> None:
@@ -245,20 +209,6 @@ def test_hostile_names_are_text(tmp_path: Path) -> None:
     assert {"_hidden", "数", label_text(HOSTILE).replace(r"\$", "$")} <= texts
     assert not list(root.iter("{http://www.w3.org/2000/svg}script"))
     assert label_text("$x$ \n y") == r"\$x\$ y"
-
-
-@pytest.mark.slow
-def test_many_hostile_long_and_narrow() -> None:
-    names = [HOSTILE, *(f"a method with a name of its own, {n}" for n in range(19))]
-    methods = [retrieval_method(name, number, 120) for number, name in enumerate(names)]
-    for sheet in (Sheet(3.3), Sheet()):
-        for figure in (
-            draw.condition(methods, HIT, "altitude_m", sheet=sheet),
-            draw.scenes(methods, HIT, sheet),
-            draw.intervals(methods, HIT, sheet),
-        ):
-            assert len(figure_bytes(figure, "png")) > 4000
-            assert figure.get_figheight() < 16
 
 
 @pytest.mark.parametrize("limit", [0.1, 0.3, 10.0])

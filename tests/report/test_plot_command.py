@@ -27,12 +27,6 @@ def test_a_width_is_in_inches_or_centimetres(text: str, inches: float | None) ->
         parse_length(text)
 
 
-@pytest.mark.parametrize("text", ["1in", "2m", "99in"])
-def test_widths_that_cannot_be(text: str) -> None:
-    with pytest.raises(UsageError, match="no width"):
-        parse_length(text)
-
-
 @pytest.mark.parametrize(
     "ask",
     [
@@ -81,37 +75,3 @@ def test_what_cannot_be_drawn(tmp_path: Path, ask: tuple[object, ...], said: str
     assert isinstance(done.exception, UserError)
     assert said in str(done.exception)
     assert not list(tmp_path.glob("x.*"))
-
-
-@pytest.mark.parametrize(
-    ("kind", "option"),
-    [
-        ("recall", "--by"),
-        ("scenes", "--bins"),
-        ("recall", "--score"),
-        ("errors", "--up-to"),
-        ("scenes", "--scene"),
-    ],
-)
-def test_an_option_of_another_kind(tmp_path: Path, kind: str, option: str) -> None:
-    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
-    done = run("plot", kind, path, option, "1", "-o", tmp_path / "x.png")
-    assert done.exit_code == 2
-    assert f"No such option: {option}" in done.output
-    assert not list(tmp_path.glob("x.*"))
-
-
-def test_a_kind_left_out_is_told_how_to_fix(tmp_path: Path) -> None:
-    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
-    done = run("plot", path, path, "-o", tmp_path / "x.png")
-    assert f"plot recall {path}" in str(done.exception)
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    done = run("plot", "recall", path, "-o", blocked / "x.png")
-    assert isinstance(done.exception, UserError)
-
-
-def test_ranks_are_of_retrieval(tmp_path: Path) -> None:
-    [path] = write_methods(tmp_path, [reconstruction_method("a", 0)])
-    done = run("plot", "recall", path, "-o", tmp_path / "x.png")
-    assert "no ranks" in str(done.exception)

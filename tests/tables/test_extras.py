@@ -35,14 +35,6 @@ class TestMarks:
         assert made.rows[0].cells[1].gain is None
         assert made.notes == ("in brackets: difference from a, of the values as printed",)
 
-    def test_no_gain_without_two_numbers(self) -> None:
-        made = add_gains(table(("a", None, math.inf), ("b", 1.0, 2.0)), {1: 0, 0: 1})
-        assert [cell.gain for row in made.rows for cell in row.cells] == [None] * 6
-
-    def test_no_gain_is_a_plus(self) -> None:
-        made = add_gains(table(("a", 1.001, 1.0), ("b", 0.999, 1.0)), {1: 0})
-        assert made.texts()[1] == ["b", "1.00 (+0.00)", "1.00 (+0.00)"]
-
     @pytest.mark.parametrize(
         ("given", "expected"),
         [
@@ -56,10 +48,6 @@ class TestMarks:
     def test_names_may_hold_the_sign(self, given: list[str], expected: dict[int, int]) -> None:
         made = table(("a", 1.0, 1.0), ("b", 1.0, 1.0), ("x=y", 1.0, 1.0))
         assert parse_baselines(made, given) == expected
-
-    def test_highlighted_rows_have_the_gains(self) -> None:
-        made = table(("a", 1.0, 1.0), ("b", 1.0, 1.0), ("c", 1.0, 1.0))
-        assert parse_baselines(highlight(made, ["c"]), ["a"]) == {2: 0}
 
 
 def with_everything() -> Table:

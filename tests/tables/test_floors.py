@@ -27,10 +27,6 @@ def scored(method: str, city: float, rural: float, **parts: Any) -> Result:
     return made(method, scenes, **({"references": {NAME: chance(0.75, 0.5)}} | parts))
 
 
-def with_references(result: Result, references: dict[str, Reference]) -> Result:
-    return result.model_copy(update={"references": references}).with_checksum()
-
-
 @pytest.fixture
 def files(tmp_path: Path) -> list[Path]:
     paths = [tmp_path / f"{name}.json" for name in ("Mine", "Poor")]

@@ -76,10 +76,3 @@ def test_a_mistake_gets_a_message(name: str, tmp_path: Path) -> None:
     assert len(message) < 800
     for fragment in fragments:
         assert fragment in message
-
-
-def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(ResultError, match="no such"):
-        read_published(tmp_path / "none.csv")
-    with pytest.raises(ResultError, match="a folder"):
-        read_published(tmp_path)

@@ -30,20 +30,6 @@ def source(folder: Path, table: str) -> Path:
     return folder / "s.toml"
 
 
-def test_another_paper_s_table_as_typed(tmp_path: Path) -> None:
-    path = source(
-        tmp_path, HEAD + "t,B,retrieval,M,East,R@1,,12.5\nt,B,retrieval,M,Average,R@1,,7\n"
-    )
-    (table,) = read_source(path)
-    assert (table.label, table.benchmark, table.track) == ("t", "b", "retrieval")
-    assert table.values == {"M": {"East": {"recall@1": 12.5}, "": {"recall@1": 7.0}}}
-
-
-def test_shares_become_percent(tmp_path: Path) -> None:
-    path = source(tmp_path, HEAD + "t,B,retrieval,M,East,R@1,share,0.125\n")
-    assert read_source(path)[0].values["M"]["East"] == {"recall@1": 12.5}
-
-
 @pytest.mark.parametrize(
     ("table", "message"),
     [

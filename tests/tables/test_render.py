@@ -57,14 +57,6 @@ class TestBest:
         assert best(table(("a", 1.0, 2.0))) == [[False, False, False]]
 
 
-def test_best_cells_are_set_apart() -> None:
-    made = mark_best(table(("a", 90.0, 3.0), ("b", 80.0, 2.0)))
-    assert r"a & \textbf{90.00} & 3.00 \\" in render(made, "latex")
-    assert "| a | **90.00** | 3.00 |" in render(made, "markdown")
-    cells = '<td align="right"><strong>90.00</strong></td><td align="right">3.00</td>'
-    assert cells in render(made, "html")
-
-
 @pytest.mark.parametrize("form", FORMATS)
 @pytest.mark.parametrize("name", ["a\x1b[2Jb", "a\x9bb", "a\u202eb", "a\ud800b", "a\x00b"])
 def test_nothing_steers_a_terminal(form: str, name: str) -> None:
@@ -84,16 +76,6 @@ def test_a_line_is_a_line(form: str, name: str) -> None:
     assert text.count("\n") == plain.count("\n")
     if form != "json":
         assert text == plain
-
-
-def test_latex_specials() -> None:
-    text = render(named(r"\input{x} & 100% $a_b^c$ #1 ~ {y} <z> |w|"), "latex")
-    row = next(line for line in text.splitlines() if line.endswith(r"1.00 & 2.00 \\"))
-    assert row == (
-        r"\textbackslash{}input\{x\} \& 100\% \$a\_b\textasciicircum{}c\$ \#1 "
-        r"\textasciitilde{} \{y\} \textless{}z\textgreater{} \textbar{}w\textbar{} "
-        r"& 1.00 & 2.00 \\"
-    )
 
 
 @pytest.mark.parametrize(("name", "start"), [("[1] Ours", "{[}1] Ours"), ("*ours", "{*}ours")])
@@ -177,12 +159,6 @@ def test_infinite_and_missing_values() -> None:
     assert content["rows"] == [["a", "-Infinity", "Infinity"], ["b", None, 7]]
 
 
-def test_json_keeps_all_digits() -> None:
-    content = json.loads(render(table(("a", 100 / 3, 2.0)), "json"))
-    assert content["rows"][0][1] == 100 / 3
-    assert content["columns"][1] == {"title": "R@1", "unit": "%", "higher_is_better": True}
-
-
 @pytest.mark.parametrize("name", ["[bold red]x[/]", "[/]", "x" * 300, "名前" * 40, "\U0001f6a9"])
 def test_a_terminal_shows_names_whole_and_as_they_are(name: str) -> None:
     text = render(named(name), "terminal")
@@ -190,19 +166,6 @@ def test_a_terminal_shows_names_whole_and_as_they_are(name: str) -> None:
     line = next(line for line in text.splitlines() if "1.00" in line)
     assert name in line
     assert line.split()[-2:] == ["1.00", "2.00"]
-
-
-def test_notes_wrap_for_eyes_and_not_in_a_pipe() -> None:
-    note = "words " * 30 + "and " + "x" * 90
-    made = table(("a", 1.0, 2.0), notes=(note,))
-    assert f"\n  {note}\n" in render(made, "terminal")
-    shown = render(made, "terminal", width=60, styled=True).splitlines()
-    at = next(number for number, line in enumerate(shown) if "words" in line)
-    lines = shown[at:]
-    assert " ".join(" ".join(lines).split()) == note
-    assert lines[0].startswith("  words")
-    assert all(line.startswith("    ") for line in lines[1:])
-    assert [line.strip() for line in lines if len(line) > 60] == ["x" * 90]
 
 
 def test_one_result_by_scene() -> None:
