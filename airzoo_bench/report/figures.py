@@ -42,9 +42,9 @@ _DPI = 150
 _PLACE_DIGITS = 5
 _LINES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_MOST_IN_LEGEND, _MOST_IN = 40, 40.0
+_MOST_IN_LEGEND, _LEAST_IN, _MOST_IN = 40, 2.0, 40.0
 _LONGEST = 48
-_NARROW_IN, _LEAST_PICTURE_IN = 5.0, 0.7
+_NARROW_IN = 5.0
 _LEAST_PT, _POINTS, _LETTER, _LINE = 6.0, 72.0, 0.53, 1.25
 # SVG keeps text as text, and names its parts by a fixed salt.
 _FILES = {"svg.hashsalt": "airzoo-bench", "svg.fonttype": "none", "pdf.fonttype": 42}
@@ -73,12 +73,10 @@ _DECADES = 100.0
 
 @dataclass(frozen=True)
 class Sheet:
-    """How a picture is laid out, in inches, and what is written around it."""
+    """How wide a picture is, in inches, and what is written below it."""
 
     width_in: float | None = None  # where it is not given, what the content needs
-    title: str = ""
     notes: tuple[str, ...] = ()  # small print below
-    height_in: float | None = None  # of all that is drawn
     aside: list[str] | None = None  # takes the small print instead of the picture
 
     def wide(self, usual: float) -> float:
@@ -106,7 +104,7 @@ def new_canvas(width_in: float, height_in: float) -> Figure:
 
 
 def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
-    """Set the size of text; let the figure grow by legend and title above, small print below."""
+    """Set the size of text; let the figure grow by the legend above and small print below."""
     width = figure.get_figwidth()
     size = sheet.font(width)
     for axes in figure.axes:
@@ -116,23 +114,15 @@ def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bo
     hidden = len(names) - _MOST_IN_LEGEND
     if hidden > 0:
         sheet = sheet.noting(f"not named: {counted(hidden, 'more method')}")
+    small, height = max(_LEAST_PT, 0.72 * size), figure.get_figheight()
     if sheet.aside is not None:
         sheet.aside.extend(sheet.notes)
-        sheet = replace(sheet, notes=())
-    small = max(_LEAST_PT, 0.72 * size)
-    notes = _wrapped("\n".join(sheet.notes), width, small)
-    title = _wrapped(sheet.title, width, size)
-    around = (len(notes) * small + len(title) * size * _LINE) * _LINE / _POINTS
-    if notes:
+    elif sheet.notes:
+        notes = _wrapped("\n".join(sheet.notes), width, small)
         figure.supxlabel("\n".join(notes), fontsize=small, color="0.3", x=0.01, ha="left")
-    around += _add_legend(figure, names[:_MOST_IN_LEGEND], "\n".join(title), size, lines)
-    height = sheet.height_in or figure.get_figheight() + around
-    if height - around < _LEAST_PICTURE_IN:
-        raise UsageError(
-            f"--height: {height:g} inches leave no room for the picture",
-            expected=f"at least {around + _LEAST_PICTURE_IN:.1f}in",
-            fix="give a larger --height, or leave out the small print by --bare",
-        )
+        height += len(notes) * small * _LINE / _POINTS
+    if names:
+        height += _add_legend(figure, names[:_MOST_IN_LEGEND], size, lines)
     figure.set_figheight(height)
 
 
@@ -143,16 +133,10 @@ def _wrapped(text: str, width_in: float, size: float) -> list[str]:
     return [line.replace("$", r"\$") for line in lines]
 
 
-def _add_legend(
-    figure: Figure, names: Sequence[str], title: str, size: float, lines: bool
-) -> float:
-    """Add legend or title above the picture, as wide as fits; return the legend's height."""
+def _add_legend(figure: Figure, names: Sequence[str], size: float, lines: bool) -> float:
+    """Add a legend above the picture, as wide as fits; return its height."""
     from matplotlib.lines import Line2D
 
-    if not names:
-        if title:
-            figure.suptitle(title, fontsize=size)
-        return 0.0
     plain_style = {} if lines else {"linestyle": "none"}
     handles = [
         Line2D([], [], markersize=4.5, linewidth=1.4, **(series_style(number) | plain_style))
@@ -167,8 +151,6 @@ def _add_legend(
             labels,
             loc="outside upper center",
             ncols=columns,
-            title=title or None,
-            title_fontsize=size,
             fontsize=size - 1,
             frameon=False,
             borderaxespad=0.1,
@@ -187,28 +169,27 @@ def _any_letters() -> Iterator[None]:
         yield
 
 
-def parse_length(text: str | None, option: str = "--width") -> float | None:
-    """Convert ``8.4cm`` or ``3.3in`` to inches; None stays None."""
+def parse_length(text: str | None) -> float | None:
+    """Convert a width such as ``8.4cm`` or ``3.3in`` to inches; None stays None."""
     if text is None:
         return None
     found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(cm|in)", text.strip().lower())
     length = float(found[1]) / (2.54 if found[2] == "cm" else 1.0) if found else 0.0
-    least = 2.0 if option == "--width" else 1.0
-    if not least <= length <= _MOST_IN:
+    if not _LEAST_IN <= length <= _MOST_IN:
         raise UsageError(
-            f"{option} {text!r} is no {option[2:]} that can be drawn",
-            expected=f"such as 3.3in or 8.4cm, between {least:g}in and {_MOST_IN:g}in",
+            f"--width {text!r} is no width that can be drawn",
+            expected=f"such as 3.3in or 8.4cm, between {_LEAST_IN:g}in and {_MOST_IN:g}in",
         )
     return length
 
 
-def figure_bytes(figure: Figure, form: str, dpi: int | None = None) -> bytes:
+def figure_bytes(figure: Figure, form: str, dpi: int = _DPI) -> bytes:
     """Render a figure as one of `FORMATS`, or as ``jpg``."""
     stream = io.BytesIO()
     with default_style(_FILES), _any_letters():
         warnings.filterwarnings("ignore", _NO_ROOM, UserWarning)
         _settle(figure)
-        figure.savefig(stream, format=form, dpi=dpi or _DPI, metadata=_METADATA.get(form))
+        figure.savefig(stream, format=form, dpi=dpi, metadata=_METADATA.get(form))
     return stream.getvalue()
 
 
@@ -233,9 +214,9 @@ def check_ending(path: Path) -> str:
     return form
 
 
-def save_figure(figure: Figure, path: Path, dpi: int | None = None) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure atomically; the suffix, ``.png``, ``.svg`` or ``.pdf``, gives the format."""
-    content = figure_bytes(figure, check_ending(path), dpi)
+    content = figure_bytes(figure, check_ending(path))
     with atomic_write(path) as stream:
         stream.write(content)
 
@@ -301,14 +282,9 @@ def axis_label(score: ScoreColumn) -> str:
     return f"median {error_label(score)}" if is_median else error_label(score)
 
 
-def arrow(score: ScoreColumn) -> str:
-    """Return the arrow that says which direction is better."""
-    return "↑" if score.higher_is_better else "↓"
-
-
 def heading(score: ScoreColumn) -> str:
     """Head a column of a score: title, unit, and which direction is better."""
-    return f"{score.title} [{UNITS[score.unit]}] {arrow(score)}"
+    return f"{score.title} [{UNITS[score.unit]}] {'↑' if score.higher_is_better else '↓'}"
 
 
 def shown_value(score: ScoreColumn, values: Floats) -> Floats:

@@ -29,7 +29,6 @@ from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     BOX_COLUMNS,
     Positives,
-    RetrievalTruth,
     scene_truth,
 )
 
@@ -99,7 +98,7 @@ def _retrieval_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:
     if truth.of_images:
         gallery = benchmark.resolve(needed(entry.gallery, "gallery", scene))
         place = Place(scene, None, photos, *_nowhere(len(photos)), gallery, truth.tiles)
-        return _with_positives(place, truth), truth.fingerprint
+        return replace(place, positives=truth.positives), truth.fingerprint
     dom = open_info(benchmark.resolve(needed(entry.dom, "map", scene)))
     boxes = truth.tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
     place = Place(
@@ -112,11 +111,7 @@ def _retrieval_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:
         truth.tiles,
         _on_map(dom, boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]),
     )
-    return _with_positives(place, truth), truth.fingerprint
-
-
-def _with_positives(place: Place, truth: RetrievalTruth) -> Place:
-    return replace(place, positives=truth.positives)
+    return replace(place, positives=truth.positives), truth.fingerprint
 
 
 def _matching_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:

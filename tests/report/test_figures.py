@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.report import draw
 from airzoo_bench.report.figures import (
     Sheet,
@@ -157,25 +157,15 @@ def every_kind(sheet: Sheet | None = None) -> list[Figure]:
 
 
 def test_pictures_say_what_they_are_of_in_letters_that_can_be_read() -> None:
-    for figure in every_kind(Sheet(3.3, "Of $x$")):
+    for figure in every_kind(Sheet(3.3)):
         assert "benchmark made, version 1; protocol" in texts_of(figure)
         assert figure.get_figwidth() == 3.3
         figure.draw_without_rendering()
         texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
         assert min(text.get_fontsize() for text in texts) >= 6
-        assert r"Of \$x\$" in [text.get_text() for text in texts]
     assert axis_label(ERROR) == "median translation error [m]"
     assert axis_label(CHAMFER) == "Chamfer distance [m]"
     assert axis_label(HIT) == "R@1 [%]"
-
-
-def test_the_height_asked_for_is_kept_or_refused() -> None:
-    methods = [retrieval_method("a", 0)]
-    figure = draw.recall(methods, None, Sheet(3.3, "Title", height_in=2.4))
-    assert figure.get_figheight() == pytest.approx(2.4)
-    assert figure.axes[0].get_position().height > 0.2
-    with pytest.raises(UsageError, match="--height"):
-        draw.recall(methods, None, Sheet(3.3, height_in=1.0))
 
 
 def test_one_scene_as_if_it_were_all() -> None:
