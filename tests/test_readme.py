@@ -15,6 +15,7 @@ PROJECT = Path(__file__).parents[1]
 BLOCK = re.compile(r"(?<!-->\n)^```(sh|console|csv)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SHELL = f"""set -eu
 pip() {{ :; }}
+python() {{ {sys.executable} "$@"; }}
 airzoo-bench() {{ {sys.executable} -m airzoo_bench "$@"; }}
 export COLUMNS=100 AIRZOO_BENCH_DATA=data
 """
@@ -56,6 +57,11 @@ def test_the_real_scene_prints_what_its_pages_show(tmp_path: Path, brighton: Pat
     (tmp_path / "brighton").symlink_to(brighton.resolve())
     (tmp_path / "examples").symlink_to(PROJECT / "examples")
     follow("docs/brighton.md", tmp_path)
+    methods = r"`(python examples/(\w+?)_.* (\S+))` \| .*?(\d+\.\d\d)"
+    page = (PROJECT / "docs" / "python.md").read_text("utf-8")
+    for command, track, file, score in re.findall(methods, page):
+        run(command, tmp_path)
+        assert score in run(f"airzoo-bench eval {track} {file}", tmp_path)
 
 
 @pytest.mark.slow
