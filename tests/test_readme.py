@@ -58,10 +58,9 @@ def test_the_real_scene_prints_what_its_pages_show(tmp_path: Path, brighton: Pat
     (tmp_path / "examples").symlink_to(PROJECT / "examples")
     follow("docs/brighton.md", tmp_path)
     methods = r"`(python examples/(\w+?)_.* (\S+))` \| .*?(\d+\.\d\d)"
-    page = (PROJECT / "docs" / "python.md").read_text("utf-8")
-    for command, track, file, score in re.findall(methods, page):
-        run(command, tmp_path)
-        assert score in run(f"airzoo-bench eval {track} {file}", tmp_path)
+    for found in re.findall(methods, (PROJECT / "docs" / "python.md").read_text("utf-8")):
+        run(found[0], tmp_path)
+        assert found[3] in run("airzoo-bench eval {1} {2}".format(*found), tmp_path)
 
 
 @pytest.mark.slow
