@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ class MatchingTruth:
         """Return the map that a query is matched to."""
         return self.maps[query if self.own_maps else 0]
 
-    @property
+    @cached_property
     def cameras(self) -> Cameras:
         """Cameras of the Q queries."""
         return cameras_of(self.queries)
@@ -87,12 +88,12 @@ class MatchingTruth:
         """Whether the true poses are known, as they are unless the benchmark is sealed."""
         return set(POSE_COLUMNS) <= set(self.queries.columns)
 
-    @property
+    @cached_property
     def poses(self) -> Poses:
         """True poses of the Q queries."""
         return poses_of(self.queries)
 
-    @property
+    @cached_property
     def priors(self) -> Poses:
         """Prior poses of the Q queries."""
         return poses_of(self.queries, PRIOR_COLUMNS)

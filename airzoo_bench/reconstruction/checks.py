@@ -41,7 +41,6 @@ _FOOT_M = 0.3048
 _UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
 _PIECE, _LOOKED_AT, _TRIED = 1 << 14, 1 << 22, 2000
 _FEWEST_DIGITS = 6  # what C's and C++'s streams write unless told otherwise
-_ORDERS = tuple(itertools.permutations(range(3)))
 _SIGNS = tuple(itertools.product((1.0, -1.0), repeat=3))
 
 
@@ -360,12 +359,10 @@ def _stated_step(points: Floats, largest: Floats, stored: np.dtype[Any]) -> tupl
     short = points.astype(narrow)
     fits = narrow == stored or bool((short == points).all())
     values = (short if fits else points).ravel()
-    texts = (np.format_float_scientific(value, trim="-") for value in values[values != 0])
-    mantissas = (text.partition("e")[0].replace(".", "").lstrip("-") for text in texts)
-    digits = max(max(map(len, mantissas), default=0), _FEWEST_DIGITS)
-    if digits <= _FEWEST_DIGITS + 1:
-        place = np.floor(np.log10(np.maximum(largest, 1e-30))) + 1
-        return 10.0 ** (place - digits), f"{digits} digits"
+    for digits in (_FEWEST_DIGITS, _FEWEST_DIGITS + 1):
+        if all(values.dtype.type(f"{one:.{digits}g}") == one for one in values.tolist()):
+            place = np.floor(np.log10(np.maximum(largest, 1e-30))) + 1
+            return 10.0 ** (place - digits), f"{digits} digits"
     if not fits:
         return np.zeros(3), ""
     return np.spacing(largest.astype(narrow)).astype(np.float64), narrow.name
@@ -463,25 +460,30 @@ def check_mirror(
     some = cloud[:: max(1, len(cloud) // _TRIED)]
     tree, own = cKDTree(truth - truth[0]), transform.inverse().apply(some)
 
-    def share(points: Floats, limit: float) -> float:
-        away, _ = tree.query(points - truth[0], distance_upper_bound=limit)
-        return float(np.isfinite(away).mean())
+    def shares(points: Floats) -> Floats:
+        """Return the share of points nearer than each distance."""
+        away, _ = tree.query(points - truth[0], distance_upper_bound=max(near))
+        return np.asarray((away[:, None] < limits).mean(axis=0))
 
-    for limit in sorted(near):
-        now = share(some, limit)
-        if now > 0.5:  # as for nearly every cloud
+    limits = np.sort(near)
+    now = shares(some)
+    if now[0] > 0.5:  # as for nearly every cloud
+        return None
+    axes = list(itertools.product(itertools.permutations(range(3)), _SIGNS))
+    turned = np.array([shares(transform.apply(own[:, order] * signs)) for order, signs in axes])
+    best = turned.argmax(axis=0)
+    for limit, before, (order, signs), after in zip(
+        limits, now, (axes[row] for row in best), turned.max(axis=0), strict=True
+    ):
+        if before > 0.5:
             return None
-        others = {}
-        for order, signs in itertools.product(_ORDERS, _SIGNS):
+        if after >= max(0.6, 2 * before):
             words = ", ".join(
                 "+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True)
             )
-            others[words] = share(transform.apply(own[:, order] * signs), limit)
-        words = max(others, key=lambda one: others[one])
-        if others[words] >= max(0.6, 2 * now):
             return (
-                f"the cloud looks mirrored or turned over: {now:.0%} of its points lie within "
-                f"{limit:g} m of the truth, {others[words]:.0%} with ({words}) for (+x, +y, +z) in "
+                f"the cloud looks mirrored or turned over: {before:.0%} of its points lie within "
+                f"{limit:g} m of the truth, {after:.0%} with ({words}) for (+x, +y, +z) in "
                 "its own frame, though its cameras are aligned"
             )
     return None

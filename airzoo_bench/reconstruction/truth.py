@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
@@ -56,21 +57,21 @@ class ReconstructionTruth:
         """Whether poses and cloud are not known."""
         return not self.cloud_sha256
 
-    @property
+    @cached_property
     def cameras(self) -> Cameras:
         """Cameras of the photos."""
         return cameras_of(self.photos)
 
-    @property
+    @cached_property
     def poses(self) -> Poses:
         """True poses of the photos."""
         return poses_of(self.photos)
 
-    @property
+    @cached_property
     def posed(self) -> PosedCameras:
         """The true poses by the names of the photos."""
-        poses = self.poses
-        return PosedCameras(tuple(self.photos["image"]), poses.centres, poses.rotation)
+        names = tuple(self.photos["image"])
+        return PosedCameras(names, self.poses.centres, self.poses.rotation)
 
     @property
     def fingerprint(self) -> str:

@@ -19,7 +19,7 @@ LENSES = (
     (0.0, 0.0, 0.0, 0.0, 0.0),
 )
 
-quick = settings(max_examples=40, deadline=None, derandomize=True)
+quick = settings(max_examples=25, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
 
 

@@ -17,7 +17,7 @@ from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
 
 SETTINGS = SiftSettings(
-    doubled=True,
+    doubled=False,
     max_features=4096,
     max_map_features=8192,
     peak_threshold=0.0067,

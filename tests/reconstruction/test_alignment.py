@@ -187,7 +187,7 @@ def survivals(count: int, width: float, share: float, runs: int) -> int:
 WIDTHS = (5.0, 40.0, 300.0)  # a line, nearly one, a block of strips
 
 
-@pytest.mark.parametrize("count", [18, 60, 600])
+@pytest.mark.parametrize("count", [18, 60])
 @pytest.mark.parametrize("width", WIDTHS)
 def test_half_of_the_cameras_may_be_bad(count: int, width: float) -> None:
     assert survivals(count, width, 0.5, runs=5) == 5

@@ -16,6 +16,7 @@ from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, RansacSettings, align
 from airzoo_bench.reconstruction.baseline import Model, photo_pairs, sparse_reconstruction
 from airzoo_bench.reconstruction.info import SfmSettings
+from tests.engines.scattered import Scattered
 from tests.geometry.support import looking_down
 
 UTM = np.array((576600.0, 5188100.0, 160.0))
@@ -23,7 +24,7 @@ UTM = np.array((576600.0, 5188100.0, 160.0))
 SIZE = (320, 240)
 
 SETTINGS = SfmSettings(
-    doubled=True,
+    doubled=False,
     long_side_px=320,
     max_features=800,
     peak_threshold=0.005,
@@ -94,13 +95,12 @@ def as_bytes(result: Model) -> list[bytes]:
 
 
 @pytest.fixture(scope="module")
-def made(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> tuple[Model, Path]:
-    folder = tmp_path_factory.mktemp("work")
-    return run(flight, folder), folder
+def made(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Model:
+    return run(flight, tmp_path_factory.mktemp("work"))
 
 
-def test_poses_and_points_are_right(flight: Flight, made: tuple[Model, Path]) -> None:
-    result, truth = made[0], flight[2]
+def test_poses_and_points_are_right(flight: Flight, made: Model) -> None:
+    result, truth = made, flight[2]
     assert result.rows.tolist() == list(range(6))
     # A hundredth of 300 px at 30 m is 0.1 pixel.
     found = aligned(result, truth)
@@ -112,18 +112,26 @@ def test_poses_and_points_are_right(flight: Flight, made: tuple[Model, Path]) ->
     assert len(points) > 200
     on_roof = (np.abs(points[:, :2] - 30) < 9).all(axis=1)
     off_roof = (np.abs(points[:, :2] - 30) > 11).any(axis=1)
-    assert np.median(np.abs(points[on_roof, 2] - 6)) < 0.05
-    assert np.median(np.abs(points[off_roof, 2])) < 0.05
+    assert np.median(np.abs(points[on_roof, 2] - 6)) < 0.08
+    assert np.median(np.abs(points[off_roof, 2])) < 0.08
     # The roof is blue, the ground is grey.
     assert np.median(result.colours[on_roof, 2]) == 255
     ground = result.colours[off_roof].astype(int)
     assert np.median(np.abs(ground[:, 2] - ground[:, 0])) == 0
 
 
+@pytest.mark.parametrize(
+    "how",
+    [
+        pytest.param({"jobs": 2}, marks=pytest.mark.slow),
+        {"engine": Scattered()},
+    ],
+    ids=["processes", "scattered"],
+)
 def test_jobs_and_runs_change_no_byte(
-    flight: Flight, made: tuple[Model, Path], tmp_path: Path
+    how: dict[str, Any], flight: Flight, made: Model, tmp_path: Path
 ) -> None:
-    assert as_bytes(run(flight, tmp_path, jobs=2)) == as_bytes(made[0])
+    assert as_bytes(run(flight, tmp_path, **how)) == as_bytes(made)
 
 
 def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: Path) -> None:

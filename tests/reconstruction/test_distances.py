@@ -17,7 +17,7 @@ from airzoo_bench.reconstruction.distances import (
     cloud_distances,
     mutual_distances,
 )
-from tests.geometry.support import quick, seeds
+from tests.geometry.support import quick
 from tests.reconstruction.cloud_support import Pieces, all_pairs, clouds, surface
 
 
@@ -37,7 +37,7 @@ def test_by_hand() -> None:
 
 
 @given(clouds(), clouds(), st.booleans())
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=80, deadline=None, derandomize=True)
 def test_same_bits_as_all_pairs(points: Floats, others: Floats, on_disk: bool) -> None:
     assert_exact(points, others, on_disk=on_disk)
 
@@ -52,15 +52,14 @@ def test_no_bit_depends_on_order_or_threads(points: Floats, others: Floats, seed
     assert np.array_equal(again, found[order])
 
 
-@given(seeds)
-@quick
+@pytest.mark.parametrize("seed", range(8))
 def test_surfaces_with_far_points(seed: int) -> None:
     assert_exact(surface(900, seed, far=0.05), surface(700, seed + 1))
 
 
 @pytest.mark.parametrize("shift", [(0, 0, 30), (500, 0, 0), (1e7, 1e7, 0), (0.01, 0, 0)])
 def test_clouds_that_lie_apart(shift: tuple[float, float, float]) -> None:
-    assert_exact(surface(3000, 0) + np.array(shift), surface(3000, 1))
+    assert_exact(surface(1000, 0) + np.array(shift), surface(1000, 1))
 
 
 @pytest.mark.parametrize("scale", [1e-160, 1e3, 1e9, 1e14, 1e30, 1e140])

@@ -93,7 +93,7 @@ def test_a_flood_with_one_true_point_many_times_over() -> None:
     along = np.arange(0.0, SIDE, 1.1)
     up = np.arange(-5.0, 25.0, 1.1)
     flood = np.stack(np.meshgrid(along, along, up), axis=-1).reshape(-1, 3) + ORIGIN
-    cheat = np.concatenate([flood, np.repeat(true_points("yard")[:1], 800_000, axis=0)])
+    cheat = np.concatenate([flood, np.repeat(true_points("yard")[:1], 400_000, axis=0)])
     assert bought(cheat, **PLAIN)["f1_1m"] > 0.9
     record = bought(cheat)
     assert record["f1_1m"] < 0.2
@@ -148,11 +148,11 @@ def test_the_same_for_any_block_size_and_number_of_threads(
     used = protocol(**VARIANTS[variant])
     runs = [
         compared(noisy(), true_points("yard"), used, block_points=block, jobs=jobs)
-        for block, jobs in ((1 << 20, 1), (1 << 20, 2), (3000, 1), (3001, 3))
+        for block, jobs in ((1 << 20, 1), (3001, 3))
     ]
-    for record, found in runs[1:]:
-        assert str(record) == str(runs[0][0])
-        np.testing.assert_array_equal(found.curve.f1, runs[0][1].curve.f1)
+    (one, curve), (other, again) = runs
+    assert str(one) == str(other)
+    np.testing.assert_array_equal(curve.curve.f1, again.curve.f1)
 
 
 @pytest.mark.parametrize("variant", ["sim3", "none", "box", "covered", "observed", "voxels"])
