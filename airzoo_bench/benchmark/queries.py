@@ -70,10 +70,9 @@ def read_queries(
     path = folder / "queries.csv"
     everything = read_table(path, (*IDENTITY_COLUMNS, *complete))
     kept = ~everything["id"].isin(excluded["id"])
-    missing = everything[list(complete)].isna().to_numpy(bool) & kept.to_numpy()[:, None]
-    for name, rows in zip(complete, missing.T, strict=True):
-        if rows.any():
-            refuse_cells(path, name, everything[name], rows, "a number", everything["id"].tolist())
+    for name in (one for one in complete if everything[one].hasnans):
+        missing = (kept & everything[name].isna()).to_numpy()
+        refuse_cells(path, name, everything[name], missing, "a number", everything["id"].tolist())
     return everything[kept].reset_index(drop=True)
 
 

@@ -19,7 +19,6 @@ from airzoo_bench.benchmark.queries import (
     POSE_COLUMNS,
     PRIOR_COLUMNS,
     cameras_of,
-    conditions_of,
     poses_of,
     read_excluded,
     read_queries,
@@ -69,11 +68,6 @@ class MatchingTruth:
     excluded: pd.DataFrame  # photos that are no queries, with the reason
     own_maps: bool = False  # each query has a map of its own
 
-    @property
-    def scene_map(self) -> ReferenceMap | None:
-        """The map of the whole scene; None where each query has its own."""
-        return None if self.own_maps else self.maps[0]
-
     def map_of(self, query: int) -> ReferenceMap:
         """Return the map that a query is matched to."""
         return self.maps[query if self.own_maps else 0]
@@ -97,11 +91,6 @@ class MatchingTruth:
     def priors(self) -> Poses:
         """Prior poses of the Q queries."""
         return poses_of(self.queries, PRIOR_COLUMNS)
-
-    @property
-    def conditions(self) -> pd.DataFrame:
-        """Conditions of the Q queries, for breakdowns of scores."""
-        return conditions_of(self.queries)
 
     @property
     def fingerprint(self) -> str:

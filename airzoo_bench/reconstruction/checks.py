@@ -469,18 +469,16 @@ def check_mirror(
     now = shares(some)
     if now[0] > 0.5:  # as for nearly every cloud
         return None
-    axes = list(itertools.product(itertools.permutations(range(3)), _SIGNS))
-    turned = np.array([shares(transform.apply(own[:, order] * signs)) for order, signs in axes])
-    best = turned.argmax(axis=0)
-    for limit, before, (order, signs), after in zip(
-        limits, now, (axes[row] for row in best), turned.max(axis=0), strict=True
-    ):
+    turns = itertools.product(itertools.permutations(range(3)), _SIGNS)
+    axes = {
+        ", ".join("+-"[s < 0] + "xyz"[a] for a, s in zip(*one, strict=True)): one for one in turns
+    }
+    turned = [shares(transform.apply(own[:, order] * signs)) for order, signs in axes.values()]
+    for limit, before, all_after in zip(limits, now, np.transpose(turned), strict=True):
+        words, after = list(axes)[all_after.argmax()], all_after.max()
         if before > 0.5:
             return None
         if after >= max(0.6, 2 * before):
-            words = ", ".join(
-                "+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True)
-            )
             return (
                 f"the cloud looks mirrored or turned over: {before:.0%} of its points lie within "
                 f"{limit:g} m of the truth, {after:.0%} with ({words}) for (+x, +y, +z) in "

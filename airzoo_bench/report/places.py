@@ -117,10 +117,10 @@ def _retrieval_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:
 def _matching_place(benchmark: Benchmark, scene: str) -> tuple[Place, str]:
     truth, entry = read_matching(benchmark, scene), benchmark.scene(scene)
     photos = _photos(truth.queries, benchmark.resolve(entry.images))
-    if truth.scene_map is None:  # there is no map that all queries are on
+    if truth.own_maps:  # there is no map that all queries are on
         place = Place(scene, None, photos, *_nowhere(len(photos)), matching=truth)
         return place, truth.fingerprint
-    dom = truth.scene_map.dom
+    dom = truth.maps[0].dom
     to_map = to_map_pixels(entry.crs, dom)
     outlines = _on_map(dom, _footprints(truth, benchmark.scene_folder(scene)))
     centres = to_map(truth.poses.centres[:, :2])
