@@ -41,7 +41,6 @@ _FOOT_M = 0.3048
 _UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
 _PIECE, _LOOKED_AT, _TRIED = 1 << 14, 1 << 22, 2000
 _FEWEST_DIGITS = 6  # what C's and C++'s streams write unless told otherwise
-_SIGNS = tuple(itertools.product((1.0, -1.0), repeat=3))
 
 
 def scene_notes(
@@ -469,19 +468,19 @@ def check_mirror(
     now = shares(some)
     if now[0] > 0.5:  # as for nearly every cloud
         return None
-    turns = itertools.product(itertools.permutations(range(3)), _SIGNS)
+    signs = itertools.product((1.0, -1.0), repeat=3)
+    turns = itertools.product(itertools.permutations(range(3)), signs)
     axes = {
         ", ".join("+-"[s < 0] + "xyz"[a] for a, s in zip(*one, strict=True)): one for one in turns
     }
-    turned = [shares(transform.apply(own[:, order] * signs)) for order, signs in axes.values()]
+    turned = [shares(transform.apply(own[:, order] * sign)) for order, sign in axes.values()]
     for limit, before, all_after in zip(limits, now, np.transpose(turned), strict=True):
         words, after = list(axes)[all_after.argmax()], all_after.max()
         if before > 0.5:
             return None
         if after >= max(0.6, 2 * before):
             return (
-                f"the cloud looks mirrored or turned over: {before:.0%} of its points lie within "
-                f"{limit:g} m of the truth, {after:.0%} with ({words}) for (+x, +y, +z) in "
-                "its own frame, though its cameras are aligned"
+                f"the cloud looks mirrored or turned over: {before:.0%} of it is within {limit:g} "
+                f"m of the truth, {after:.0%} with ({words}) for (+x, +y, +z) in its own frame"
             )
     return None
