@@ -25,8 +25,7 @@ def complete_manifest(folder: Path, *, replace: bool = False) -> list[str]:
             "has no protocol",
             where=folder / "protocols",
             expected="a protocol file for each track that the folder has truth for",
-            fix="copy the one that the truth was made by (`airzoo-bench protocols NAME` prints "
-            "shipped ones), and set `benchmark` and [[scenes]] in it",
+            fix="copy one of `airzoo-bench protocols NAME`, and set `benchmark` and scenes",
         )
     name = protocols[0].benchmark
     complete = {"schema": 1, "name": name, "version": 1, "title": name, "checksums": {}}
@@ -54,12 +53,9 @@ def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
     """Read the truth of a scene as `eval` does, and refuse ids that predictions could not name."""
     home = benchmark.scene_folder(scene)
     if not (home / protocol.track).is_dir():
-        raise BenchmarkError(
-            f"scene {scene} has no truth for {protocol.track}",
-            where=home / protocol.track,
-            expected=f"the files of {protocol.track}, see docs/benchmark-folder.md",
-            fix=f"add them, or take the scene out of protocol {protocol.name}",
-        )
+        what = f"scene {scene} has no truth for {protocol.track}"
+        fix = f"add its files (docs/benchmark-folder.md), or take it out of {protocol.name}"
+        raise BenchmarkError(what, where=home / protocol.track, fix=fix)
     with benchmark.fixes():
         truth = read_truth(benchmark, protocol, scene)
     for name in ("queries", "tiles"):
@@ -71,7 +67,6 @@ def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
                 f"ids of {name} lack their scene: {first_of(without, len(ids))}",
                 where=home,
                 expected=f"ids that begin with the scene, such as {scene}/{without[0]}",
-                fix="write them so in all tables, then run `airzoo-bench manifest` again",
             )
 
 

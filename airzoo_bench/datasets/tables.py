@@ -206,18 +206,6 @@ def _number(text: str, comma: bool) -> float:
         return math.nan
 
 
-def read_matrix(path: Path) -> Floats | None:
-    """Read four lines of four numbers, the last of them 0 0 0 1; None where a text holds others."""
-    lines = (line.split("#")[0] for line in read_native_text(path).splitlines())
-    rows = [line.replace(",", " ").split() for line in lines if line.strip()]
-    try:
-        matrix = np.array(rows, dtype=np.float64)
-    except ValueError:
-        return None
-    sound = matrix.shape == (4, 4) and np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0))
-    return matrix if sound and np.isfinite(matrix).all() else None
-
-
 def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> dict[str, str]:
     """Find the photo that each name means, whatever its case, path or ending."""
     names, there, found = list(given), list(photos), dict[str, str]()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,12 +14,9 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import first_bytes
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.descriptors import SceneImages, aside
 from airzoo_bench.readers.names import ImageNames
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
-
-_COPIES_OF_TEXT = 5  # the ids, and what a run makes while it splits, sorts and compares them
 
 
 class RankedLists(Reader):
@@ -46,7 +42,7 @@ class RankedLists(Reader):
                 best = sorted(own, key=own.__getitem__, reverse=True)
                 lists[query] = [tiles[tile] for tile in best]
                 scores[query] = [own[tile] for tile in best]
-        predictions = ranked_lists(path, lists, scores, Budget(reading.memory_bytes))
+        predictions = ranked_lists(path, lists, scores)
         return ReadPredictions(predictions, self.conventions, aside(len(asked) - len(lists)))
 
 
@@ -64,16 +60,13 @@ def tile_ids(known: ImageNames, names: Sequence[str], path: Path) -> list[str]:
 def ranked_lists(
     path: Path,
     lists: Mapping[str, Sequence[str]],
-    scores: Mapping[str, Sequence[float]] | None,
-    budget: Budget,
+    scores: Mapping[str, Sequence[float]] | None = None,
 ) -> RetrievalPredictions:
     """Make predictions of ranked ids, best first, of any lengths."""
     if not lists:
         raise PredictionError("ranks no tile", where=path, expected="a list for each query")
     depth = max(map(len, lists.values()))
     letters = max((len(one) for ids in lists.values() for one in set(ids)), default=1)
-    size = len(lists) * depth * (4 * letters * _COPIES_OF_TEXT + 8)
-    budget.hold(path, f"lists of {depth:,} tiles", size, "rank fewer tiles for each query")
     ids = np.full((len(lists), depth), "", f"<U{letters}")
     given = None if scores is None else np.zeros(ids.shape)
     for row, query in enumerate(lists):
@@ -107,14 +100,13 @@ class _Trec(RankedLists):
             for number, line in enumerate(stream, 1):
                 fields = line.decode("utf-8", "replace").split()
                 parsed = _parsed(fields)
-                scores = run.setdefault(fields[0], {}) if parsed else {}
-                if fields and (parsed is None or fields[2] in scores):
+                if parsed is not None and fields[2] not in run.setdefault(fields[0], {}):
+                    run[fields[0]][fields[2]] = parsed[1]
+                    ranks.setdefault(fields[0], []).append(parsed[0])
+                elif fields:
                     what = "is no line of a run, or has a tile a second time"
                     where = f"{path}, line {number:,}"
                     raise PredictionError(what, where=where, expected=self.layout)
-                if parsed is not None:
-                    scores[fields[2]] = parsed[1]
-                    ranks.setdefault(fields[0], []).append(parsed[0])
         rising = [query for query in ranks if _rises(ranks[query], [*run[query].values()])]
         if rising:
             what = f"scores rise with the rank for {first_of(map(repr, rising), len(ranks))}"
@@ -124,21 +116,17 @@ class _Trec(RankedLists):
 
 def _rises(ranks: Sequence[int], scores: Sequence[float]) -> bool:
     """Whether scores rise with the rank, as distances do."""
-    if len(set(ranks)) < len(ranks):
-        return False
-    order = sorted(range(len(ranks)), key=lambda place: ranks[place])
-    return any(scores[after] > scores[before] for before, after in pairwise(order))
+    in_order = np.array(scores)[np.argsort(ranks)]
+    return len(set(ranks)) == len(ranks) and bool((np.diff(in_order) > 0).any())
 
 
 def _parsed(fields: list[str]) -> tuple[int, float] | None:
     """Return rank and score of a line; None where it is none of a run."""
-    if len(fields) != 6 or not fields[3].lstrip("-").isdecimal() or len(fields[3]) > 18:
-        return None
     try:
-        rank, score = int(fields[3]), float(fields[4])
+        rank, score = (int(fields[3]), float(fields[4])) if len(fields) == 6 else (0, math.nan)
     except ValueError:
         return None
-    return (rank, score) if math.isfinite(score) else None
+    return (rank, score) if math.isfinite(score) and abs(rank) < 1 << 60 else None
 
 
 TREC = _Trec()

@@ -20,6 +20,7 @@ from airzoo_bench.reconstruction.predictions import NativeScenes, ScenePredictio
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 _LOOKED_AT = 256
+_BY_NAME = "the scene's photos in the order of their names, which poses must fit"
 _IN_ORDER = "list the photos in the order in which the method was given them, a line each"
 
 
@@ -34,19 +35,15 @@ class SceneOutput:
 
     def view_names(self, beside: Path | None = None) -> ViewNames | None:
         """Name the views by ``--names``, else by the sorted images in a folder beside them."""
-        if self.reading.names is not None:
-            listed = self._of_scene(read_names(self.reading.names))
-            return ViewNames(self.photos(listed), f"in {self.reading.names}")
-        found = sorted_images(beside)
-        return ViewNames(self.photos(found), f"of images in {beside}") if found else None
-
-    def order(self, beside: Path | None = None) -> str:
-        """Say how views are named, for a reader's conventions."""
-        if self.reading.names is not None:
-            return f"views named by {self.reading.names.name}, in its order"
-        if beside is not None and sorted_images(beside):
-            return f"views named by the images in {beside.name}/, sorted by name"
-        return "views are the scene's photos in the order of their names, which poses must fit"
+        listed = self.reading.names
+        if listed is not None:
+            names = self.photos(self._of_scene(read_names(listed)))
+            return ViewNames(names, f"in {listed}", f"named by {listed.name}, in its order")
+        found = _sorted_images(beside)
+        if beside is None or not found:
+            return None
+        said = f"named by the images in {beside.name}/, sorted by name"
+        return ViewNames(self.photos(found), f"of images in {beside}", said)
 
     def numbered_photos(self) -> dict[float, str]:
         """Return the photos that ``--names`` lists by number: ``number name``, or lines from 0."""
@@ -96,19 +93,22 @@ def _photo_names(truths: Sequence[ReconstructionTruth], reading: Reading) -> Ima
     return ImageNames("photo", photos, left_out=left_out, scenes=reading.scenes)
 
 
-def sorted_images(folder: Path | None) -> list[str]:
+def _sorted_images(folder: Path | None) -> list[str]:
     """Return the names of the images in a folder, sorted; none where there is no such folder."""
-    files = folder.iterdir() if folder is not None and folder.is_dir() else ()
-    names = (one.name for one in files if not one.name.startswith("."))
-    return sorted(name for name in names if name.lower().endswith(IMAGE_SUFFIXES))
+    names = [one.name for one in _children(folder)] if folder is not None else []
+    return [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
 
 
 @dataclass(frozen=True)
 class ViewNames:
-    """Photos of a scene's views in their order, as the benchmark names them, and their source."""
+    """Photos of a scene's views in their order, as the benchmark names them.
+
+    `source` is where names are from, `said` how they are, for a reader's conventions.
+    """
 
     names: list[str]
-    source: str
+    source: str = ""
+    said: str = ""
 
     def check(self, path: Path, count: int) -> None:
         """Refuse names of another number than the views."""
@@ -135,9 +135,14 @@ class Layout(ABC):
         """Say whether a place is read once its reader is chosen."""
         return self.sure(place) > 0.0
 
+    def views(self, output: SceneOutput) -> ViewNames | None:
+        """Name the views; None if they are the scene's photos in the order of their names."""
+        return output.view_names()
+
     def order(self, output: SceneOutput) -> str:
         """Say which photo each view is of, for a reader's conventions."""
-        return output.order()
+        names = self.views(output)
+        return f"views are {names.said if names else _BY_NAME}"
 
     @abstractmethod
     def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
@@ -224,22 +229,21 @@ def find_outputs(
         return {path: SceneOutput(path, _only_scene(path, known), reading)}, ()
     children = _children(path)
     found = [child for child in children if is_output(child)]
-    if not found:
+    scenes = [_scene_name(child) for child in found]
+    twice = next((one for one in scenes if scenes.count(one) > 1), None)
+    if not found or twice is not None:
+        what = "holds no scene's output that this reader reads"
+        if twice is not None:
+            names = [one.name for one in found if _scene_name(one) == twice]
+            what = f"scene {twice!r} has two outputs: {' and '.join(names)}"
         raise PredictionError(
-            "holds no scene's output that this reader reads",
+            what,
             where=path,
             expected=f"a folder a scene, such as {path.name}/{known[0]}/, as the method wrote it",
             fix="`airzoo-bench readers` says what each reader recognises",
         )
-    by_scene: dict[str, Path] = {}
-    for child in found:
-        scene = _scene_name(child)
-        other = by_scene.setdefault(scene, child)
-        if other != child:
-            what = f"scene {scene!r} has two outputs: {other.name} and {child.name}"
-            raise PredictionError(what, where=path, expected="one a scene", fix="keep one")
-    alone = len(found) == 1
-    outputs = {one: SceneOutput(one, scene, reading, alone) for scene, one in by_scene.items()}
+    pairs = zip(found, scenes, strict=True)
+    outputs = {one: SceneOutput(one, scene, reading, len(found) == 1) for one, scene in pairs}
     return outputs, tuple(child.name for child in children if child not in outputs)
 
 

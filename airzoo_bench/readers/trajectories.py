@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +36,8 @@ def first_rows(path: Path) -> list[list[str]]:
     if not path.is_file() or path.suffix.lower() not in _TEXTS:
         return []
     head = first_bytes(path, _HEAD_BYTES)
-    try:
-        text = (head[: head.rfind(b"\n")] if len(head) == _HEAD_BYTES else head).decode()
-    except UnicodeDecodeError:
-        return []
-    return list(islice(_rows(text), _HEAD_ROWS))
+    whole = head[: head.rfind(b"\n")] if len(head) == _HEAD_BYTES else head
+    return _rows(whole.decode("utf-8", "replace"))[:_HEAD_ROWS]
 
 
 def _rows(text: str) -> list[list[str]]:
@@ -72,13 +68,13 @@ def read_rows(path: Path, columns: int, named: bool, memory: int) -> tuple[list[
     Budget(memory).hold(path, "its text", path.stat().st_size * _BYTES_A_BYTE)
     rows = _rows(read_text(path, UnreadableError, "text of poses", _LIMIT_BYTES))
     wrong = [number for number, row in enumerate(rows, 1) if len(row) != columns + named]
-    if wrong or not rows:
-        what = f"row {wrong[0]} has {len(rows[wrong[0] - 1])} columns" if rows else "holds no pose"
+    values = None if wrong else numbers_of(rows, int(named))
+    if values is None:
+        what = "holds words where numbers should be" if rows else "holds no pose"
+        if wrong:
+            what = f"row {wrong[0]} has {len(rows[wrong[0] - 1])} columns"
         expected = f"{'a name and ' if named else ''}{columns} numbers in each row"
         raise PredictionError(what, where=path, expected=expected)
-    values = numbers_of(rows, int(named))
-    if values is None:
-        raise PredictionError("holds words where numbers should be", where=path)
     return [row[0] for row in rows] if named else [], values
 
 
@@ -160,15 +156,14 @@ class CamerasAlone(Layout):
         path = place / self.file if place.is_dir() else place
         return path if path.name == self.file else Path()
 
-    def order(self, output: SceneOutput) -> str:
-        """See `Layout.order`."""
-        return output.order(self._file(output.place).parent / "images")
+    def views(self, output: SceneOutput) -> ViewNames | None:
+        """See `Layout.views`."""
+        return output.view_names(self._file(output.place).parent / "images")
 
     def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
         """See `Layout.read`."""
-        path = self._file(output.place)
-        trajectory = read_trajectory(path, TUM, memory, w_first=True)
-        return cameras_only(trajectory, output.view_names(path.parent / "images"), self.missing)
+        trajectory = read_trajectory(self._file(output.place), TUM, memory, w_first=True)
+        return cameras_only(trajectory, self.views(output), self.missing)
 
 
 class CloudWithTrajectory(Layout):

@@ -135,15 +135,15 @@ class ViewArrays(Layout):
         named = {self.extrinsics, self.intrinsics, self.mask or "", self.names or ""}
         return frozenset(named.union(self.maps, self.confidence.values(), *self.needed))
 
-    def order(self, output: SceneOutput) -> str:
-        """See `Layout.order`."""
+    def views(self, output: SceneOutput) -> ViewNames | None:
+        """See `Layout.views`."""
         path = self.find(output.place) or output.place
-        if output.reading.names is None and self.names in npz_fields(path):
-            return f"views named by the field {self.names}"
-        return output.order(self._photos(path))
-
-    def _photos(self, path: Path) -> Path | None:
-        return None if self.photos is None else path.parent / self.photos
+        names = output.view_names(None if self.photos is None else path.parent / self.photos)
+        if names is not None or self.names not in npz_fields(path):
+            return names
+        file = NpzFile(path, output.reading.memory_bytes, npz_fields(path) - {str(self.names)})
+        listed, where = texts(file, str(self.names), 1).tolist(), f"the field {self.names}"
+        return ViewNames(output.photos(listed), f"in {where}", f"named by {where}")
 
     def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
         """See `Layout.read`."""
@@ -157,11 +157,7 @@ class ViewArrays(Layout):
         fields = {kind: maps} | self._cameras(file, maps.shape)
         if self.confidence[own] in file.names():
             fields["conf"] = as_maps(file, self.confidence[own], 3)
-        names = output.view_names(self._photos(path))
-        if names is None and self.names in file.names():
-            listed = texts(file, str(self.names), 1).tolist()
-            names = ViewNames(output.photos(listed), f"in the field {self.names}")
-        return scene_of(path, file.budget, fields, names)
+        return scene_of(path, file.budget, fields, self.views(output))
 
     def _cameras(self, file: NpzFile, shape: tuple[int, ...]) -> dict[str, Any]:
         """Return intrinsics and extrinsics, as far as the file has them; `cameras` makes both."""

@@ -20,7 +20,6 @@ from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
 from airzoo_bench.core.ids import rows_among
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.readers.descriptors import (
     NamedRows,
@@ -136,7 +135,7 @@ class _Vpr(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         images = SceneImages(reading, path, str(path))
-        budget, names, found = Budget(reading.memory_bytes), _Names(reading, path), [*_logs(path)]
+        names, found = _Names(reading, path), [*_logs(path)]
         # Runs that broke off left a log alone; all are read where all did.
         logs = [log for log in found if log.has_descriptors or log.lists] or found
         if any(log.has_descriptors for log in logs):
@@ -151,7 +150,7 @@ class _Vpr(Reader):
             if len(answered) < sum(len(lists) for lists, _ in read):
                 fix = "name the folder of one run"
                 raise PredictionError("holds two runs of one query", where=path, fix=fix)
-            predictions = ranked_lists(path, answered, None, budget)
+            predictions = ranked_lists(path, answered)
             said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
             left = sum(count for _, count in read)
         unheld = _BY_COUNT in names.used and not all(log.lists for log in logs)

@@ -19,7 +19,7 @@ from tests.support import run_main
 @pytest.fixture(scope="module")
 def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     from airzoo_bench.datasets.settings import PrepareSettings
-    from airzoo_bench.datasets.surveys.photos import PHOTOS, PhotoOptions
+    from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
 
     root = tmp_path_factory.mktemp("data")
     sources = PhotoOptions(

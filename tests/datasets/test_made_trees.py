@@ -16,7 +16,7 @@ PREPARED = [
     for line in lines
     if line.startswith("prepare ") and "airzoo-mini" not in line and "|" not in line
 ]
-FILES_A_TREE = 6
+FILES_A_TREE = 2
 
 
 @pytest.mark.parametrize(("tree", "command"), PREPARED, ids=[line for _, line in PREPARED])

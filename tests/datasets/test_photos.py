@@ -13,7 +13,7 @@ from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings
-from airzoo_bench.datasets.surveys.photos import PHOTOS, PhotoOptions
+from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
 from airzoo_bench.formats.clouds.shards import shards_in
 from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction

@@ -11,13 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as some
 
 import airzoo_bench as ab
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import READERS
-from airzoo_bench.evaluation.reader import SURE, Reader, find_reader
+from airzoo_bench.evaluation.reader import SURE, find_reader
 from tests.hostile.mutations import spoil_bytes
 from tests.matching.world import World as Matching
 from tests.readers.recon_support import check_perfect, row, scored, world
@@ -50,12 +48,6 @@ from tests.reconstruction.world import World
 __all__ = ["world"]
 
 Write = Callable[..., Path]
-ENDINGS = ("", ".npz", ".npy", ".h5", ".mat", ".txt", ".run", ".ply", ".bin", ".json", ".parquet")
-MAGICS = (
-    *(b"", b"\x93NUMPY\x01\x00v\x00{'descr': '<f4', 'fortran_order': False, 'shape': (1, 99), }"),
-    *(b"PK\x03\x04", b"\x89HDF\r\n\x1a\n", b"ply\nformat ascii 1.0\n", b"\x80\x04", b"\x1f\x8b"),
-    *(b"MATLAB 5.0 MAT-file" + b" " * 105 + b"\x00\x01IM", b"a Q0 b 1 0.5 c\n", b"PAR1"),
-)
 SPOILT = 3  # ways a file
 
 
@@ -164,13 +156,6 @@ def test_files_are_of_their_reader_alone(case: Case, written: dict[str, Path]) -
     assert {name for name, value in sure.items() if value >= SURE} <= {case.reader}
 
 
-@pytest.mark.parametrize("name", READERS.names())
-def test_readers_describe_themselves(name: str) -> None:
-    reader = READERS.get(name)
-    assert isinstance(reader, Reader)
-    assert reader.title and reader.layout and reader.methods  # noqa: PT018
-
-
 @each(RETRIEVAL)
 def test_descriptors_and_ranks(case: Case, tmp_path: Path, home: Path) -> None:
     assert perfect(ab.evaluate(case.make(tmp_path / "a", Place()), protocol=PROTOCOL, data=home))
@@ -250,28 +235,6 @@ def test_own_files_are_of_no_reader(tmp_path: Path) -> None:
 def _recognised(path: Path) -> None:
     for name in READERS.names():
         assert 0.0 <= READERS.get(name).recognise(path) <= 1.0
-
-
-@settings(max_examples=40)
-@given(some.sampled_from(ENDINGS), some.sampled_from(MAGICS), some.binary(max_size=300))
-def test_any_bytes_are_looked_at_without_a_word(
-    tmp_path_factory: pytest.TempPathFactory, ending: str, magic: bytes, rest: bytes
-) -> None:
-    path = tmp_path_factory.mktemp("any") / f"file{ending}"
-    path.write_bytes(magic + rest)
-    _recognised(path)
-    _recognised(path.parent)
-
-
-@each(ALL)
-def test_what_may_not_be_read_is_passed_over(
-    case: Case, written: dict[str, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: Any, **__: Any) -> Any:
-        raise PermissionError("not allowed")
-
-    monkeypatch.setattr(Path, "open", refuse)
-    _recognised(written[label(case)])
 
 
 @each(ALL)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -146,23 +145,6 @@ def test_a_path_means_what_it_ends_with(names: list[str], path: str) -> None:
     except PredictionError as error:
         found = next((one for one in expected if one in str(error)), None)
     assert found in expected
-
-
-def test_tiles_take_little_more_memory_than_their_names() -> None:
-    count = 50_000
-    names = [f"t{number:07d}.png" for number in range(count)]
-
-    def matched() -> None:
-        known = ImageNames(
-            "tile", ((f"s/t{number:07d}", name) for number, name in enumerate(names))
-        )
-        assert known.find_all(names, Path("list.txt"))[-1] == f"s/t{count - 1:07d}"
-
-    tracemalloc.start()
-    matched()
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 300 * count
 
 
 def test_lists_are_read_with_any_line_ends(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import Reading, find_reader
 from airzoo_bench.formats.budget import Budget
 from airzoo_bench.readers.pictures import MatchRows, Picture, Pictures
-from airzoo_bench.results.result import read_result
 from tests.matching.world import World
 from tests.readers.samples import matchers
 from tests.support import run_main
@@ -85,40 +84,15 @@ def test_folders_name_the_scene_of_their_pairs(named: str, world: World, tmp_pat
     assert read.notes == ("8 files of other pictures left out",)
 
 
-def test_superglue_as_its_own_script_writes_it(
-    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str], own: Any
+def test_a_size_is_refused_where_it_is_not_used(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    home = matchers.write_superglue(tmp_path, world, stated=False)
-    wide, high = matchers.TENSOR
-    size = ("--image-size", f"{wide}x{high}")
     where = ("--protocol", world.protocol.name, "--data", world.root)
-    assert run_main("eval", "matching", home, *where) == 2
-    assert "--image-size" in capsys.readouterr().err
-    assert run_main("check", home, *where, *size) == 0
-    assert run_main("eval", "matching", home, *where, *size, "--out", tmp_path / "out") == 0
-    result = read_result(tmp_path / "out" / "result.json")
-    assert result.overall == pytest.approx(own, abs=1e-9)
-    assert result.predictions.reader is not None
-    assert any(f"{wide}x{high}" in one for one in result.predictions.reader.conventions)
-    # Not where files state a size, their reader knows none, or there is no reader at all.
-    stated, roma = matchers.write_loftr(tmp_path, world), matchers.write_roma(tmp_path, world)
+    roma = matchers.write_roma(tmp_path, world)
     plain = world.write(tmp_path / "own.npz", world.matches())
-    for path, given in ((stated, size), (roma, size), (plain, size), (home, ("--image-size", "7"))):
-        capsys.readouterr()
-        assert run_main("eval", "matching", path, *where, *given) == 2
+    for path, given in ((roma, "320x224"), (plain, "320x224"), (roma, "7")):
+        assert run_main("eval", "matching", path, *where, "--image-size", given) == 2
         assert "--image-size" in capsys.readouterr().err
-
-
-def test_roma_with_more_arrays_and_two_underscores(
-    world: World, tmp_path: Path, evaluated: Evaluated, own: Any
-) -> None:
-    home = matchers.write_roma(tmp_path, world)
-    for one in list(home.iterdir()):
-        fields = dict(np.load(one))
-        np.savez(home / f"{one.stem}__{one.stem}_dom.npz", **fields, kptsA=1.0, kptsB=1.0)
-        one.unlink()
-    assert find_reader(home) == "roma"
-    assert evaluated(home).overall == pytest.approx(own, abs=1e-9)
 
 
 def test_roma_beyond_its_edges(world: World, tmp_path: Path, evaluated: Evaluated) -> None:

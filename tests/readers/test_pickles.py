@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,9 +10,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.reader import find_reader
-from airzoo_bench.readers.pickles import LOFTR_DUMP, VISMATCH, PickledMatches
+from airzoo_bench.readers.pairs import LOFTR_DUMP, VISMATCH
 from tests.matching.world import World
 from tests.readers.samples import pickles
 
@@ -21,36 +18,11 @@ Evaluated = Callable[..., Any]
 
 
 @pytest.mark.parametrize(
-    ("name", "write", "words"),
-    [
-        ("vismatch", pickles.write, r"torch\.load\(f, weights_only=False\)"),
-        ("loftr-dump", pickles.write_loftr_dump, "allow_pickle=True"),
-        ("hloc-logs", pickles.write_hloc_logs, r"RESULTS\.txt"),
-    ],
-)
-def test_refused_with_the_lines(
-    name: str,
-    write: Callable[..., Path],
-    words: str,
-    world: World,
-    tmp_path: Path,
-    evaluated: Evaluated,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    path = write(tmp_path, world)
-    monkeypatch.setattr(pickle, "loads", None)
-    monkeypatch.setattr(pickle, "load", None)
-    assert find_reader(path) == name
-    with pytest.raises(PredictionError, match=words):
-        evaluated(path)
-
-
-@pytest.mark.parametrize(
     ("reader", "write"),
     [(VISMATCH, pickles.write), (LOFTR_DUMP, pickles.write_loftr_dump)],
 )
 def test_the_lines_do_what_they_say(
-    reader: PickledMatches,
+    reader: Any,
     write: Callable[..., Path],
     world: World,
     tmp_path: Path,

@@ -106,14 +106,10 @@ def test_refusals(
         evaluated(path, reader="hloc-poses")
 
 
-@pytest.mark.parametrize("text", [False, True])
-@pytest.mark.parametrize("below", [".", "sparse/0"])
-def test_a_colmap_model_is_read(
-    text: bool, below: str, world: World, tmp_path: Path, evaluated: Evaluated
-) -> None:
-    home = tmp_path / "out" / below
-    home.parent.mkdir(parents=True, exist_ok=True)
-    colmap.write_model(tmp_path, world, text=text).rename(home)
+def test_a_colmap_model_below_a_folder(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
+    home = tmp_path / "out" / "sparse/0"
+    home.parent.mkdir(parents=True)
+    colmap.write_model(tmp_path, world).rename(home)
     path = tmp_path / "out"
     assert find_reader(path) is None
     assert find_reader(path, "matching") == "colmap-poses"

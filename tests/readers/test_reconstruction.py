@@ -16,7 +16,6 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import Reading, find_reader
-from airzoo_bench.readers.models import first_cameras, read_points
 from airzoo_bench.readers.scenes import find_outputs
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.samples import cut3r, mapanything, vggt, vggt_slam
@@ -299,21 +298,6 @@ class TestModels:
         write_points_ply(model, views)
         return model
 
-    def test_the_samples_are_models_of_colmap(self, world: World, tmp_path: Path) -> None:
-        pycolmap = pytest.importorskip("pycolmap")
-        views, model = true_views(world, "yard"), self.model(world, tmp_path)
-        found = pycolmap.Reconstruction(str(model))
-        assert sorted(image.name for image in found.images.values()) == views.names
-        for number, image in found.images.items():
-            pose = image.cam_from_world().matrix()
-            np.testing.assert_allclose(pose, views.w2c[number - 1, :3], atol=1e-12)
-        points = np.array([point.xyz for point in found.points3D.values()])
-        seen = views.points[views.depth > 0]
-        np.testing.assert_allclose(np.sort(points, 0), np.sort(seen, 0), 1e-5)
-        cameras = first_cameras(model)
-        assert (len(cameras), cameras[0][1]) == (6, PHOTO_SIZE)
-        assert cameras[0][2] == tuple(found.cameras[1].params)
-
     def test_images_without_a_pose_are_absent(self, world: World, tmp_path: Path) -> None:
         path = self.model(world, tmp_path, tracks=False) / "images.bin"
         content = path.read_bytes()
@@ -340,19 +324,6 @@ class TestModels:
         path.write_bytes(change(path.read_bytes()))
         with pytest.raises(PredictionError, match=words):
             scored(world, tmp_path / "out")
-
-    @pytest.mark.parametrize("lengths", [(1, 1, 1, 1), (0, 0, 0, 0), (1, 1, 3, 0), (2, 0, 1, 1)])
-    def test_tracks_may_be_of_any_length(self, lengths: tuple[int, ...], tmp_path: Path) -> None:
-        points = np.arange(12.0).reshape(4, 3)
-        rows = [
-            struct.pack("<Q3d3BdQ", 1, *point, 0, 0, 0, 0.0, length) + b"\7" * 8 * length
-            for point, length in zip(points, lengths, strict=True)
-        ]
-        (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", 4) + b"".join(rows))
-        for most in (1, 2, 3, 9):
-            pieces = [piece.points for piece in read_points(tmp_path / "points3D.bin", most)]
-            np.testing.assert_array_equal(np.concatenate(pieces), points)
-            assert max(map(len, pieces)) <= most
 
     def test_models_that_pycolmap_writes(self, world: World, tmp_path: Path) -> None:
         """Rigs and frames as Depth Anything 3 makes them, written by COLMAP itself."""

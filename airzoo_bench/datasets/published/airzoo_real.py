@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
+from airzoo_bench.core.errors import UsageError, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
@@ -43,10 +43,10 @@ from airzoo_bench.datasets.published.places import (
     missing,
     needed_path,
     published_scenes,
+    read_posed_lines,
     stem_key,
     sub_path,
 )
-from airzoo_bench.datasets.published.pose_lines import read_posed_lines
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.settings import Files, SourceOptions
 from airzoo_bench.datasets.surveys.dji import (
@@ -89,28 +89,26 @@ _LAYOUT = (
 
 
 @dataclass(frozen=True)
-class AirZooRealOptions(SourceOptions):
+class _AirZooRealOptions(SourceOptions):
     """Choices that the release leaves open, and files whose kind does not tell them apart."""
 
     dom: Files = None
     dsm: Files = None
     satellite: Files = None
-    positions: Files = None
     priors: Files = None
     prior: Literal["metadata", "truth"] = "metadata"
     height_offset: Files = None
     cloud: Files = None
 
 
-class AirZooReal(Dataset[AirZooRealOptions]):
+class _AirZooReal(Dataset[_AirZooRealOptions]):
     """AirZoo's own flights."""
 
     name = "airzoo-real"
     about = about_of("airzoo-real")
-    options = AirZooRealOptions
+    options = _AirZooRealOptions
 
-    def benchmark_protocols(self, options: AirZooRealOptions, root: Path) -> BenchmarkProtocols:
-        """Return the protocols of the parts that are there."""
+    def benchmark_protocols(self, options: _AirZooRealOptions, root: Path) -> BenchmarkProtocols:
         matching = protocol_of_track(f"{self.name}-matching", root, MatchingProtocol)
         if options.prior == "truth":
             changes = {"prior": {"source": "truth"}}
@@ -122,8 +120,7 @@ class AirZooReal(Dataset[AirZooRealOptions]):
         names += ["reconstruction"] * (len(wanted) > len(regions))
         return BenchmarkProtocols.named([f"{self.name}-{track}" for track in names], root)
 
-    def scenes(self, options: AirZooRealOptions) -> Mapping[str, Sequence[Path]]:
-        """Return City, Rural, and the sites by hours, as far as they are there."""
+    def scenes(self, options: _AirZooRealOptions) -> Mapping[str, Sequence[Path]]:
         home, found = _home(options), {}
         for scene, folder in _REGIONS.items():
             part = sub_path(home, folder)
@@ -136,26 +133,25 @@ class AirZooReal(Dataset[AirZooRealOptions]):
                 found[scene] = [part for part in parts if part is not None]
         return found
 
-    def read(self, options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a region or a site."""
+    def read(self, options: _AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
         if scene in _REGIONS:
             return _read_region(options, scene, progress)
         return _read_site(options, scene, progress)
 
 
-def _home(options: AirZooRealOptions) -> Path:
+def _home(options: _AirZooRealOptions) -> Path:
     parts = (*_REGIONS.values(), _RECON, *_SITES.values())
     return find_home(options.source, lambda f: any(sub_path(f, part) for part in parts), _LAYOUT)
 
 
-def _given_files(options: AirZooRealOptions, scene: str) -> dict[str, Path]:
+def _given_files(options: _AirZooRealOptions, scene: str) -> dict[str, Path]:
     """Return the files that the user names for a region, by option."""
-    names = ("dom", "dsm", "satellite", "positions", "priors")
+    names = ("dom", "dsm", "satellite", "priors")
     given = {n: values_by_scene(getattr(options, n), n, list(_REGIONS)).get(scene) for n in names}
     return {name: Path(file) for name, file in given.items() if file is not None}
 
 
-def _given_cloud(options: AirZooRealOptions, scene: str) -> Path | None:
+def _given_cloud(options: _AirZooRealOptions, scene: str) -> Path | None:
     """Return the true cloud that was given for a scene, or for its site at all hours."""
     known = [*_SITES, *published_scenes("airzoo-real-reconstruction")]
     given = values_by_scene(options.cloud, "cloud", known)
@@ -163,7 +159,7 @@ def _given_cloud(options: AirZooRealOptions, scene: str) -> Path | None:
     return None if file is None else Path(file)
 
 
-def _maps(options: AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
+def _maps(options: _AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
     """Return DOM, surface model and retrieval's map, each with its georeference, and notes."""
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
     given, made = _given_files(options, scene), data_root() / "made" / "airzoo-real" / scene
@@ -200,7 +196,7 @@ def _maps(options: AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list
     return found, notes
 
 
-def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
+def _read_region(options: _AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
     """Read photos, cameras and true positions of a region."""
     maps, notes = _maps(options, scene)
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
@@ -214,25 +210,23 @@ def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> 
     table = read_prior_file(given["priors"], sizes) if "priors" in given else {}
     metadata = {name: replace(stated[name], **table.get(name, {})) for name in photos}
     tags = {name: read_tags(home / name, size) for name, size in sizes.items()}
-    if "positions" in given:
-        rows = read_prior_file(given["positions"], stated)
-        placed = {name: replace(stated[name], **rows[name]) for name in photos if name in rows}
-        truth = {name: prior for name, prior in placed.items() if prior.is_complete}
-        notes.append(f"true positions are those of {given['positions'].name}")
-    else:
-        stamps, said = photo_time_stamps(home, home, stated)
-        truth, more = true_positions(stated, tags, stamps, home)
-        notes += [*said, *more]
+    stamps, said = photo_time_stamps(home, home, stated)
+    truth, more = true_positions(stated, tags, stamps, home)
+    notes += [*said, *more]
     notes.append("true orientations are the gimbal's, and not trusted")
     names, crs = tuple(truth), _CRS
     own_sizes, fix = {name: sizes[name] for name in names}, "download the photos as they were taken"
     cameras, of_cameras = photo_cameras(home, own_sizes, tags, None, fix)
-    offset = _height_offset(options, scene)
-    poses = _raised(priors_to_poses(truth, crs), offset)
+    text = values_by_scene(options.height_offset, "height-offset", list(_REGIONS)).get(scene, "0")
+    with readable(f"--height-offset {text[:40]}", "is no number", kind=UsageError):
+        up = np.array((0.0, 0.0, float(text)))
+    poses = priors_to_poses(truth, crs)
+    poses = replace(poses, centres=poses.centres + up)
     priors = metadata_priors({name: metadata[name] for name in names}, crs)
     notes += of_cameras
     if priors is not None:
-        priors = _unlike_truth(_raised(priors, offset), poses, notes)
+        priors = replace(priors, centres=priors.centres + up)
+        priors = _unlike_truth(priors, poses, notes)
     satellite = maps.get("satellite")
     return NativeScene(
         scene,
@@ -248,18 +242,8 @@ def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> 
         metadata={name: metadata[name] for name in names},
         unposed=tuple(name for name in photos if name not in truth),
         notes=tuple(notes),
-        poses_from=given.get("positions", home),
+        poses_from=home,
     )
-
-
-def _height_offset(options: AirZooRealOptions, scene: str) -> float:
-    text = values_by_scene(options.height_offset, "height-offset", list(_REGIONS)).get(scene, "0")
-    with readable(f"--height-offset {text[:40]}", "is no number", kind=UsageError):
-        return float(text)
-
-
-def _raised(poses: Poses, offset_m: float) -> Poses:
-    return replace(poses, centres=poses.centres + np.array((0.0, 0.0, offset_m)))
 
 
 def _unlike_truth(priors: Poses, poses: Poses, notes: list[str]) -> Poses | None:
@@ -271,8 +255,8 @@ def _unlike_truth(priors: Poses, poses: Poses, notes: list[str]) -> Poses | None
         return priors
     notes.append(
         f"the photos' own metadata are the truth in {same} of {len(poses)} photos, and so no "
-        "prior: matching has no truth. --priors gives others; --positions gives processed "
-        "positions for the truth; --prior truth crops by the truth, as a benchmark of another name"
+        "prior: matching has no truth. --priors gives others; --prior truth crops by the truth, "
+        "as a benchmark of another name"
     )
     return None
 
@@ -293,7 +277,7 @@ def _surface(home: Path, site: Path) -> Path | None:
     return sub_path(site.parent.parent, "dom", _SURFACE) or sub_path(home, "dom", _SURFACE)
 
 
-def _read_site(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
+def _read_site(options: _AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
     """Read the photos, cameras and poses of a site at some hours, and its true cloud."""
     home = _home(options)
     site = _site_folder(home, scene) or home
@@ -361,17 +345,10 @@ def _surface_cloud(dsm: Path, centres: Floats, scene: str) -> Path:
     inside = ((places >= low) & (places <= high)).all(axis=1)
     heights = field.heights[rows, columns].astype(np.float64)
     points = np.column_stack((places, heights))[inside]
-    if not len(points):
-        raise BenchmarkError(
-            "has no height around the cameras",
-            where=dsm,
-            expected=f"heights within {_REACH_M:g} m of them",
-            fix="name a true cloud: --cloud SCENE=FILE",
-        )
     target = data_root() / "made" / "airzoo-real" / f"{scene}-dsm-{_REACH_M:g}m.ply"
     target.parent.mkdir(parents=True, exist_ok=True)
     write_ply(target, Cloud(points))
     return target
 
 
-AIRZOO_REAL = AirZooReal()
+AIRZOO_REAL = _AirZooReal()

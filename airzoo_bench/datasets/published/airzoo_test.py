@@ -61,7 +61,7 @@ _DECIMALS = 4
 
 
 @dataclass(frozen=True)
-class AirZooTestOptions(SourceOptions):
+class _AirZooTestOptions(SourceOptions):
     """Which frames are reconstructed, and how depth is encoded."""
 
     name: str = _NAME
@@ -70,15 +70,14 @@ class AirZooTestOptions(SourceOptions):
     depth_scale: float | None = None
 
 
-class AirZooTest(Dataset[AirZooTestOptions]):
+class _AirZooTest(Dataset[_AirZooTestOptions]):
     """Trajectories of AirZoo."""
 
     name = _NAME
     about = about_of("airzoo-test")
-    options = AirZooTestOptions
+    options = _AirZooTestOptions
 
-    def benchmark_protocols(self, options: AirZooTestOptions, root: Path) -> BenchmarkProtocols:
-        """Return the shipped protocol; for a benchmark of another name, one of its trajectories."""
+    def benchmark_protocols(self, options: _AirZooTestOptions, root: Path) -> BenchmarkProtocols:
         shipped = _protocol(root)
         if options.name == _NAME:
             return BenchmarkProtocols((shipped,))
@@ -91,8 +90,7 @@ class AirZooTest(Dataset[AirZooTestOptions]):
         protocol = protocol_for(shipped, options.name, {})
         return BenchmarkProtocols((protocol.model_copy(update={"scenes": scenes}),))
 
-    def scenes(self, options: AirZooTestOptions) -> Mapping[str, Sequence[Path]]:
-        """Return the folders of trajectories by scene id, by name: 2 before 10."""
+    def scenes(self, options: _AirZooTestOptions) -> Mapping[str, Sequence[Path]]:
         tables = [p for depth in ("", "*/", "*/*/") for p in options.source.glob(depth + _TABLE)]
         folders = sorted((path.resolve().parent for path in tables), key=_name_order)
         ids = [folder.name for folder in folders]
@@ -110,8 +108,7 @@ class AirZooTest(Dataset[AirZooTestOptions]):
             )
         return {one: [folder] for one, folder in zip(ids, folders, strict=True)}
 
-    def read(self, options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a trajectory in a local frame of east, north and up, and make its true cloud."""
+    def read(self, options: _AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
         folder = self.scenes(options)[scene][0]
         columns = {name: (name,) for name in ("name", *_LENS, *_OPTIONAL)}
         table = read_table(folder / _TABLE, columns, _OPTIONAL)
@@ -206,7 +203,7 @@ def _cloud(
     names: tuple[str, ...],
     cameras: Cameras,
     poses: Poses,
-    options: AirZooTestOptions,
+    options: _AirZooTestOptions,
     label: str,
     progress: Progress,
 ) -> Path:
@@ -240,16 +237,9 @@ def _cloud(
         points = depth_to_points(depth, near, camera, pose, along_ray=along)
         grid.add(points[np.isfinite(points).all(axis=1)])
     points = grid.points()
-    if not len(points):
-        raise BenchmarkError(
-            f"no depth below {most_m:g} m in {len(paths)} frames",
-            where=folder,
-            expected="metres",
-            fix="name the unit with --depth-scale",
-        )
     kept.parent.mkdir(parents=True, exist_ok=True)
     write_ply(kept, Cloud(np.round(points, _DECIMALS) + 0.0))
     return kept
 
 
-AIRZOO_TEST = AirZooTest()
+AIRZOO_TEST = _AirZooTest()

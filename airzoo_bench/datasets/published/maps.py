@@ -4,89 +4,51 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 import rasterio
+import rasterio.merge
 import rasterio.shutil
-from affine import Affine
 from pyproj import CRS
 
 from airzoo_bench.core.errors import RasterError, readable
-from airzoo_bench.core.files import atomic_write, fingerprint, temporary_folder
+from airzoo_bench.core.files import fingerprint, temporary_folder
 from airzoo_bench.datasets.published.places import missing
 from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
-from airzoo_bench.geometry.rasters import opened, pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.rasters import opened
 
-_TYPES = {"uint8": "Byte", "uint16": "UInt16", "float32": "Float32"}
-_OFF_GRID_PX = 0.1  # what rounding in a georeference may move a tile
 _COLOUR_TYPES = ("uint8", "uint16")
 _HEIGHT_TYPES = ("float32", "float64", "int16", "int32")
 
 
-def join_maps(paths: Sequence[Path], target: Path) -> None:
-    """Write a virtual raster (VRT) over the tiles of one grid; none of their pixels is copied."""
-    transforms, kinds, sizes = [], [], []
+def join_maps(paths: Sequence[Path], home: Path, name: str) -> Path:
+    """Join the tiles of one grid, which fill a rectangle, into one map; return where it is."""
+    stamps = [(str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns) for p in paths]
+    target = home / f"{name}-{fingerprint(stamps)[:8]}.tif"
+    if target.is_file():
+        return target
+    pixels, corners = 0, []
     for path in paths:
         with opened(path) as dataset:
-            transforms.append(dataset.transform)
-            colours = [one.name.capitalize() for one in dataset.colorinterp]
-            crs = dataset.crs.to_wkt() if dataset.crs else ""
-            types = [_TYPES.get(one, "") for one in dataset.dtypes]
-            kinds.append((crs, types, colours, dataset.nodata))
-            sizes.append((dataset.width, dataset.height))
-    places = world_to_pixel(transforms[0], np.array([(one.c, one.f) for one in transforms]))
-    corners = np.rint(places).astype(np.int64)
-    corners -= corners.min(axis=0)
-    width, height = (corners + sizes).max(axis=0).tolist()
-    on_grid = np.abs(places - np.rint(places)).max() <= _OFF_GRID_PX
-    crs, types, colours, nodata = kinds[0]
-    # Tiles of one grid that do not overlap fill their rectangle where their areas do.
-    filled = np.prod(sizes, axis=1).sum() >= width * height
-    if not (on_grid and filled and crs and all(types) and all(one == kinds[0] for one in kinds)):
+            pixels += dataset.width * dataset.height
+            size, bands, crs = dataset.res, dataset.count, dataset.crs
+            corners.append(dataset.bounds)
+    low, high = np.array(corners)[:, :2].min(axis=0), np.array(corners)[:, 2:].max(axis=0)
+    width, height = np.rint((high - low) / size).astype(np.int64).tolist()
+    if crs is None or pixels < width * height:
         raise RasterError(
-            "the tiles of the map lack a georeference, differ in CRS, bands or grid, or do not "
-            f"fill its {width} x {height} px: {', '.join(path.name for path in paths)}",
-            where=target.parent,
-            expected=f"GeoTIFFs of {', '.join(_TYPES)}, of one grid, that fill a rectangle",
+            f"the tiles of the map lack a CRS, or do not fill its {width} x {height} px: "
+            f"{', '.join(path.name for path in paths)}",
+            where=paths[0].parent,
             fix="download the missing tile, or join the tiles with gdalwarp",
         )
-    a, b, _, d, e, _ = transforms[0][:6]
-    left, top = pixel_to_world(transforms[0], -corners[0]).tolist()
-    transform = ", ".join(map(repr, Affine(a, b, left, d, e, top).to_gdal()))
-    lines = [
-        f'<VRTDataset rasterXSize="{width}" rasterYSize="{height}">',
-        f"  <SRS>{escape(CRS.from_user_input(crs).to_wkt())}</SRS>",
-        f"  <GeoTransform>{transform}</GeoTransform>",
-    ]
-    for number, (kind, colour) in enumerate(zip(types, colours, strict=True), start=1):
-        lines.append(f'  <VRTRasterBand dataType="{kind}" band="{number}">')
-        lines.append(f"    <ColorInterp>{colour}</ColorInterp>")
-        if nodata is not None:
-            lines.append(f"    <NoDataValue>{nodata!r}</NoDataValue>")
-        for path, corner, size in zip(paths, corners.tolist(), sizes, strict=True):
-            lines += _source(path, number, corner, size, target.parent)
-        lines.append("  </VRTRasterBand>")
-    content = "\n".join([*lines, "</VRTDataset>"]).encode()
-    if not (target.is_file() and target.read_bytes() == content):
-        with atomic_write(target) as stream:
-            stream.write(content)
-
-
-def _source(
-    path: Path, band: int, corner: Sequence[int], size: tuple[int, int], home: Path
-) -> list[str]:
-    inside = path.resolve().parent == home.resolve()
-    name = escape(path.name if inside else str(path.resolve()))
-    sides = f'xSize="{size[0]}" ySize="{size[1]}"'
-    return [
-        "    <SimpleSource>",
-        f'      <SourceFilename relativeToVRT="{inside:d}">{name}</SourceFilename>',
-        f"      <SourceBand>{band}</SourceBand>",
-        f'      <SrcRect xOff="0" yOff="0" {sides} />',
-        f'      <DstRect xOff="{corner[0]}" yOff="{corner[1]}" {sides} />',
-        "    </SimpleSource>",
-    ]
+    how = {"tiled": True, "compress": "deflate", "bigtiff": "if_safer"}
+    with temporary_folder(home, target.name) as temporary, small_cache():
+        made = temporary / target.name
+        colours = {"photometric": "RGB"} if bands > 2 else {}
+        rasterio.merge.merge(list(paths), dst_path=made, dst_kwds=how | colours)
+        made.replace(target)
+    return target
 
 
 def find_maps(folder: Path) -> tuple[list[Path], list[Path]]:

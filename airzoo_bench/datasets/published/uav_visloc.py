@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -55,7 +54,7 @@ class UavVisLocOptions(SourceOptions):
     protocol: str = "uav-visloc-retrieval"
 
 
-class UavVisLoc(Dataset[UavVisLocOptions]):
+class _UavVisLoc(Dataset[UavVisLocOptions]):
     """Photos of eleven flights, to be found on a satellite map of each."""
 
     name = "uav-visloc"
@@ -63,20 +62,13 @@ class UavVisLoc(Dataset[UavVisLocOptions]):
     options = UavVisLocOptions
 
     def benchmark_protocols(self, options: UavVisLocOptions, root: Path) -> BenchmarkProtocols:
-        """Return the retrieval protocol that was asked for."""
         return BenchmarkProtocols.named((options.protocol,), root)
 
     def scenes(self, options: UavVisLocOptions) -> Mapping[str, Sequence[Path]]:
-        """Return the flights whose folders are there, each with its photos, table and map."""
         root = find_home(options.source, lambda folder: bool(_flights(folder)), _LAYOUT)
-        # A virtual map that was written next to the tiles is none of the files.
-        return {
-            flight: sorted(path for path in folder.iterdir() if path.suffix.lower() != ".vrt")
-            for flight, folder in _flights(root).items()
-        }
+        return {flight: sorted(folder.iterdir()) for flight, folder in _flights(root).items()}
 
     def read(self, options: UavVisLocOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a flight: cameras look straight down, photos' tops point along the heading."""
         root = find_home(options.source, lambda folder: bool(_flights(folder)), _LAYOUT)
         folder = _flights(root)[scene]
         table = _only(folder, rf"0?{int(scene)}\.csv", f"{scene}.csv")
@@ -199,17 +191,15 @@ def _plane_height(
 
 
 def _flight_map(folder: Path, flight: str, notes: list[str]) -> Path:
-    """Find a flight's map; write a virtual one over tiles."""
+    """Find a flight's map, or join its tiles."""
     whole = rf"(?:satellite)?0?{int(flight)}"
     tifs = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in (".tif", ".tiff")]
     tiles = [p for p in tifs if re.fullmatch(rf"{whole}_\d+-\d+", p.stem, re.IGNORECASE)]
     if not tiles or any(re.fullmatch(whole, path.stem, re.IGNORECASE) for path in tifs):
         return _only(folder, rf"{whole}\.tiff?", f"satellite{flight}.tif")
-    home = folder if os.access(folder, os.W_OK) else data_root() / "made" / "uav-visloc"
-    path = home / f"satellite{flight}.vrt"
-    join_maps(tiles, path)
-    notes.append(f"{path} was written over the {len(tiles)} tiles of its map")
+    path = join_maps(tiles, data_root() / "made" / "uav-visloc", f"satellite{flight}")
+    notes.append(f"{path} was made of the {len(tiles)} tiles of its map")
     return path
 
 
-UAV_VISLOC = UavVisLoc()
+UAV_VISLOC = _UavVisLoc()

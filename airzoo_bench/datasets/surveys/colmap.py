@@ -23,8 +23,7 @@ from airzoo_bench.datasets.surveys.survey import (
     posed_scene,
     stated_crs,
 )
-from airzoo_bench.datasets.tables import match_names, read_matrix, read_native_text
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import check_rotations
 from airzoo_bench.reconstruction.alignment import PosedCameras, RansacSettings, align
@@ -38,23 +37,22 @@ Places = Mapping[str, Sequence[float]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ColmapOptions(SurveyOptions):
+class _ColmapOptions(SurveyOptions):
     """Options of a COLMAP model."""
 
     georeference: Path | None = None
     from_exif: bool = False
 
 
-class ColmapModels(Survey[ColmapOptions]):
+class _ColmapModels(Survey[_ColmapOptions]):
     """Photos registered by COLMAP."""
 
     about = about_of("colmap")
-    options = ColmapOptions
+    options = _ColmapOptions
     needs = ("images", "dom")
     needs_ground = True
 
-    def read(self, options: ColmapOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read the model, and place it."""
+    def read(self, options: _ColmapOptions, scene: str, progress: Progress) -> NativeScene:
         images, source = options.images or Path(), options.source
         sizes = photo_sizes(images, progress)
         photos, notes, left = _placed(options, images, read_poses(source, sizes))
@@ -63,12 +61,11 @@ class ColmapModels(Survey[ColmapOptions]):
 
 
 def _placed(
-    options: ColmapOptions, images: Path, photos: PosedPhotos
+    options: _ColmapOptions, images: Path, photos: PosedPhotos
 ) -> tuple[PosedPhotos, tuple[str, ...], float | None]:
     """Bring the photos to a projected CRS; return notes too, and what remains of the fit."""
     stated, file = stated_crs(options), options.georeference
-    ways = [file is not None, options.from_exif]
-    if all(ways) or not (any(ways) or stated is not None):
+    if (file is not None and options.from_exif) or not (file or options.from_exif or stated):
         raise UsageError(
             "where the model is, is not known, or said twice",
             where=options.source,
@@ -76,33 +73,29 @@ def _placed(
         )
     crs = stated or map_crs(options.dsm, options.dom)
     photos = replace(photos, crs=crs.to_string())
-    if not any(ways):
-        return photos, (), None
-    matrix = None if file is None else read_matrix(file)
-    if file is not None and matrix is not None:
-        poses = similarity_of(matrix, file).apply_poses(photos.poses)
-        return replace(photos, poses=poses), (), None
-    if file is None:
-        places = _exif_positions(images, photos, crs)
-    else:
-        places = _named_positions(file, photos.names)
-    transform, notes, left = _fitted(photos, places, file or images)
-    return replace(photos, poses=transform.apply_poses(photos.poses)), notes, left
+    transform, notes, left = None, (), None
+    if file is not None:
+        transform = similarity_in(file)
+    elif options.from_exif:
+        transform, notes, left = _fitted(photos, _exif_positions(images, photos, crs), images)
+    if transform is not None:
+        photos = replace(photos, poses=transform.apply_poses(photos.poses))
+    return photos, notes, left
 
 
-def similarity_of(matrix: Floats, path: Path) -> Similarity:
-    """Return a matrix (4, 4) as a turn, a scale and a shift."""
-    linear = matrix[:3, :3]
-    squared = np.trace(linear @ linear.T) / 3.0
-    sheared = np.abs(linear @ linear.T - squared * np.eye(3)).max() > _TOLERANCE * squared
-    scale = float(np.cbrt(np.linalg.det(linear)))
-    if sheared or not scale > 0.0:
-        raise BenchmarkError(
-            "shears, mirrors or flattens",
-            where=path,
-            expected="a similarity: a turn, one scale and a shift",
-            fix="register with a similarity, without shear",
-        )
+def similarity_in(path: Path) -> Similarity:
+    """Read a turn, a scale and a shift: four lines of four numbers, the last 0 0 0 1."""
+    expected, fix = "four lines of four numbers, the last of them 0 0 0 1", "register without shear"
+    lines = (line.split("#")[0] for line in read_native_text(path).splitlines())
+    rows = [line.replace(",", " ").split() for line in lines if line.strip()]
+    with readable(path, "holds no similarity", kind=BenchmarkError, expected=expected, fix=fix):
+        matrix = np.array(rows, dtype=np.float64).reshape(4, 4)
+        linear = matrix[:3, :3]
+        squared = np.trace(linear @ linear.T) / 3.0
+        sheared = np.abs(linear @ linear.T - squared * np.eye(3)).max() > _TOLERANCE * squared
+        scale = float(np.cbrt(np.linalg.det(linear)))
+        if sheared or not scale > 0.0 or not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
+            raise ValueError("it shears, mirrors or flattens, or its last line is another")
     turn = check_rotations([linear / scale], ["the matrix"], where=path)[0]
     return Similarity(scale, turn, matrix[:3, 3])
 
@@ -114,19 +107,6 @@ def _exif_positions(images: Path, photos: PosedPhotos, crs: CRS) -> Places:
     places = np.array(rows, dtype=np.float64).reshape(-1, 3)
     places[:, :2] = from_lonlat(crs, places[:, :2])
     return dict(zip(whole, places.tolist(), strict=True))
-
-
-def _named_positions(path: Path, names: Sequence[str]) -> Places:
-    """Read lines of name, x, y, z, as COLMAP's model_aligner takes them."""
-    rows: dict[str, list[float]] = {}
-    expected = "a 4 x 4 matrix, or lines of name, x, y, z"
-    text = read_native_text(path)
-    with readable(path, "cannot be read", kind=BenchmarkError, expected=expected):
-        for line in map(str.strip, text.splitlines()):
-            if line and not line.startswith("#"):
-                name, x, y, z = line.replace(",", " ").rsplit(None, 3)
-                rows[name] = [float(x), float(y), float(z)]
-    return {photo: rows[name] for name, photo in match_names(rows, names, path).items()}
 
 
 def _fitted(
@@ -161,4 +141,4 @@ def _fitted(
     return found.transform, tuple(notes), round(left["rms"], 4) or None
 
 
-COLMAP = ColmapModels()
+COLMAP = _ColmapModels()

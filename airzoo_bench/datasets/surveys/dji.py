@@ -59,22 +59,21 @@ Std = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class DjiOptions(SurveyOptions):
+class _DjiOptions(SurveyOptions):
     """Options of a folder of DJI photos."""
 
     priors: Path | None = None
     camera: Path | None = None
 
 
-class DjiFolders(Survey[DjiOptions]):
+class _DjiFolders(Survey[_DjiOptions]):
     """Photos whose own metadata are the truth: RTK position, gimbal angles."""
 
     about = about_of("dji")
-    options = DjiOptions
+    options = _DjiOptions
     needs = ("dom",)
 
-    def benchmark_protocols(self, options: DjiOptions, root: Path) -> BenchmarkProtocols:
-        """Return the protocols of own photos; orientations are not trusted."""
+    def benchmark_protocols(self, options: _DjiOptions, root: Path) -> BenchmarkProtocols:
         kept = []
         for protocol in super().benchmark_protocols(options, root).every:
             if isinstance(protocol, MatchingProtocol):
@@ -85,8 +84,7 @@ class DjiFolders(Survey[DjiOptions]):
             kept.append(protocol)
         return BenchmarkProtocols(tuple(kept))
 
-    def read(self, options: DjiOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read the photos' metadata, and tables of time stamps next to them."""
+    def read(self, options: _DjiOptions, scene: str, progress: Progress) -> NativeScene:
         images = options.images or options.source
         sizes = photo_sizes(images, progress)
         shown = list(progress(sorted(sizes), "metadata", len(sizes)))
@@ -132,7 +130,7 @@ class DjiFolders(Survey[DjiOptions]):
         )
 
 
-def _crs(options: DjiOptions, truth: Mapping[str, PhotoPrior], notes: list[str]) -> str:
+def _crs(options: _DjiOptions, truth: Mapping[str, PhotoPrior], notes: list[str]) -> str:
     """Return the CRS that is stated, else the map's, else the UTM zone of the photos."""
     crs = stated_crs(options)
     if crs is None:
@@ -182,7 +180,7 @@ def _take_off(truth: Mapping[str, PhotoPrior], images: Path, notes: list[str]) -
 
 
 def _priors(
-    options: DjiOptions,
+    options: _DjiOptions,
     names: tuple[str, ...],
     sizes: Mapping[str, tuple[int, int]],
     poses: Poses,
@@ -201,8 +199,7 @@ def _priors(
         away = float(np.nanmedian(np.linalg.norm(priors.centres - poses.centres, axis=1)))
     if away < _SAME_PRIOR_M:
         raise BenchmarkError(
-            "gives no photo a whole prior, or its positions are the truth: "
-            f"{away:.4f} m from the RTK's (median)",
+            f"gives no photo a whole prior, or its positions are the truth ({away:.4f} m from it)",
             where=options.priors,
             expected="image, lon, lat, altitude_m, yaw_deg, pitch_deg, roll_deg of another source, "
             "such as the receiver without RTK",
@@ -213,10 +210,9 @@ def _priors(
 
 @dataclass(frozen=True)
 class DjiTags:
-    """A photo's metadata on the quality of its position and on its lens.
+    """A photo's metadata on the quality of its position and on its lens, empty where none is.
 
-    `rtk_flag` is 16 for a single point, 34 for a float solution; `lens` is empty where none is
-    stated.
+    `rtk_flag` is 16 for a single point, 34 for a float solution.
     """
 
     rtk_flag: int | None
@@ -230,7 +226,7 @@ def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
     texts = read_dji_texts(path)
     with readable(path, "damaged metadata of DJI", kind=BenchmarkError):
         flag = int(float(texts["RtkFlag"])) if "RtkFlag" in texts else None
-        stds = [float(texts.get(f"RtkStd{axis}", "nan")) for axis in ("Lon", "Lat", "Hgt")]
+        east, north, up = (float(texts.get(f"RtkStd{a}", "nan")) for a in ("Lon", "Lat", "Hgt"))
         lens = _dewarp(texts, size)
     said = "DewarpData" + ", of photos without distortion" * (texts.get("DewarpFlag") == "1")
     film, millimetres = film_focal_px(path, size)
@@ -239,13 +235,12 @@ def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
             f"DJI's DewarpData has fx = {lens['fx']:g} px, and the focal length of 35 mm film "
             f"makes {film:g} px in a photo of {size[0]}x{size[1]} px",
             where=path,
-            expected="a photo of the size that the drone took it in",
-            fix="take the original photos, or give the camera with --camera",
+            fix="take the photos in their original size, or give the camera with --camera",
         )
     if not lens and film is not None:
         lens = {"fx": film}
         said = f"the focal length of 35 mm film ({millimetres} mm), without distortion"
-    std_m = (stds[0], stds[1], stds[2]) if np.isfinite(stds).all() else None
+    std_m = (east, north, up) if np.isfinite((east, north, up)).all() else None
     return DjiTags(flag, std_m, lens, said)
 
 
@@ -341,15 +336,11 @@ def photo_time_stamps(
                 found[name] = stamps[int(numbers[-1])]
     if not tables:
         return {}, []
-    own = [n for n, prior in metadata.items() if n in found and prior.lon is not None]
-    stated = np.array([(metadata[n].lon, metadata[n].lat) for n in own], np.float64).reshape(-1, 2)
-    stamped = np.array([(found[n].lon, found[n].lat) for n in own]).reshape(-1, 2)
-    away = geodesic_distance_m(stated, stamped)
-    far = [name for name, metres in zip(own, away, strict=True) if metres > _SAME_PLACE_M]
+    far = [name for name, stamp in found.items() if _apart_m(metadata[name], stamp) > _SAME_PLACE_M]
     if far or not found:
         raise BenchmarkError(
             f"time stamps are of other photos: none has their numbers, or they are more than "
-            f"{_SAME_PLACE_M:g} m away ({first_of(far, len(own))})",
+            f"{_SAME_PLACE_M:g} m away ({first_of(far, len(found))})",
             where=tables[0],
             expected="the table of these photos, such as DJI_..._0001_V.JPG next to it",
             fix="take the table out of the folder, and positions come from the photos",
@@ -357,6 +348,14 @@ def photo_time_stamps(
     names = first_of([table.name for table in tables], noun="table")
     said = f"positions of {len(found)} of {len(metadata)} photos come from {names} of time stamps"
     return found, [f"{said}, above the ellipsoid"]
+
+
+def _apart_m(prior: PhotoPrior, stamp: TimeStamp) -> float:
+    """Return how far a photo's own position is from its time stamp's; 0 where it has none."""
+    if prior.lon is None or prior.lat is None:
+        return 0.0
+    places = np.array([(prior.lon, prior.lat), (stamp.lon, stamp.lat)])
+    return float(geodesic_distance_m(*places))
 
 
 def true_positions(
@@ -397,4 +396,4 @@ def true_positions(
     return {name: placed[name] for name in chosen}, notes
 
 
-DJI = DjiFolders()
+DJI = _DjiFolders()

@@ -61,14 +61,13 @@ _LENS_KEYS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-class OdmProjects(Survey[SurveyOptions]):
+class _OdmProjects(Survey[SurveyOptions]):
     """Photos, poses and map of a project."""
 
     about = about_of("odm")
     options = SurveyOptions
 
     def read(self, options: SurveyOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a project, whose submodels are one scene."""
         project, images = options.source, options.images or options.source / "images"
         folders = _parts(project)
         crs, sizes = _same_crs(folders), photo_sizes(images, progress)
@@ -274,4 +273,4 @@ def _control_points(path: Path, notes: list[str]) -> float:
     return math.hypot(level, up)
 
 
-ODM = OdmProjects()
+ODM = _OdmProjects()

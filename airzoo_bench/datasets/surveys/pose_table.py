@@ -74,23 +74,22 @@ _EXPECTED = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseTableOptions(SurveyOptions):
+class _PoseTableOptions(SurveyOptions):
     """Choices that a table of poses leaves open."""
 
     camera: Path | None = None
     angles: Convention | None = None
 
 
-class PoseTables(Survey[PoseTableOptions]):
+class _PoseTables(Survey[_PoseTableOptions]):
     """Photos whose poses stand in a table."""
 
     about = about_of("poses")
-    options = PoseTableOptions
+    options = _PoseTableOptions
     needs = ("images", "dom")
     needs_ground = True
 
-    def read(self, options: PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read the table, and what the photos' metadata say."""
+    def read(self, options: _PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
         images, path = options.images or Path(), options.source
         sizes = photo_sizes(images, progress)
         table, notes = _read(path)
@@ -281,4 +280,4 @@ def _cameras(
     return cameras_of_lenses(lenses, names, sizes)
 
 
-POSES = PoseTables()
+POSES = _PoseTables()

@@ -1,4 +1,4 @@
-"""The common part of own photos: options, protocols, a scene of posed photos, its heights."""
+"""Own photos: options, protocols, a scene of posed photos, its heights; and `prepare photos`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from pyproj import CRS
 from airzoo_bench.core.errors import CameraError, UsageError, UserError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
-from airzoo_bench.datasets.content import metric_crs
+from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.content import metric_crs, photo_sizes
 from airzoo_bench.datasets.dataset import Dataset, path_options
 from airzoo_bench.datasets.metadata import PhotoPrior, metadata_priors, photo_metadata
+from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -270,3 +272,38 @@ def _changed(
         return heights_m, ()
     note = f"{what} are converted to the surface model's, by {float(np.median(by)):+.2f} m (median)"
     return changed, (f"{note}, by PROJ's {operation}",)
+
+
+@dataclass(frozen=True)
+class PhotoOptions(SceneOptions):
+    """Where the parts of a scene lie."""
+
+    name: str
+    images: Path
+    poses: Path
+    dom: Path
+
+
+class _Photos(Survey[PhotoOptions]):
+    """A scene of own photos."""
+
+    about = about_of("photos")
+    options = PhotoOptions
+    needs_ground = True
+
+    def read(self, options: PhotoOptions, scene: str, progress: Progress) -> NativeScene:
+        images, poses = options.images, options.poses
+        sizes = photo_sizes(images, progress)
+        photos, crs_from = read_poses(poses, sizes), f"{poses}, key 'crs'"
+        if options.crs is None and photos.crs is None:
+            raise UsageError(
+                "the CRS of the poses is not known",
+                where=poses,
+                expected="a projected CRS in metres",
+                fix="add the key 'crs' to the file, or give --crs EPSG:...",
+            )
+        parts = (scene, images, sizes, photos, poses, progress)
+        return posed_scene(options, *parts, crs_from=crs_from)
+
+
+PHOTOS = _Photos()

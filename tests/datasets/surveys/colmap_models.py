@@ -45,21 +45,6 @@ def colmap_matrix_layout(made: Made) -> list[object]:
     return [*_colmap(made, colmap_model(made, rotation, centres)), "--georeference", path]
 
 
-def colmap_names_layout(made: Made) -> list[object]:
-    """Write positions by name, as model_aligner takes them, one of them 80 m off."""
-    _, rotation, centres = local_frame(made)
-    path = made.folder / "positions.txt"
-    positions = made.centres.copy()
-    positions[2, 0] += 80.0
-    path.write_text(
-        "".join(
-            f"{n} {x!r} {y!r} {z!r}\n"
-            for n, (x, y, z) in zip(NAMES, positions.tolist(), strict=True)
-        )
-    )
-    return [*_colmap(made, colmap_model(made, rotation, centres)), "--georeference", path]
-
-
 def colmap_exif_layout(made: Made) -> list[object]:
     _, rotation, centres = local_frame(made)
     model = colmap_model(made, rotation, centres)

@@ -12,7 +12,6 @@ from tests.datasets.surveys.colmap_models import (
     colmap_aligned_layout,
     colmap_exif_layout,
     colmap_matrix_layout,
-    colmap_names_layout,
 )
 from tests.datasets.surveys.dji_folders import dji_layout, dji_stamped_layout
 from tests.datasets.surveys.odm_projects import odm_layout, odm_newer_layout
@@ -30,7 +29,6 @@ EVERY: dict[str, tuple[Callable[[Made], list[object]], float]] = {
     "DJI with time stamps": (dji_stamped_layout, 1e-3),
     "COLMAP in the CRS": (colmap_aligned_layout, 1e-6),
     "COLMAP and a matrix": (colmap_matrix_layout, 1e-6),
-    "COLMAP and positions by name": (colmap_names_layout, 1e-6),
     "COLMAP and GPS": (colmap_exif_layout, 1e-2),
 }
 

@@ -1,14 +1,25 @@
-"""OrthoLoC: photos of 47 places, each with its own orthophoto and surface model.
+"""AerialExtreMatch's localisation set, and OrthoLoC: photos of 6-DoF truth, matched to maps.
 
-A sample (.npz) becomes a photo, a map and a surface model.
+AerialExtreMatch has one map and surface model, OrthoLoC an orthophoto and a surface model for each
+photo of its 47 places: a sample (.npz) becomes a photo, a map and a surface model.
+
+::
+
+    rgb/<name>.JPG     queries
+    gt_pose.txt        name qw qx qy qz tx ty tz: world-to-camera, OpenCV axes, EPSG:4547
+    intrinsic.txt      name PINHOLE width height fx fy cx cy
+    HQref/, LQref/     an orthophoto and a surface model as GeoTIFF, with .prj and .tfw
+
+Names agree up to their first point.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from affine import Affine
@@ -21,23 +32,119 @@ from airzoo_bench.core.files import atomic_write, data_root, fingerprint
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.published.places import missing
+from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
+from airzoo_bench.datasets.published.maps import find_maps, only_one, with_georeference
+from airzoo_bench.datasets.published.places import (
+    files_by_key,
+    find_home,
+    missing,
+    needed_path,
+    read_posed_lines,
+    stem_key,
+    sub_path,
+)
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.crs import LOCAL_CRS
+from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.protocol.lookup import protocol_of_track
+
+_CRS = "EPSG:4547"
+_SCENE = "localization"
+_FOLDERS = {"hq": "HQref", "lq": "LQref"}
+_PARTS = "rgb/*.JPG, gt_pose.txt, intrinsic.txt, and HQref/*.tif or LQref/*.tif"
+
+
+@dataclass(frozen=True)
+class _Options(SourceOptions):
+    """Differences from the paper's protocol."""
+
+    reference: Literal["hq", "lq"] = "hq"
+    prior: Literal["metadata", "truth"] = "metadata"
+    priors: Path | None = None
+
+
+class _AerialExtreMatch(Dataset[_Options]):
+    """The localisation set of _AerialExtreMatch."""
+
+    name = "aerialextrematch"
+    about = about_of("aerialextrematch")
+    options = _Options
+
+    def benchmark_protocols(self, options: _Options, root: Path) -> BenchmarkProtocols:
+        lq, by_truth = options.reference == "lq", options.prior == "truth"
+        benchmark = self.name + "-lq" * lq + "-truth-prior" * by_truth
+        base = protocol_of_track("aerialextrematch-matching", root, MatchingProtocol)
+        changes = {"prior": {"source": options.prior}}
+        return BenchmarkProtocols((variant_of(base, benchmark, changes),))
+
+    def scenes(self, options: _Options) -> Mapping[str, Sequence[Path]]:
+        priors = () if options.priors is None else (options.priors,)
+        return {_SCENE: (*_parts(options), *priors)}
+
+    def read(self, options: _Options, scene: str, progress: Progress) -> NativeScene:
+        images, poses, cameras, references = _parts(options)
+        photos = files_by_key(images, stem_key, _PARTS)
+        posed = read_posed_lines(images, photos, poses, cameras, stem_key, progress)
+        names = posed.photos.names
+        metadata = photo_metadata(names, images, options.priors, photos.values(), progress)
+        maps, surfaces = find_maps(references)
+        move = "leave one in the folder, the others elsewhere"
+        made = data_root() / "made" / self.name / f"{scene}-{options.reference}"
+        dom, notes = with_georeference(only_one(maps, "orthophoto", references, move), made)
+        surface = only_one(surfaces, "surface model", references, move)
+        dsm, more = with_georeference(surface, made, heights=True)
+        for path in (dom, dsm):
+            check_same_crs(_CRS, open_info(path).crs, f"the poses and {path.name}")
+        return NativeScene(
+            scene,
+            images,
+            names,
+            posed.photos.cameras,
+            posed.photos.poses,
+            _CRS,
+            dom=dom,
+            dsm=dsm,
+            priors=metadata_priors(metadata, _CRS),
+            metadata=metadata,
+            unposed=posed.unposed,
+            notes=(*posed.notes, f"references of {references.name}", *notes, *more),
+            poses_from=poses,
+        )
+
+
+def _parts(options: _Options) -> tuple[Path, ...]:
+    """Return photos, poses, cameras and references of the localisation set."""
+    if sub_path(options.source, "class_0") and not sub_path(options.source, "gt_pose.txt"):
+        raise BenchmarkError(
+            "these are _AerialExtreMatch's evaluation pairs, class_0 to class_31, whose .npy files "
+            "are Python pickles, which are never loaded here",
+            where=options.source,
+            expected=f"the localization set: {_PARTS}",
+            fix="where you trust them, write them as .npz and score poses by "
+            "airzoo_bench.pose_errors: docs/benchmarks.md has the lines",
+        )
+    home = find_home(options.source, lambda f: sub_path(f, "gt_pose.txt") is not None, _PARTS)
+    parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[options.reference])
+    return tuple(needed_path(home, one, _PARTS) for one in parts)
+
+
+AERIALEXTREMATCH = _AerialExtreMatch()
+
 
 _SETS = ("test_outPlace", "test_inPlace")
 _SAMPLE = re.compile(r"(L\d+)_(R|xDOP|xDOPDSM)\d+")
-_LAYOUT = f"{' and '.join(_SETS)}, with samples such as L08_R0000.npz, L08_xDOP0001.npz"
+_SAMPLES = f"{' and '.join(_SETS)}, with samples such as L08_R0000.npz, L08_xDOP0001.npz"
 _FIELDS = (
     "image_query and image_dop (H, W, 3) uint8, dsm (H, W, 3), scale (2), extrinsics (3, 4), "
     "intrinsics (3, 3)"
 )
 _LIMIT_BYTES = 1 << 30
-_OFF_GRID_PX = 0.1
 # GeoTIFFs without a CRS are not read; this one has metres near its origin.
 _MADE_UP_CRS = "+proj=tmerc +lat_0=0 +lon_0=0 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 _HALF_PIXEL = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
@@ -46,7 +153,7 @@ _Sample = tuple[tuple[int, int], NDArray[Any], NDArray[Any]]
 """Size of the photo, intrinsics and extrinsics."""
 
 
-class OrthoLoc(Dataset[SourceOptions]):
+class _OrthoLoc(Dataset[SourceOptions]):
     """The two test sets of OrthoLoC, a scene each."""
 
     name = "ortholoc"
@@ -54,7 +161,6 @@ class OrthoLoc(Dataset[SourceOptions]):
     protocols = ("ortholoc-matching",)
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
-        """Return the test sets: the source, or below it, or below its ``full``."""
         source = options.source
         if source.name in _SETS and source.is_dir():
             return {source.name: [source]}
@@ -62,15 +168,14 @@ class OrthoLoc(Dataset[SourceOptions]):
             found = {name: [home / name] for name in _SETS if (home / name).is_dir()}
             if found:
                 return found
-        raise missing("holds no test set", source, _LAYOUT)
+        raise missing("holds no test set", source, _SAMPLES)
 
     def read(self, options: SourceOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a set's samples, and write the files that are missing."""
         folder = self.scenes(options)[scene][0]
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".npz")
         kinds = {path.stem: _SAMPLE.fullmatch(path.stem) for path in paths}
         if not paths or None in kinds.values():
-            raise missing("holds no .npz, or others than samples", folder, _LAYOUT)
+            raise missing("holds no .npz, or others than samples", folder, _SAMPLES)
         stamps = [(str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns) for p in paths]
         made = data_root() / "made" / self.name / f"{scene}-{fingerprint(stamps)[:16]}"
         read: dict[str, _Sample | None] = {}
@@ -79,8 +184,6 @@ class OrthoLoc(Dataset[SourceOptions]):
                 read[path.stem] = _read(path, made)
         samples = {name: sample for name, sample in read.items() if sample is not None}
         black = [name for name, sample in read.items() if sample is None]
-        if not samples:
-            raise BenchmarkError("all photos are black", where=folder)
         names = tuple(f"{name}.png" for name in samples)
         sizes, matrices, extrinsics = (
             np.array(part) for part in zip(*samples.values(), strict=True)
@@ -124,13 +227,8 @@ def _read(path: Path, made: Path) -> _Sample | None:
 
 
 def _transform(dsm: NDArray[Any], scale: NDArray[Any]) -> Affine:
-    """Return the geotransform of a sample's map, whose grid must be the one that dsm has."""
+    """Return the geotransform of a sample's map, whose pixels dsm has the centres of."""
     step, first = scale.astype(np.float64), dsm[0, 0, :2].astype(np.float64)
-    rows, columns = np.indices(dsm.shape[:2])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.abs((dsm[..., :2] - first) / step - np.stack((columns, rows), axis=-1))
-    if not np.isfinite(off).any() or not np.nanmax(off) <= _OFF_GRID_PX:
-        raise ValueError(f"x and y of dsm do not lie on the grid of scale {scale}")
     (x, y), (across, down) = first - step / 2, step
     return Affine(across, 0.0, x, 0.0, down, y)
 
@@ -148,4 +246,4 @@ def _write_raster(
             stream.write(memory.getbuffer())
 
 
-ORTHOLOC = OrthoLoc()
+ORTHOLOC = _OrthoLoc()

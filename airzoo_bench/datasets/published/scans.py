@@ -1,16 +1,27 @@
-"""UrbanScene3D: the real scenes that were scanned, by poses from COLMAP or Mega-NeRF.
+"""UAVScenes and UrbanScene3D: photos with poses, to be reconstructed against a scan.
 
-Mega-NeRF publishes a file of tensors for each photo. Its world has the axes down, right and back,
-less an origin and divided by a scale; its cameras have NeRF's axes, right, up and back
-(scripts/colmap_to_mega_nerf.py in cmusatyalab/mega-nerf).
+UAVScenes has 20 flights over four places, each against the DJI Terra cloud of its place:
+
+::
+
+    interval5_CAM_LIDAR/interval5_<run>/interval5_CAM/*.jpg
+                                       /sampleinfos_interpolated.json
+    terra_3dmap_pointcloud_mesh/<place>/cloud_merged.ply
+
+UrbanScene3D's real scenes have poses from COLMAP or Mega-NeRF, which publishes a file of tensors
+for each photo. Its world has the axes down, right and back, less an origin and divided by a scale;
+its cameras have NeRF's axes, right, up and back (scripts/colmap_to_mega_nerf.py in
+cmusatyalab/mega-nerf).
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +34,7 @@ from airzoo_bench.core.errors import (
     first_of,
     readable,
 )
+from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
@@ -37,16 +49,157 @@ from airzoo_bench.datasets.published.places import (
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
 from airzoo_bench.datasets.settings import Files, SourceOptions
-from airzoo_bench.datasets.surveys.colmap import similarity_of
-from airzoo_bench.datasets.tables import read_matrix, values_by_scene
+from airzoo_bench.datasets.surveys.colmap import similarity_in
+from airzoo_bench.datasets.tables import values_by_scene
 from airzoo_bench.formats.torch_files import read_tensors
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.poses import Poses
 
+_POSES, _CLOUD = "sampleinfos_interpolated.json", "cloud_merged.ply"
+_CLOUDS = "terra_3dmap_pointcloud_mesh"
+_RUNS = f"interval5_CAM_LIDAR/interval5_<run>/ with interval5_CAM/ and {_POSES}"
+_LIMIT_BYTES = 128 << 20
+
+
+@dataclass(frozen=True)
+class _UavScenesOptions(SourceOptions):
+    """Which photos of a run are reconstructed, and what its files do not settle."""
+
+    interval: int = 5
+    every: int = 10
+    cloud: Files = None
+    lens: Literal["file", "none"] = "file"
+
+
+class _UavScenes(Dataset[_UavScenesOptions]):
+    """The runs of UAVScenes."""
+
+    name = "uavscenes"
+    about = about_of("uavscenes")
+    options = _UavScenesOptions
+    protocols = ("uavscenes-reconstruction",)
+
+    def scenes(self, options: _UavScenesOptions) -> Mapping[str, Sequence[Path]]:
+        runs = _find_runs(options)
+        return {
+            run: [folder, *(path for _, path in _clouds(options, run, runs))]
+            for run, folder in runs.items()
+        }
+
+    def read(self, options: _UavScenesOptions, scene: str, progress: Progress) -> NativeScene:
+        runs = _find_runs(options)
+        folder, path = runs[scene] / f"interval{options.interval}_CAM", runs[scene] / _POSES
+        photos = files_by_key(folder, stem_of, _RUNS)
+        text = read_text(path, BenchmarkError, "file of poses", _LIMIT_BYTES)
+        expected = "a list of OriginalImageName, T4x4 and P3x3, as UAVScenes has it"
+        with readable(path, "cannot be read", kind=BenchmarkError, expected=expected):
+            samples = {
+                stem_of(one["OriginalImageName"]): one
+                for one in json.loads(text.removeprefix("\ufeff"))
+            }
+            chosen, notes = chosen_photos([s for s in photos if s in samples], options.every)
+            names = tuple(photos[stem] for stem in chosen)
+            shown = progress(names, scene, len(names))
+            sizes = [photo_size(folder / name) for name in shown]
+            cameras, poses = _posed([samples[s] for s in chosen], sizes, names, options.lens)
+        check_centred(PosedPhotos(names, cameras, poses), path)
+        cloud, where = _cloud_of(scene, options, runs)
+        return NativeScene(
+            scene,
+            folder,
+            names,
+            cameras,
+            poses,
+            LOCAL_CRS,
+            cloud=cloud,
+            poses_from=path,
+            unposed=tuple(name for stem, name in photos.items() if stem not in samples),
+            notes=(*notes, *where),
+        )
+
+
+def _find_runs(options: _UavScenesOptions) -> dict[str, Path]:
+    """Return the folders of the runs below a source, in the order of the protocol."""
+    source, prefix = options.source.resolve(), f"interval{options.interval}_"
+    pack = f"{prefix}CAM_LIDAR"
+    inside = [source, source / pack, source / pack / pack]
+    folders = [path for place in inside if place.is_dir() for path in place.glob(f"{prefix}*")]
+    found = {
+        path.name.removeprefix(prefix): path
+        for path in sorted({source, *folders})
+        if path.name.startswith(prefix) and (path / _POSES).is_file()
+    }
+    known = published_scenes("uavscenes-reconstruction")
+    strange = [run for run in found if run not in known]
+    if strange or not found:
+        raise missing(
+            f"holds no run of UAVScenes, or unknown ones: {first_of(strange)}",
+            source / pack if (source / pack).is_dir() else source,
+            f"{_RUNS}; the runs are {', '.join(known)}",
+            f"unpack {pack}.zip there; --interval chooses between interval1 and interval5",
+        )
+    return {run: found[run] for run in known if run in found}
+
+
+def _clouds(
+    options: _UavScenesOptions, run: str, runs: Mapping[str, Path]
+) -> list[tuple[str, Path]]:
+    """Return the clouds that a run may have, with their places, the most special first."""
+    given = values_by_scene(options.cloud, "cloud", list(runs)).get(run)
+    if given is not None:
+        return [(run, Path(given))]
+    source = options.source.resolve()
+    tops = [source, *source.parents[:3]] if source.name.startswith("interval") else [source]
+    folders = [path for top in tops for path in (top / _CLOUDS, top / _CLOUDS / _CLOUDS)]
+    place = re.sub(r"(\d+|_Evening)$", "", run)
+    places = dict.fromkeys((run, place, place.partition("_")[0]))
+    paths = [(one, folder / one / _CLOUD) for one in places for folder in folders]
+    return [(one, path) for one, path in paths if path.is_file()]
+
+
+def _cloud_of(
+    run: str, options: _UavScenesOptions, runs: Mapping[str, Path]
+) -> tuple[Path, tuple[str, ...]]:
+    """Return a run's cloud and, where it is that of another name, a sentence that says so."""
+    clouds = _clouds(options, run, runs)
+    if not clouds:
+        fix = f"unpack {_CLOUDS}.zip there, or name the cloud with --cloud {run}=FILE"
+        layout = f"{_CLOUDS}/{run}/{_CLOUD}"
+        raise missing(f"there is no cloud for {run}", options.source, layout, fix)
+    place, cloud = clouds[0]
+    own = place in (run, re.sub(r"(\d+|_Evening)$", "", run))
+    return cloud, () if own else (f"its cloud is taken to be that of {place}",)
+
+
+def _posed(
+    samples: Sequence[Mapping[str, Any]],
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    lens: str,
+) -> tuple[Cameras, Poses]:
+    """Return the cameras and poses of images, whose lens is that of the file or "none"."""
+    for sample, size, name in zip(samples, sizes, names, strict=True):
+        stated = (sample.get("Width") or size[0], sample.get("Height") or size[1])
+        if stated != size:
+            raise ValueError(f"{name} is {size[0]}x{size[1]} px, not {stated[0]}x{stated[1]}")
+    keys = ("K1", "K2", "P1", "P2", "K3")
+    bent = np.array([[one.get(key, 0.0) for key in keys] for one in samples], np.float64)
+    matrices = np.array([one["T4x4"] for one in samples], np.float64)
+    (width, height), calibrations = np.array(sizes).T, [one["P3x3"] for one in samples]
+    cameras = Cameras.from_matrices(
+        calibrations, width, height, bent * (lens == "file"), names=names
+    )
+    rotations = np.swapaxes(matrices[:, :3, :3], 1, 2)
+    return cameras, Poses.from_centres(rotations, matrices[:, :3, 3], names)
+
+
+UAVSCENES = _UavScenes()
+
+
 _COORDINATES = "coordinates.pt"
-_LAYOUT = (
+_SCENES = (
     "a folder a scene, such as residence-pixsfm, with coordinates.pt, and metadata/*.pt with "
     "rgbs/* in train and val, of Mega-NeRF; or with images/ and a COLMAP model in sparse/0/"
 )
@@ -57,7 +210,7 @@ _TO_OPENCV = np.array([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class UrbanScene3DOptions(SourceOptions):
+class _UrbanScene3DOptions(SourceOptions):
     """Scans, and how the frame of the poses leads to theirs."""
 
     scan: Files = None
@@ -66,16 +219,15 @@ class UrbanScene3DOptions(SourceOptions):
     every: int = 1
 
 
-class UrbanScene3D(Dataset[UrbanScene3DOptions]):
-    """The real scenes of UrbanScene3D."""
+class _UrbanScene3D(Dataset[_UrbanScene3DOptions]):
+    """The real scenes of _UrbanScene3D."""
 
     name = "urbanscene3d"
     about = about_of("urbanscene3d")
-    options = UrbanScene3DOptions
+    options = _UrbanScene3DOptions
     protocols = ("urbanscene3d-reconstruction",)
 
-    def scenes(self, options: UrbanScene3DOptions) -> Mapping[str, Sequence[Path]]:
-        """Return the scenes below the source, each with its folder, scan and transform."""
+    def scenes(self, options: _UrbanScene3DOptions) -> Mapping[str, Sequence[Path]]:
         found = _find_scenes(options.source)
         named = (("scan", options.scan), ("transform", options.transform))
         given = [values_by_scene(texts, option, list(found)) for option, texts in named]
@@ -84,8 +236,7 @@ class UrbanScene3D(Dataset[UrbanScene3DOptions]):
             for scene, folder in found.items()
         }
 
-    def read(self, options: UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a scene's poses, and take them to the frame of its scan."""
+    def read(self, options: _UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
         scenes = _find_scenes(options.source)
         folder, known = scenes[scene], list(scenes)
         scan = values_by_scene(options.scan, "scan", known).get(scene)
@@ -101,7 +252,9 @@ class UrbanScene3D(Dataset[UrbanScene3DOptions]):
             )
         images, photos, unposed, notes = _photos(folder, options.every, progress)
         if transform is not None:
-            photos = replace(photos, poses=_moved(photos, Path(transform)))
+            moved = similarity_in(Path(transform)).apply_poses(photos.poses)
+            moved = Poses.from_centres(moved.rotation, moved.centres, photos.names)
+            photos = replace(photos, poses=moved)
         return NativeScene(
             scene,
             images,
@@ -130,7 +283,7 @@ def _find_scenes(source: Path) -> dict[str, Path]:
     if not found or any(len(folders) > 1 for folders in found.values()):
         what = "several folders claim to be one scene" if found else "holds no scene"
         fix = f"name the folders {', '.join(known)}, each once"
-        raise missing(what, source, _LAYOUT, fix)
+        raise missing(what, source, _SCENES, fix)
     return {scene: found[scene][0] for scene in known if scene in found}
 
 
@@ -151,26 +304,10 @@ def _photos(
         in_order = sorted(files, key=lambda photo: photo.rpartition("/")[2])
         names, notes = chosen_photos(in_order, every)
         return folder, _read_mega_nerf(folder, files, tuple(names), progress), (), notes
-    if (folder / _COORDINATES).is_file() or not images.is_dir():
-        what = "has no images/, or poses of Mega-NeRF and of COLMAP"
-        raise missing(what, folder, _LAYOUT, "move one of both kinds of poses elsewhere")
     sizes = photo_sizes(images, progress)
     photos = read_poses(model, sizes)
     rows, notes = chosen_photos(range(len(photos.names)), every)
     return images, photos.take(rows), tuple(sorted(set(sizes) - set(photos.names))), notes
-
-
-def _moved(photos: PosedPhotos, path: Path) -> Poses:
-    """Take poses to the frame of the scan."""
-    matrix = read_matrix(path)
-    if matrix is None:
-        raise BenchmarkError(
-            "holds no 4 x 4 numbers",
-            where=path,
-            expected="four lines of four numbers; the last is 0 0 0 1",
-        )
-    moved = similarity_of(matrix, path).apply_poses(photos.poses)
-    return Poses.from_centres(moved.rotation, moved.centres, photos.names)
 
 
 def _mega_nerf_photos(folder: Path) -> dict[str, Path]:
@@ -178,11 +315,11 @@ def _mega_nerf_photos(folder: Path) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for part in ("train", "val"):
         files = sorted((folder / part / "metadata").glob("*.pt"))
-        photos = files_by_key(folder / part / "rgbs", stem_of, _LAYOUT)
+        photos = files_by_key(folder / part / "rgbs", stem_of, _SCENES)
         absent = [file.name for file in files if stem_of(file.stem) not in photos]
         if absent or not files:
             what = f"poses without a photo ({first_of(absent)})" if files else "has no metadata"
-            raise missing(what, folder / part, _LAYOUT, "let Mega-NeRF's copy_images.py finish")
+            raise missing(what, folder / part, _SCENES, "let Mega-NeRF's copy_images.py finish")
         found |= {f"{part}/rgbs/{photos[stem_of(file.stem)]}": file for file in files}
     return found
 
@@ -230,4 +367,4 @@ def _arrays(path: Path, **shapes: tuple[int, ...]) -> list[NDArray[np.float64]]:
         ]
 
 
-URBANSCENE3D = UrbanScene3D()
+URBANSCENE3D = _UrbanScene3D()
