@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 import numpy as np
 
@@ -59,6 +59,14 @@ class TableDataset(Dataset[SourceOptions]):
     crs: ClassVar[str | None] = None
     lens: ClassVar[Mapping[str, float]]
     plane_height_m: ClassVar[float | None] = None
+
+    def __init_subclass__(cls) -> None:
+        """Refuse a declaration that lacks a part, or has unknown angles."""
+        lacking = {"image", "height", "first", "second", "third"} - {*getattr(cls, "columns", ())}
+        if lacking or cls.angles not in get_args(Convention) or not hasattr(cls, "lens"):
+            known = ", ".join(get_args(Convention))
+            parts = f"`columns` with {', '.join(sorted(lacking))}, " if lacking else ""
+            raise TypeError(f"{cls.__name__} needs {parts}`lens`, and `angles` of {known}")
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
         """Return the protocols' scenes whose table is there."""

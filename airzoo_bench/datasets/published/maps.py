@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -42,11 +43,14 @@ def join_maps(paths: Sequence[Path], home: Path, name: str) -> Path:
             where=paths[0].parent,
             fix="download the missing tile, or join the tiles with gdalwarp",
         )
+    home.mkdir(parents=True, exist_ok=True)
     how = {"tiled": True, "compress": "deflate", "bigtiff": "if_safer"}
     with temporary_folder(home, target.name) as temporary, small_cache():
         made = temporary / target.name
         colours = {"photometric": "RGB"} if bands > 2 else {}
-        rasterio.merge.merge(list(paths), dst_path=made, dst_kwds=how | colours)
+        with warnings.catch_warnings():  # of rasterio's own code
+            warnings.simplefilter("ignore", PendingDeprecationWarning)
+            rasterio.merge.merge(list(paths), dst_path=made, dst_kwds=how | colours)
         made.replace(target)
     return target
 

@@ -26,7 +26,8 @@ from tests.support import run_main
 
 
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     return make_tree(tmp_path / "无人机 UAV VisLoc")
 
 
