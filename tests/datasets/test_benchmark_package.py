@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import poses_of, read_queries
+from airzoo_bench.datasets.table_dataset import TableDataset
 from airzoo_bench.geometry.crs import to_lonlat
 from tests.packages import ROOT, install, run_python
 from tests.support import NORTH_WEST, PLACE_CRS, make_place
@@ -41,6 +43,18 @@ def make_hills(folder: Path) -> Path:
 
 def test_the_example_is_short() -> None:
     assert len(MODULE.read_text().splitlines()) <= 40
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"columns": {"image": "photo"}}, "first, height"), ({"angles": "opk"}, "omega-phi-kappa")],
+)
+def test_a_declaration_says_what_it_lacks(changes: dict[str, Any], words: str) -> None:
+    columns = {one: one for one in ("image", "x", "y", "height", "first", "second", "third")}
+    whole = {"columns": columns, "lens": {"fov_deg": 70}}
+    type("Whole", (TableDataset,), whole)
+    with pytest.raises(TypeError, match=words):
+        type("Wrong", (TableDataset,), whole | changes)
 
 
 def test_it_is_listed(installed: Path) -> None:

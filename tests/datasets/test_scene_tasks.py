@@ -15,7 +15,6 @@ from airzoo_bench.engines.dask import DaskEngine, local_cluster
 from airzoo_bench.engines.engine import HERE, Engine, Processes
 from tests.datasets.published import image_trees, uav_visloc_tree
 from tests.engines.scattered import Scattered
-from tests.support import make_place, run_main
 
 VARIABLE = "AIRZOO_BENCH_DATA"
 
@@ -91,11 +90,3 @@ def test_any_number_of_workers_makes_the_same(
     tree: Path, data: Path, cluster: DaskEngine, here: dict[str, bytes], tmp_path: Path
 ) -> None:
     assert prepared(tree, data, tmp_path / "made", cluster) == here
-
-
-def test_own_photos_are_one_task(data: Path, tmp_path: Path) -> None:
-    given = make_place(tmp_path / "source").arguments()
-    folders = [tmp_path / "here", tmp_path / "there"]
-    for folder, engine in zip(folders, ("local", "dask"), strict=True):
-        assert run_main(*given, "--out", folder, "--engine", engine) == 0
-    assert everything(folders[0]) == everything(folders[1])
