@@ -73,7 +73,7 @@ def _placed(
         )
     crs = stated or map_crs(options.dsm, options.dom)
     photos = replace(photos, crs=crs.to_string())
-    transform, notes, left = None, (), None
+    transform, notes, left = None, tuple[str, ...](), None
     if file is not None:
         transform = similarity_in(file)
     elif options.from_exif:
