@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
@@ -28,8 +29,6 @@ from airzoo_bench.leaderboard.scoring import (
 )
 from airzoo_bench.leaderboard.sealing import read_key
 
-__all__ = ["app"]
-
 app = typer.Typer(
     help="A board in a repository of your own: its files, its CI, its pages.",
     no_args_is_help=True,
@@ -45,13 +44,6 @@ OutOption = Annotated[Path, typer.Option("--out", "-o", help="The file or folder
 
 _MEMORY_BYTES = 4 << 30
 _SITE = Path("site")
-_STEPS = """put your benchmark into {0}/leaderboard.toml and {0}/.ci/get-data: AirZoo-Mini at first
-pin all packages in {0}/.ci/requirements.txt, and put your account into {0}/.github/CODEOWNERS
-GitHub, Settings > Environments: make submissions and sealed, each with you as the required \
-reviewer and main as the only branch; the key goes into sealed, as AIRZOO_BENCH_KEY
-GitHub, Settings > Pages: source GitHub Actions
-GitHub, Settings > Rules: main only by pull request, with a review of code owners; \
-leaderboard-data without force pushes"""
 
 
 @app.callback()
@@ -74,8 +66,7 @@ def init(
     """
     for path in write_starter(folder, repository):
         put(f"{path}\n")
-    for number, step in enumerate(_STEPS.format(folder).splitlines(), 1):
-        say(f"{number}. {step}")
+    say("docs/leaderboard.md of airzoo-bench, 'From an empty repository', has the settings to make")
 
 
 @app.command(
@@ -113,8 +104,9 @@ def score(
     check_limits()
     run = Run(_MEMORY_BYTES, jobs=os.cpu_count() or 1, limits=Limits(_MEMORY_BYTES))
     rules = Rules(read_board(root / BOARD_FILE), root, data_root(), run, _say)
-    if sealed is None:
-        _check_empty(out if event is None else work)
+    folder = out if event is None else work
+    if sealed is None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
     if sealed is not None:
         found = score_against_truth(read_found(sealed), work.resolve(), rules, read_key(None))
     elif event is not None:
@@ -125,19 +117,18 @@ def score(
             faults += not isinstance(said, str)
             _say(f"{place.path}: {said}")
         raise typer.Exit(min(faults, 1))
-    write_found(out, found)
-    _finish(found)
+    _finish(found, out)
 
 
 @app.command(epilog=examples("leaderboard comment found.json -o comment.md"))
 def comment(
-    artifacts: Annotated[
+    findings: Annotated[
         list[Path], typer.Argument(help="Findings of all steps; the last that exists counts.")
     ],
     out: OutOption,
 ) -> None:
     """Write the comment on a pull request, in Markdown, from the findings alone."""
-    last = next((path for path in reversed(artifacts) if path.is_file()), artifacts[-1])
+    last = next((path for path in reversed(findings) if path.is_file()), findings[-1])
     with atomic_write(out, "w") as stream:
         stream.write(comment_on(read_found(last)))
 
@@ -166,14 +157,14 @@ def keep(
     Exit code 1 where the account has no try left: two jobs at once cannot both
     have the last one.
     """
-    with DataBranch.opened(remote) as branch:
+    with tempfile.TemporaryDirectory() as folder:
+        branch = DataBranch(Path(folder) / "data.git", remote)
         if found.is_dir():
             for path in branch.add_runs(found):
                 put(f"{path}\n")
             return
-        finding = read_found(found)
+        finding, files = read_found(found), {}
         outcome = "started" if started else "scored" if finding.truth else "failed"
-        files = {}
         if finding.answer is not None:
             answer = finding.answer.model_dump_json(by_alias=True).encode()
             files[answer_path(finding.tree)] = answer
@@ -183,9 +174,7 @@ def keep(
         except RefusedError as error:
             changes = {"kind": "refused", "problems": (str(error),)}
             finding = finding.model_copy(update=changes)
-    if out is not None:
-        write_found(out, finding)
-    _finish(finding)
+    _finish(finding, out)
 
 
 @app.command(epilog=examples("leaderboard build --runs board-data --out site"))
@@ -205,11 +194,8 @@ def build(
     SITE.cache, which is safe to delete.
     """
     if not (runs / "runs").is_dir():
-        raise UsageError(
-            "no folder of runs: the board would lose all that were scored",
-            where=runs,
-            expected="runs/benchmark/track/folder/number/ in it",
-        )
+        what = "no folder of runs: the board would lose all that were scored"
+        raise UsageError(what, where=runs, expected="runs/benchmark/track/folder/number/ in it")
     rules = read_board(root / BOARD_FILE)
     with working("building the board"):
         build_board(runs / "runs", root / "submissions", rules, data_root(), out, say)
@@ -225,13 +211,10 @@ def serve(
     serve_folder(site, port, put)
 
 
-def _check_empty(folder: Path) -> None:
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
-
-
-def _finish(found: Found) -> None:
-    """Print the findings; the last line is their kind."""
+def _finish(found: Found, out: Path | None) -> None:
+    """Write and print the findings; the last line is their kind."""
+    if out is not None:
+        write_found(out, found)
     for line in (*found.problems, *found.warnings):
         _say(line)
     put(f"{found.kind}\n")

@@ -22,9 +22,6 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import sealing
 from airzoo_bench.leaderboard.sealed_scoring import score_sealed
 
-__all__ = ["seal", "seal_score"]
-
-
 ArchiveOption = Annotated[Path, typer.Option("--archive", help="The archive of the truth.")]
 KeyOption = Annotated[
     Path | None,

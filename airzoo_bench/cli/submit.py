@@ -9,25 +9,22 @@ import typer
 
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.cli.common import Format, examples, progress, put, say, show
-from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import data_root
+from airzoo_bench.evaluation.opening import ReadBy, open_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, board_root, known_submissions, read_board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.scoring import score_submission
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 from airzoo_bench.leaderboard.submitting import (
-    Files,
     ask_missing,
     find_place,
     gh_account,
     open_pull_request,
-    protocol_of,
     write_submission,
 )
 from airzoo_bench.tables.layouts import scenes_table
-
-__all__ = ["PANELS", "app", "submit"]
 
 PANELS = {
     "Questions": (
@@ -46,27 +43,28 @@ def _option(help_: str, *flags: str) -> Any:
     return typer.Option(*flags, help=help_, show_default=False)
 
 
+Text = str | None
+Texts = list[str] | None
+
+
 def submit(
     predictions: Annotated[Path, typer.Argument(help="A prediction file or folder.")],
-    protocol: Annotated[str | None, _option("Default: the one that the file names.")] = None,
-    method: Annotated[str | None, _option("The method's name in tables.")] = None,
-    team: Annotated[str | None, _option("Who submits.")] = None,
-    contact: Annotated[str | None, _option("For the maintainers; shown on no page.")] = None,
-    author: Annotated[list[str] | None, _option("Author of the method; repeatable.")] = None,
-    licence: Annotated[str | None, _option("Licence of the predictions, by SPDX.")] = None,
-    training_data: Annotated[
-        list[str] | None,
-        _option("Id of a dataset, or 'none' for a method without training; once for each."),
-    ] = None,
-    stages: Annotated[str | None, _option("single-stage or re-ranked.")] = None,
+    protocol: Annotated[Text, _option("Default: the one that the file names.")] = None,
+    method: Annotated[Text, _option("The method's name in tables.")] = None,
+    team: Annotated[Text, _option("Who submits.")] = None,
+    contact: Annotated[Text, _option("For the maintainers; shown on no page.")] = None,
+    author: Annotated[Texts, _option("Author of the method; repeatable.")] = None,
+    licence: Annotated[Text, _option("Licence of the predictions, by SPDX.")] = None,
+    training_data: Annotated[Texts, _option("Id of a dataset, or 'none'; once for each.")] = None,
+    stages: Annotated[Text, _option("single-stage or re-ranked.")] = None,
     more: Annotated[
-        list[str] | None,
+        Texts,
         _option("Another key of submission.toml, such as paper=https://...; repeatable.", "--set"),
     ] = None,
     url: Annotated[
-        str | None, _option("Where CI fetches the predictions; then they are not copied.")
+        Text, _option("Where CI fetches the predictions; then they are not copied.")
     ] = None,
-    reader: Annotated[str | None, _option("The reader of a method's own files.")] = None,
+    reader: Annotated[Text, _option("The reader of a method's own files.")] = None,
     names: Annotated[Path | None, _option("A list of images, where files name none.")] = None,
     board: Annotated[
         Path, _option("The board's repository (default: where leaderboard.toml is, above).")
@@ -84,34 +82,43 @@ def submit(
     and opens the pull request by gh, or prints the commands that do. Missing options are asked
     for on a terminal. docs/submission.md says what each key is for.
     """
-    root, data = board_root(board), data_root()
+    root, data, read_by = board_root(board), data_root(), ReadBy(reader, names)
     rules = read_board(root / BOARD_FILE)
-    files = Files(predictions, url, names, reader)
-    values = ask_missing(
-        {
-            "protocol": protocol or protocol_of(files, data),
-            "method": method,
-            "team": team,
-            "contact": contact,
-            "authors": author,
-            "licence": licence,
-            "training_data": training_data,
-            "stages": stages,
-            "account": gh_account() if commit else None,
-        },
-        more or (),
-        rules.protocols,
-    )
+    for path in filter(None, (predictions, names)):
+        if not path.exists():
+            raise UsageError("no such file or folder", where=path)
+    given = {
+        "protocol": protocol or _protocol_of(predictions, read_by, data),
+        "method": method,
+        "team": team,
+        "contact": contact,
+        "authors": author,
+        "licence": licence,
+        "training_data": training_data,
+        "stages": stages,
+    }
+    values = ask_missing(given, more or (), rules.protocols)
+    account = gh_account() if commit else None
+    values = ({} if account is None else {"account": account}) | values
     place = find_place(values["protocol"], values["method"], rules, data)
-    written = write_submission(root, place, values, files, rules, replace=force)
-    put(f"{written}\n")
-    if not _passes(written, root, fetch=False):
-        say(f"mend {written / 'submission.toml'}, or submit again with --force; nothing was sent")
+    folder, most = root / place.path, rules.limits.committed_bytes
+    write_submission(folder, values, predictions, url, read_by, most, replace=force)
+    put(f"{folder}\n")
+    if not _passes(folder, root, fetch=False):
+        say(f"mend {folder / SUBMISSION_FILE}, or submit again with --force; nothing was sent")
         raise typer.Exit(1)
     if commit:
         title = f"{values['method']} on {place.benchmark}, {place.track}"
         for step in open_pull_request(root, place, title):
             put(f"{step}\n")
+
+
+def _protocol_of(predictions: Path, read_by: ReadBy, data: Path) -> str | None:
+    """Return the protocol that predictions name, None where they name none."""
+    try:
+        return open_predictions(predictions, data=data, read_by=read_by).protocol.name
+    except UserError:
+        return None
 
 
 @app.callback()
@@ -132,12 +139,8 @@ def check(
     anything is, 2 where there is nothing to check: no such folder, no board.
     """
     if not (folder / SUBMISSION_FILE).exists():
-        raise UsageError(
-            f"no {SUBMISSION_FILE} here",
-            where=folder,
-            expected="the folder of one submission, submissions/BENCHMARK/TRACK/FOLDER",
-            fix="`airzoo-bench submit` makes one",
-        )
+        fix = "`airzoo-bench submit` makes one"
+        raise UsageError(f"no {SUBMISSION_FILE} here", where=folder, fix=fix)
     if not _passes(folder, board_root(folder), fetch=fetch):
         raise typer.Exit(1)
 
@@ -150,19 +153,22 @@ def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     )
     for warning in checked.warnings:
         say(f"{folder}: {warning}")
-    errors, done = [*checked.errors], "checked"
-    if not errors:
+    done = "checked"
+    if not checked.errors:
         sealed = rules.archive(checked.place.benchmark) is not None
         if hindrance := _hindrance(checked, data, sealed=sealed):
             say(f"{folder}: not scored: {hindrance}")
         else:
-            show(scenes_table(score_submission(checked, data, run).result), Format.TERMINAL)
-            done = "checked and scored"
-    for error in errors:
+            try:
+                show(scenes_table(score_submission(checked, data, run).result), Format.TERMINAL)
+                done = "checked and scored"
+            except UserError as refusal:
+                checked.errors.append(refusal)
+    for error in checked.errors:
         say(str(error))
-    if not errors:
+    if not checked.errors:
         put(f"{folder}: {done}, nothing wrong was found\n")
-    return not errors
+    return not checked.errors
 
 
 def _hindrance(checked: CheckedSubmission, data: Path, *, sealed: bool) -> str:

@@ -20,19 +20,6 @@ from airzoo_bench.leaderboard.submission import (
     read_submission,
 )
 
-__all__ = [
-    "BOARD_FILE",
-    "Board",
-    "BoardBenchmark",
-    "Limits",
-    "Place",
-    "board_root",
-    "known_submissions",
-    "plain_name",
-    "read_board",
-    "write_starter",
-]
-
 BOARD_FILE = "leaderboard.toml"
 
 Title = Annotated[str, Field(min_length=1, max_length=120)]
@@ -101,11 +88,8 @@ def board_root(start: Path) -> Path:
     for folder in (start.resolve(), *start.resolve().parents):
         if (folder / BOARD_FILE).is_file():
             return folder
-    raise UsageError(
-        f"not in the repository of a board: no {BOARD_FILE} here or above",
-        where=start,
-        fix="clone the board's repository and go there; `airzoo-bench leaderboard init` makes one",
-    )
+    fix = "clone the board's repository and go there; `airzoo-bench leaderboard init` makes one"
+    raise UsageError(f"no {BOARD_FILE} here or above", where=start, fix=fix)
 
 
 class Place(NamedTuple):

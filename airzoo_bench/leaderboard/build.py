@@ -21,8 +21,6 @@ from airzoo_bench.leaderboard.pages import render_pages
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.lookup import find_protocol
 
-__all__ = ["bibtex", "build_board", "serve_folder", "table_csv"]
-
 BOARD_JSON = "board.json"
 """The file by which the folder of a site is known."""
 

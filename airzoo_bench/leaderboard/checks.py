@@ -26,27 +26,18 @@ from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
-from airzoo_bench.leaderboard.names import alike, skeleton
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
     EARLIER_KEYS,
     SUBMISSION_FILE,
     Submission,
+    alike,
     read_submission,
+    skeleton,
 )
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Result
-
-__all__ = [
-    "FETCHED",
-    "MOST_FILES",
-    "CheckedSubmission",
-    "check_listing",
-    "check_pipeline",
-    "check_submission",
-    "size_of_tree",
-]
 
 MOST_FILES = 2000
 """The most files and folders that the folder of a submission may hold."""
@@ -172,12 +163,10 @@ def check_listing(
             yield SubmissionError(what, where=where, fix=fix)
             return
     if total > limits.committed_bytes:
-        yield SubmissionError(
-            f"its files take {total:,} bytes",
-            where=where,
-            expected=f"at most {limits.committed_bytes:,} bytes in the repository of this board",
-            fix="publish the predictions, such as on Zenodo, and name them by `submit --url`",
-        )
+        expected = f"at most {limits.committed_bytes:,} bytes in the repository of this board"
+        fix = "publish the predictions, such as on Zenodo, and name them by `submit --url`"
+        what = f"its files take {total:,} bytes"
+        yield SubmissionError(what, where=where, expected=expected, fix=fix)
 
 
 def _fault_of_file(path: str, mode: int, names: set[str]) -> str:
@@ -202,8 +191,8 @@ def size_of_tree(path: Path) -> int:
 # --- statements ---
 
 
-def _wrong(what: str, expected: str | None = None, fix: str | None = None) -> SubmissionError:
-    return SubmissionError(what, where=SUBMISSION_FILE, expected=expected, fix=fix)
+def _wrong(what: str, fix: str) -> SubmissionError:
+    return SubmissionError(what, where=SUBMISSION_FILE, fix=fix)
 
 
 def _check_names(
@@ -217,11 +206,8 @@ def _check_names(
         ("method", submission.method, [one.method for one in strangers]),
     ):
         if other := next((other for other in taken if alike(name, other)), None):
-            yield _wrong(
-                f"key '{key}' is {name!r}, which looks like {other!r} on this board",
-                "a name that nobody takes for another's",
-                f"{key} = {other!r} if it is the same, else another name",
-            )
+            fix = f"{key} = {other!r} if it is the same, else another name"
+            yield _wrong(f"key '{key}' is {name!r}, which looks like {other!r} on this board", fix)
     if "official" in submission.method.casefold() and strangers:
         yield f"method {submission.method!r} says that it is official: see whether it is"
     for at, one in others.items():
@@ -231,11 +217,8 @@ def _check_names(
         if not same_team and one.predictions.sha256 == submission.predictions.sha256:
             yield f"the predictions are to the last byte those of {one.method!r} {by}"
         if same_team and skeleton(one.method) == skeleton(submission.method):
-            yield _wrong(
-                f"your team has a method {one.method!r} here already, in {at.folder}",
-                "a name a row",
-                f'put the new version into {at.folder}, or name it such as "{one.method} v2"',
-            )
+            fix = f"put the new version into {at.folder}, or name it otherwise"
+            yield _wrong(f"your team has a method {one.method!r} here already, in {at.folder}", fix)
         elif one.method == submission.method:
             yield f"{one.method!r} is on this board already, {by}"
 
@@ -264,25 +247,20 @@ def _find_protocol(place: Place, submission: Submission, board: Board, data: Pat
     """Find the protocol, which is one of the folder's place."""
     benchmarks = {one.name: one for one in board.benchmarks}
     if place.benchmark not in benchmarks or not place.is_plain:
-        raise SubmissionError(
-            f"no place for a submission{nearest(place.benchmark, [*benchmarks])}",
-            where=place.path,
-            expected=f"submissions/BENCHMARK/TRACK/FOLDER, BENCHMARK of {', '.join(benchmarks)}",
-            fix="move the folder; `airzoo-bench submit` finds its place",
-        )
+        what = f"no place for a submission{nearest(place.benchmark, [*benchmarks])}"
+        expected = f"submissions/BENCHMARK/TRACK/FOLDER, BENCHMARK of {', '.join(benchmarks)}"
+        raise SubmissionError(what, where=place.path, expected=expected)
     protocols = benchmarks[place.benchmark].protocols
     if submission.protocol not in protocols:
-        raise _wrong(
-            f"key 'protocol' is {submission.protocol!r}, by which this board does not score "
-            f"{place.benchmark}{nearest(submission.protocol, [*protocols])}",
-            f"one of {', '.join(protocols)}",
-        )
+        near, what = nearest(submission.protocol, [*protocols]), submission.protocol
+        what = f"key 'protocol' is {what!r}, by which this board does not score {place.benchmark}"
+        raise _wrong(f"{what}{near}", f"one of {', '.join(protocols)}")
     protocol = find_protocol(submission.protocol, data)
     if (protocol.benchmark, protocol.track) != place[:2]:
         raise _wrong(
             f"key 'protocol' is {protocol.name!r}, of the {protocol.track} track of "
             f"{protocol.benchmark}; the folder is of {place.track} of {place.benchmark}",
-            fix="move the folder, or correct the key",
+            "move the folder, or correct the key",
         )
     return protocol
 
@@ -299,8 +277,8 @@ def _find_predictions(
     if given.url is not None:
         parse_address(given.url)  # which is refused without a network too
         if given.size > limits.url_bytes:
-            expected = f"at most {limits.url_bytes:,}, the limit of this board"
-            raise _wrong(f"key 'predictions.bytes' is {given.size:,}", expected)
+            fix = f"at most {limits.url_bytes:,}, the limit of this board"
+            raise _wrong(f"key 'predictions.bytes' is {given.size:,}", fix)
         home = data / FETCHED / given.sha256
         # A name that begins with a dot is of a file that is being fetched.
         path = next(iter(sorted(home.glob("[!.]*"))), None)
@@ -315,7 +293,7 @@ def _find_predictions(
         if (there := measure(path)) != announced:
             yield _wrong(
                 f"key 'predictions.{key}' is {announced}, but that of {path.name} is {there}",
-                fix=f"write {key} = {there}, or put the right predictions there",
+                f"write {key} = {there}, or put the right predictions there",
             )
             return
     found.predictions = path
@@ -330,6 +308,5 @@ def check_pipeline(submission: Submission, result: Result) -> UserError | None:
     return SubmissionError(
         f"{near:,} of {counted(total, 'pose')} {agreeing(near, 'is', 'are')} the photo's own "
         "prior, which pipeline.uses does not name",
-        expected='uses = ["prior"] where GPS and gimbal angles are used, also as a fallback',
         fix='add "prior" to pipeline.uses, or leave queries without an answer out',
     )

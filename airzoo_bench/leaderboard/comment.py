@@ -17,12 +17,10 @@ from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.validation import Name
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.data_branch import SealedAnswer
-from airzoo_bench.leaderboard.rows import Model, Row, Scene, Score
+from airzoo_bench.leaderboard.measured import Model, Row, Scene, Score
 from airzoo_bench.leaderboard.submission import Account
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import plain, show_number
-
-__all__ = ["MARK", "MOST_BYTES", "Found", "code", "comment_on", "read_found", "write_found"]
 
 MARK = "<!-- airzoo-bench leaderboard -->"
 MOST_BYTES = 65_300

@@ -11,40 +11,21 @@ import csv
 import datetime
 import io
 import re
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, TypeVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, counted
 from airzoo_bench.core.files import atomic_write, read_text
-from airzoo_bench.core.validation import Name, Strict, unambiguous_json, validated
+from airzoo_bench.core.validation import Name, Strict, validation_message
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Limits, Place
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, submission_text
 from airzoo_bench.results.result import ScoreColumn
-
-__all__ = [
-    "ANSWER_FILE",
-    "DATA_BRANCH",
-    "FAULT_FILE",
-    "RUN_FILE",
-    "DataBranch",
-    "Estimate",
-    "Run",
-    "SealedAnswer",
-    "Try",
-    "check_tries",
-    "read_answer",
-    "read_run",
-    "run_folders",
-    "write_facts",
-]
 
 DATA_BRANCH = "leaderboard-data"
 RUN_FILE, ANSWER_FILE = "run.json", "answer.json"
@@ -55,7 +36,6 @@ _THEIRS, _OURS = f"refs/heads/{DATA_BRANCH}", "refs/heads/data"
 _PUSHES = 10
 _TRIES_FILE = "tries.csv"
 _WHEN = "%Y-%m-%dT%H:%M:%SZ"
-_NUMBER = re.compile(r"[1-9][0-9]{0,5}")
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 ObjectId = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
@@ -80,10 +60,7 @@ class Run(Strict):
 
 
 class Estimate(Strict):
-    """A score and its standard error, rounded as `sealed_scoring` says.
-
-    The value is a multiple of `step`, None where it is infinite; None is an unknown error too.
-    """
+    """A score, a multiple of `step`, and its standard error; None is infinite or not known."""
 
     value: Finite | None
     standard_error: Finite | None
@@ -115,44 +92,40 @@ class SealedAnswer(Strict):
     versions: dict[str, str]
 
 
+M = TypeVar("M", Run, SealedAnswer)
+
+
 def read_run(folder: Path) -> Run:
     """Read the facts of a run."""
-    found: Run = _read_json(folder / RUN_FILE, Run, "run file")
-    return found
+    return _read_json(folder / RUN_FILE, Run, "run file")
 
 
 def read_answer(folder: Path) -> SealedAnswer:
     """Read the sealed answer of a run."""
-    found: SealedAnswer = _read_json(folder / ANSWER_FILE, SealedAnswer, "sealed answer")
-    return found
+    return _read_json(folder / ANSWER_FILE, SealedAnswer, "sealed answer")
 
 
-def _read_json(path: Path, model: Any, what: str) -> Any:
+def _read_json(path: Path, model: type[M], what: str) -> M:
     try:
-        data = unambiguous_json(read_text(path, SubmissionError, what))
-    except ValueError as error:
-        raise SubmissionError(f"not JSON: {error}", where=path) from error
-    return validated(data, model, SubmissionError, path, what)
+        return model.model_validate_json(read_text(path, SubmissionError, what))
+    except ValidationError as error:
+        raise SubmissionError(validation_message(error, model), where=path) from error
 
 
 def write_facts(run: Path, submission: Submission, commit: str, tree: str) -> None:
     """Write next to its scores the facts of a run."""
-    facts = Run(
-        scored=datetime.datetime.now(datetime.UTC).replace(microsecond=0),
-        commit=commit,
-        tree=tree,
-        version=__version__,
-    )
+    now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
+    facts = Run(scored=now, commit=commit, tree=tree, version=__version__)
     with atomic_write(run / SUBMISSION_FILE, "w") as stream:
         stream.write(submission_text(submission.public()))
     with atomic_write(run / RUN_FILE, "w") as stream:
-        stream.write(facts.model_dump_json(by_alias=True, indent=1, exclude_none=True) + "\n")
+        stream.write(facts.model_dump_json(by_alias=True, indent=1) + "\n")
 
 
 def run_folders(folder: Path) -> list[Path]:
     """Return the folders of a submission's runs, the newest first."""
     found = folder.iterdir() if folder.is_dir() else ()
-    numbers = [path for path in found if _NUMBER.fullmatch(path.name)]
+    numbers = [path for path in found if re.fullmatch(r"[1-9][0-9]{0,5}", path.name)]
     return sorted(numbers, key=lambda path: -int(path.name))
 
 
@@ -211,15 +184,8 @@ class DataBranch:
     """The branch, read and written without a work tree."""
 
     def __init__(self, folder: Path, remote: str) -> None:
-        self._repository = Repository.create(folder, remote)
+        self._repository = Repository(folder, remote)
         self._fetch()
-
-    @classmethod
-    @contextmanager
-    def opened(cls, remote: str) -> Iterator[DataBranch]:
-        """Open it in a temporary folder."""
-        with tempfile.TemporaryDirectory() as folder:
-            yield cls(Path(folder) / "data.git", remote)
 
     def read(self, path: str) -> bytes | None:
         """Return the content of a file, None where there is none."""

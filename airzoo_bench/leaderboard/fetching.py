@@ -22,8 +22,6 @@ from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.core.version import __version__
 
-__all__ = ["Network", "fetch", "parse_address"]
-
 _CHUNK_BYTES = 1 << 16
 _REDIRECTS, _MOVED = 5, (301, 302, 303, 307, 308)
 _LONGEST_URL = 8000  # signed addresses of redirects are long
@@ -84,13 +82,8 @@ def parse_address(url: str) -> SplitResult:
     found = re.match("https://([^/?#]*)", url) if plain else None
     host = found[1].lower() if found else ""
     if not _HOST.match(host) or any(label.startswith("xn--") for label in host.split(".")):
-        raise SubmissionError(
-            "no plain https address: other ports, user names, numbers and foreign alphabets in "
-            "the host are not taken",
-            where=_printable(url),
-            expected="https://HOST/PATH, where HOST is a name such as example.org",
-            fix="put the predictions where such an address leads to them",
-        )
+        expected = "https://HOST/PATH, where HOST is a name such as example.org"
+        raise SubmissionError("no plain https address", where=_printable(url), expected=expected)
     return urlsplit(url)
 
 
@@ -122,14 +115,10 @@ def _answer(
             finally:
                 watchdog.cancel()
     except (OSError, http.client.HTTPException) as error:
-        raise SubmissionError(
-            "the host is too slow"
-            if time.monotonic() >= end
-            else f"the host breaks off or cannot be reached ({_printable(str(error))})",
-            where=address.geturl(),
-            expected=f"a valid certificate, and {_SLOWEST_BYTES_S:,} bytes a second",
-            fix="open the address in a browser; try again later, or put the file elsewhere",
-        ) from error
+        what = f"the host breaks off or cannot be reached ({_printable(str(error))})"
+        what = "the host is too slow" if time.monotonic() >= end else what
+        expected = f"a valid certificate, and {_SLOWEST_BYTES_S:,} bytes a second"
+        raise SubmissionError(what, where=address.geturl(), expected=expected) from error
 
 
 def _save(
@@ -137,11 +126,9 @@ def _save(
 ) -> None:
     """Write the answer of a host, if it is the stated file."""
     if answer.status != 200:
-        raise SubmissionError(
-            f"the host answers {answer.status}",
-            where=address.geturl(),
-            fix="see that anybody can open the address without logging in",
-        )
+        fix = "see that anybody can open the address without logging in"
+        what = f"the host answers {answer.status}"
+        raise SubmissionError(what, where=address.geturl(), fix=fix)
     digest, seen = hashlib.sha256(), 0
     while seen <= size and (chunk := answer.read(_CHUNK_BYTES)):
         seen += len(chunk)
@@ -151,12 +138,9 @@ def _save(
         raise http.client.IncompleteRead(b"", answer.length)
     if seen != size or digest.hexdigest() != sha:
         found = f"SHA-256 {digest.hexdigest()}" if seen == size else f"{seen} bytes"
-        raise SubmissionError(
-            f"the file there has {f'more than {size} bytes' if seen > size else found}",
-            where=address.geturl(),
-            expected=f"{size} bytes of SHA-256 {sha}, as submission.toml states",
-            fix="state what the file has, or put back the file that was meant",
-        )
+        what = f"the file there has {f'more than {size} bytes' if seen > size else found}"
+        expected = f"{size} bytes of SHA-256 {sha}, as submission.toml states"
+        raise SubmissionError(what, where=address.geturl(), expected=expected)
 
 
 def _public_address(host: str, resolve: Callable[[str], Sequence[str]]) -> str:
@@ -165,16 +149,9 @@ def _public_address(host: str, resolve: Callable[[str], Sequence[str]]) -> str:
         found = list(resolve(host))
     except (OSError, UnicodeError) as error:
         raise SubmissionError(f"the host cannot be found ({error})", where=host) from None
-    private = [address for address in found if not _is_public(address)]
-    if private or not found:
-        raise SubmissionError(
-            f"the host's address {_printable(private[0])} is not public"
-            if private
-            else "no address",
-            where=host,
-            expected="addresses that the whole internet reaches",
-            fix="put the predictions on a public host",
-        )
+    if private := [address for address in found if not _is_public(address)]:
+        what = f"the host's address {_printable(private[0])} is not public"
+        raise SubmissionError(what, where=host, fix="put the predictions on a public host")
     return found[0]
 
 

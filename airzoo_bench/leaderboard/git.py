@@ -7,14 +7,11 @@ import os
 import re
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Timer
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.checks import MOST_FILES
-
-__all__ = ["TOKEN_VARIABLE", "BoardError", "RefusedError", "Repository"]
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
@@ -51,24 +48,17 @@ class RefusedError(SubmissionError):
     """A pull request is not as it must be."""
 
 
-@dataclass(frozen=True)
 class Repository:
-    """A bare repository that only fetches, reads and pushes objects.
+    """An empty bare repository that only fetches, reads and pushes objects.
 
     The remote is the only address that is sent the token.
     """
 
-    folder: Path
-    remote: str
-
-    @classmethod
-    def create(cls, folder: Path, remote: str) -> Repository:
-        """Make an empty one."""
+    def __init__(self, folder: Path, remote: str) -> None:
+        self.folder, self.remote = folder, remote
         folder.parent.mkdir(parents=True, exist_ok=True)
-        made = cls(folder, remote)
-        made.run("init", "--quiet", "--bare", "--template=")
-        made.run("config", "remote.origin.url", remote)
-        return made
+        self.run("init", "--quiet", "--bare", "--template=")
+        self.run("config", "remote.origin.url", remote)
 
     def run(self, *arguments: str, stdin: bytes = b"", index: Path | None = None) -> bytes:
         """Run git and return its output."""
@@ -101,7 +91,7 @@ class Repository:
         return found if done.returncode == 0 and _OBJECT_ID.fullmatch(found) else None
 
     def contains(self, ref: str, commit: str) -> bool:
-        """Tell whether a commit is that of a ref of ours, or one before it."""
+        """Whether a commit is that of a ref of ours, or one before it."""
         return self._call("merge-base", "--is-ancestor", commit, ref).returncode == 0
 
     def merge_bases(self, one: str, other: str) -> list[str]:

@@ -23,8 +23,6 @@ from markupsafe import Markup
 from airzoo_bench.report.packing import content_policy, page_json
 from airzoo_bench.tables.model import show_number
 
-__all__ = ["render_pages", "safe_url", "shown"]
-
 Json = Mapping[str, Any]
 
 FEW = 20

@@ -17,18 +17,6 @@ from airzoo_bench.leaderboard.checks import check_listing
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
-__all__ = [
-    "BASE",
-    "PullRequest",
-    "Touched",
-    "fetch_pull_request",
-    "find_merged",
-    "find_touched",
-    "printable",
-    "read_event",
-    "read_files",
-]
-
 HEAD, BASE = "refs/heads/head", "refs/heads/base"
 
 _MOST_TOML_BYTES = 100_000
@@ -69,11 +57,8 @@ def read_event(path: Path) -> PullRequest:
         if set(head) - set("0123456789abcdef") or len(head) not in (40, 64):
             raise ValueError("head.sha is no commit")
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise SubmissionError(
-            f"not the event of a pull request: {error!r}"[:200],
-            where=path,
-            expected="the file $GITHUB_EVENT_PATH of a pull_request_target event",
-        ) from error
+        what = f"not the event of a pull request: {error!r}"[:200]
+        raise SubmissionError(what, where=path, expected="$GITHUB_EVENT_PATH") from error
     return found
 
 
@@ -82,10 +67,8 @@ def fetch_pull_request(repository: Repository, pull: PullRequest) -> None:
     refs = {f"refs/pull/{pull.number}/head": HEAD, f"refs/heads/{pull.base}": BASE}
     repository.fetch(refs, blobs=False)
     if not repository.contains(HEAD, pull.head):
-        raise BoardError(
-            f"the commit {pull.head[:12]} is no longer part of pull request {pull.number}",
-            fix="nothing: the newer commit is scored by its own run",
-        )
+        what = f"the commit {pull.head[:12]} is no longer part of pull request {pull.number}"
+        raise BoardError(what, fix="nothing: the newer commit is scored by its own run")
 
 
 def find_touched(
@@ -100,11 +83,9 @@ def find_touched(
     """
     bases = repository.merge_bases(BASE, pull.head)
     if len(bases) != 1:
-        raise RefusedError(
-            f"has {len(bases)} merge bases with the branch, not one",
-            where=pull.base,
-            fix=f"merge {pull.base} into your branch, or start it anew from there",
-        )
+        fix = f"start your branch anew from {pull.base}"
+        what = f"has {len(bases)} merge bases with the branch, not one"
+        raise RefusedError(what, where=pull.base, fix=fix)
     [base] = bases
     now, before = (repository.resolve(f"{commit}:submissions") for commit in (pull.head, base))
     if now == before:  # its other changes are none of a board's business
@@ -118,18 +99,11 @@ def find_touched(
     owner = former_owner(place) if at_base is None else _find_owner(repository, place)
     is_new = at_base is None and owner is None
     if pull.account not in (owner, *board.maintainers) and not is_new:
-        raise RefusedError(
-            "this folder is or was on the board, and belongs to another account",
-            where=place.path,
-            expected="the account that its submission.toml names, or a maintainer of the board",
-            fix="choose another folder, or open the pull request from that account",
-        )
+        what = "this folder is or was on the board, and belongs to another account"
+        raise RefusedError(what, where=place.path, fix="choose another folder")
     if then != at_base:
-        raise RefusedError(
-            "has changed on the board since this branch began",
-            where=place.path,
-            fix=f"merge {pull.base} into your branch",
-        )
+        what = "has changed on the board since this branch began"
+        raise RefusedError(what, where=place.path, fix=f"merge {pull.base} into your branch")
     return Touched(place, at_head or "")
 
 
@@ -140,11 +114,10 @@ def _find_place(paths: Sequence[str], board: Board) -> Place:
     leaves = [path for path in paths if path not in inner]
     folders = list(dict.fromkeys("/".join(p.split("/")[:4]) for p in leaves if p.count("/") > 3))
     if outside := [path for path in leaves if not path.startswith("submissions/")]:
-        raise RefusedError(
-            f"changes other files than those of a submission: {first_of(map(printable, outside))}",
-            expected="one folder below submissions/, and nothing else",
-            fix="put the other changes into a pull request of their own",
+        what = (
+            f"changes other files than those of a submission: {first_of(map(printable, outside))}"
         )
+        raise RefusedError(what, fix="put the other changes into a pull request of their own")
     beside = [path for path in leaves if path.count("/") < 4]
     if beside or not all(plain_name(part) for one in folders for part in one.split("/")):
         raise RefusedError(
@@ -154,18 +127,15 @@ def _find_place(paths: Sequence[str], board: Board) -> Place:
             fix="`airzoo-bench submit` makes the right folder",
         )
     if len(folders) > 1:
-        raise RefusedError(
-            f"changes more than one folder: {first_of(folders)}",
-            expected="one submission a pull request; a renamed folder counts as two",
-            fix="make a pull request for each",
-        )
+        what = f"changes more than one folder: {first_of(folders)}"
+        raise RefusedError(what, fix="make a pull request for each; a rename counts as two")
     place = Place(*folders[0].split("/")[1:])
-    for what, name, names in (
+    for kind, name, names in (
         ("benchmark", place.benchmark, [one.name for one in board.benchmarks]),
         ("track", place.track, list(TRACKS.names())),
     ):
         if name not in names:
-            what = f"this board has no {what} {name!r}{nearest(name, names)}"
+            what = f"this board has no {kind} {name!r}{nearest(name, names)}"
             raise RefusedError(what, where=place.path, fix="move the folder")
     return place
 

@@ -45,7 +45,9 @@ from airzoo_bench.leaderboard.data_branch import (
 )
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.measured import (
+    OVERALL,
     RESULT_FILE,
+    Row,
     entries_of,
     measure_answer,
     read_entries,
@@ -59,23 +61,12 @@ from airzoo_bench.leaderboard.pull_request import (
     find_touched,
     read_files,
 )
-from airzoo_bench.leaderboard.rows import OVERALL, Row
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import read_result
-
-__all__ = [
-    "Rules",
-    "answer_path",
-    "find_standing",
-    "score_against_truth",
-    "score_merged",
-    "score_pull_request",
-    "score_submission",
-]
 
 _OF_BOARD = (BoardError, BenchmarkError, ProtocolError)  # no submitter can put these right
 _FETCHING_S = 3600.0
@@ -125,7 +116,7 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
     about["head"] = pull.head
     if pull.base != rules.board.branch:
         return Found(kind="nothing", **about)
-    repository = Repository.create(work / "pull.git", remote)
+    repository = Repository(work / "pull.git", remote)
     branch = DataBranch(work / "data.git", remote)
 
     def former_owner(place: Place) -> int | None:
@@ -222,12 +213,8 @@ def _account_errors(
     table = [one for at, one in known.items() if at[:2] == place[:2] and at != place]
     own = sum(one.account == pull.account for one in table)
     if own >= board.limits.entries:
-        yield RefusedError(
-            f"this account has {counted(own, 'submission')} in this table already",
-            where=where,
-            expected=f"at most {board.limits.entries} that are shown at once",
-            fix="withdraw one of them, or put the new version into its folder",
-        )
+        what = f"this account has {counted(own, 'submission')} in this table already"
+        yield RefusedError(what, where=where, fix="withdraw one, or put this into its folder")
 
 
 def _team_warnings(given: Submission, known: Mapping[Place, Submission]) -> Iterator[str]:
@@ -334,7 +321,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
     """
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        repository = Repository.create(work / "board.git", remote)
+        repository = Repository(work / "board.git", remote)
         repository.fetch({f"refs/heads/{rules.board.branch}": BASE}, blobs=False, depth=1)
         branch = DataBranch(work / "data.git", remote)
         merged = _Merged(repository, branch, rules, work, out, time.monotonic() + _FETCHING_S)
@@ -442,12 +429,9 @@ class _Merged:
         """Return the answer that was given before the merge, to the same files."""
         content = self.branch.read(answer_path(tree))
         if content is None:
-            raise SubmissionError(
-                "these files were not scored against the sealed truth before they were merged",
-                where=place.path,
-                fix="revert the merge; merge with `gh pr merge --match-head-commit` after the "
-                "comment has the scores",
-            )
+            what = "these files were not scored against the sealed truth before they were merged"
+            fix = "revert the merge, and merge as the comment says once it has the scores"
+            raise SubmissionError(what, where=place.path, fix=fix)
         truth = SealedAnswer.model_validate_json(content).truth_commitment
         if truth != _commitment(place.benchmark, self.rules.data):
             what = "these files were scored against an earlier truth, not the one sealed now"

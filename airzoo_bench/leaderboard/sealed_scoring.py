@@ -18,9 +18,10 @@ has one record a scene: shares are told to a hundredth, distances to two digits.
 
 from __future__ import annotations
 
-import hashlib
+import io
 import math
 import os
+import shutil
 import tarfile
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -34,7 +35,7 @@ from pydantic import ValidationError
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError, SubmissionError, UserError
-from airzoo_bench.core.files import clear_abandoned, temporary_folder
+from airzoo_bench.core.files import clear_abandoned, sha256_of, temporary_folder
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.opening import ReadBy
@@ -45,22 +46,12 @@ from airzoo_bench.leaderboard.data_branch import Estimate, SealedAnswer
 from airzoo_bench.leaderboard.sealing import (
     MANIFEST,
     Contents,
-    SealedFile,
     commitment,
     load_pyrage,
 )
 from airzoo_bench.leaderboard.submission import Submission
 from airzoo_bench.protocol.lookup import find_protocol
 from airzoo_bench.results.result import ScoreColumn
-
-__all__ = [
-    "FLIPS",
-    "OpenedTruthError",
-    "opened_truth",
-    "round_overall",
-    "round_score",
-    "score_sealed",
-]
 
 FLIPS = 4
 """Steps are at least as large as what so many queries of the smallest scene can move a share."""
@@ -70,7 +61,6 @@ _LEAST_SHARE_OF_VALUE = 0.01
 _ONE_UP, _TWO_UP = (Context(prec=digits, rounding=ROUND_CEILING) for digits in (1, 2))
 _MEMORY = Path("/dev/shm")  # files in memory, on Linux
 _NAME = "airzoo-truth"
-_PIECE = 1 << 20
 
 
 class OpenedTruthError(SubmissionError):
@@ -268,19 +258,20 @@ def _extract(archive: Path, key: Any, committed: str, target: Path) -> Contents:
                 if commitment(contents) != committed:
                     raise _wrong_archive(archive, "belongs to another public folder")
                 for name, file in contents.files.items():
-                    if file.how == "sealed":
-                        _write(tar, name, file, target, archive)
+                    if file.how == "sealed":  # the manifest keeps its name inside the folder
+                        member, path = tar.extractfile(f"files/{name}"), target / name
+                        path.parent.mkdir(parents=True, exist_ok=True)
+                        with path.open("wb") as stream:
+                            shutil.copyfileobj(member or io.BytesIO(), stream)
+                        if sha256_of(path) != file.sha256:
+                            what = f"holds {name} otherwise than it was sealed"
+                            raise _wrong_archive(archive, what)
         except (tarfile.TarError, KeyError) as error:
             raise _wrong_archive(archive, f"lacks a file of the truth: {error}") from None
         except ValidationError as error:
             what = f"an archive of another version: {error.errors()[0]['msg']}"
             raise _wrong_archive(archive, what) from None
     return contents
-
-
-def _wrong_archive(archive: Path, what: str) -> BenchmarkError:
-    expected = "the archive, and its key, of the run of `airzoo-bench seal` that made the folder"
-    return BenchmarkError(what, where=archive, expected=expected, fix="copy the archive again")
 
 
 def _decrypt(archive: Path, key: Any, plain: IO[bytes]) -> None:
@@ -298,14 +289,6 @@ def _decrypt(archive: Path, key: Any, plain: IO[bytes]) -> None:
     plain.seek(0)
 
 
-def _write(tar: tarfile.TarFile, name: str, file: SealedFile, target: Path, archive: Path) -> None:
-    """Write a member to its place, whose name the manifest keeps inside the folder."""
-    member, digest = tar.extractfile(f"files/{name}"), hashlib.sha256()
-    path = target / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as stream:
-        while member is not None and (piece := member.read(_PIECE)):
-            digest.update(piece)
-            stream.write(piece)
-    if digest.hexdigest() != file.sha256:
-        raise _wrong_archive(archive, f"holds {name} otherwise than it was sealed")
+def _wrong_archive(archive: Path, what: str) -> BenchmarkError:
+    expected = "the archive, and its key, of the run of `airzoo-bench seal` that made the folder"
+    return BenchmarkError(what, where=archive, expected=expected, fix="copy the archive again")

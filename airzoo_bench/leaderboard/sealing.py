@@ -18,7 +18,7 @@ import tarfile
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -45,24 +45,11 @@ from airzoo_bench.core.files import (
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.evaluation.opening import read_truths
+from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.raster_files import raster_files
-from airzoo_bench.leaderboard.photos import write_bare_photo
 from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
 from airzoo_bench.protocol.lookup import load_protocol
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS
-
-__all__ = [
-    "KEY_VARIABLE",
-    "MANIFEST",
-    "Contents",
-    "SealedFile",
-    "commitment",
-    "load_pyrage",
-    "public_files",
-    "read_key",
-    "recipient",
-    "seal",
-]
 
 KEY_VARIABLE = "AIRZOO_BENCH_KEY"
 """The variable of the environment that holds a key."""
@@ -114,19 +101,16 @@ def read_key(file: Path | None = None) -> Any:
     if text is None:
         fix = f"give its file by --key, or put it in ${KEY_VARIABLE}"
         raise UsageError("there is no key to open the archive with", fix=fix)
-    lines = [line.strip() for line in text.splitlines()]
-    found = [line for line in lines if line.startswith(_SECRET)]
+    found = [line.strip() for line in text.splitlines() if line.strip().startswith(_SECRET)]
     pyrage = load_pyrage()
     try:
         [line] = found
         return pyrage.x25519.Identity.from_str(line)
     except (ValueError, pyrage.IdentityError):
         # Neither the key nor the library's words on it are repeated.
-        raise UsageError(
-            f"holds {len(found)} keys" if len(found) != 1 else "holds a key that is damaged",
-            where=file or f"${KEY_VARIABLE}",
-            expected=f"one line that begins with {_SECRET}, as age-keygen writes it",
-        ) from None
+        what = f"holds {len(found)} keys" if len(found) != 1 else "holds a key that is damaged"
+        expected = f"one line that begins with {_SECRET}, as age-keygen writes it"
+        raise UsageError(what, where=file or f"${KEY_VARIABLE}", expected=expected) from None
 
 
 def recipient(text: str) -> Any:
@@ -135,15 +119,11 @@ def recipient(text: str) -> Any:
     try:
         return pyrage.x25519.Recipient.from_str(text.strip())
     except pyrage.RecipientError:
-        is_secret = text.strip().upper().startswith(_SECRET)
-        raise UsageError(
-            "this is the secret key, which now stands in the shell's history"
-            if is_secret
-            else f"no recipient: {text[:80]!r}",
-            where="--to",
-            expected=f"a public key as age-keygen prints it, which begins with {_PUBLIC}",
-            fix="make another key, and give the public one" if is_secret else None,
-        ) from None
+        what = f"no recipient: {text[:80]!r}"
+        if text.strip().upper().startswith(_SECRET):
+            what = "this is the secret key, which is now in the shell's history: make another"
+        expected = f"a public key as age-keygen prints it, which begins with {_PUBLIC}"
+        raise UsageError(what, where="--to", expected=expected) from None
 
 
 # --- the archive ---
@@ -236,8 +216,9 @@ def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -
     check_new_folder(public, replace=replace)
     check_output_file(archive)
     if archive.exists() and not replace:
-        fix = "name another, or --force"
-        raise UsageError("the archive exists already", where=archive, fix=fix)
+        raise UsageError(
+            "the archive exists already", where=archive, fix="name another, or --force"
+        )
 
 
 def _refuse_known_truth(benchmark: Benchmark) -> None:
@@ -245,8 +226,7 @@ def _refuse_known_truth(benchmark: Benchmark) -> None:
     prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source", "metadata")
     if prior != "metadata":
         what = f"its methods are given the truth: prior.source is {prior!r}"
-        expected = "priors from metadata, where poses are to be sealed"
-        raise BenchmarkError(what, where=benchmark.folder, expected=expected)
+        raise BenchmarkError(what, where=benchmark.folder, expected="priors from metadata")
     columns = (*POSE_COLUMNS, *PRIOR_COLUMNS)
     for scene in benchmark.file.scenes:
         path = benchmark.scene_folder(scene.id) / "queries.csv"
@@ -319,18 +299,19 @@ def _refuse_outside(benchmark: Benchmark, scene: SceneFile) -> None:
     places = (scene.images, scene.dom, scene.dsm, scene.gallery, scene.maps, scene.cloud)
     for place in (PurePosixPath(one) for one in places if one is not None):
         if place.is_absolute() or ".." in place.parts:
-            what = f"scene {scene.id} has data outside the folder: {place}"
-            fix = "prepare it again with --copy"
-            raise BenchmarkError(what, where=benchmark.folder, fix=fix)
+            raise _outside(benchmark.folder, place)
+
+
+def _outside(folder: Path, path: PurePath) -> BenchmarkError:
+    what = f"data outside the folder: {path}"
+    return BenchmarkError(what, where=folder, fix="prepare it again with --copy")
 
 
 def _below(folder: Path, path: Path) -> str:
     try:
         return path.absolute().relative_to(folder.absolute()).as_posix()
     except ValueError:
-        what = f"a map rests on a file outside the folder: {path}"
-        fix = "prepare it again with --copy"
-        raise BenchmarkError(what, where=folder, fix=fix) from None
+        raise _outside(folder, path) from None
 
 
 # --- writing ---
@@ -394,3 +375,104 @@ def _member(name: str, size: int) -> tarfile.TarInfo:
     member = tarfile.TarInfo(name)
     member.size, member.mode = size, 0o644
     return member
+
+
+# --- photos without metadata: cut, not encoded again, and looked at by Pillow ---
+
+_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+_END, _SCAN, _JFIF, _ADOBE = 0xD9, 0xDA, 0xE0, 0xEE
+# Frames (except hierarchical ones), tables of Huffman, arithmetic and quantisation, DNL, DRI.
+_JPEG_KEPT = frozenset((*range(0xC0, 0xC5), *range(0xC9, 0xCD), 0xDB, 0xDC, 0xDD, _END, _SCAN))
+_JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD8), _END))
+_PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
+# Pillow may know these of a file that holds a picture alone.
+_KNOWN = {"jfif", "jfif_version", "jfif_unit", "jfif_density", "dpi", "adobe", "adobe_transform"}
+_KNOWN |= {"progressive", "progression", "transparency", "interlace"}
+_MARKS = (b"Exif\0\0", b"http://ns.adobe.com", b"<x:xmpmeta", b"Photoshop 3.0", b"ICC_PROFILE")
+_ENDS = {"JPEG": b"\xff\xd9", "PNG": b"IEND\xaeB`\x82"}
+_PLAIN_SEGMENTS = {("APP0", 14, b"JFIF\0"), ("APP14", 12, b"Adobe")}
+
+
+def write_bare_photo(source: Path, place: Path) -> None:
+    """Write a photo without metadata, and refuse one that still holds some."""
+    place.write_bytes(bare_photo(source.read_bytes(), source))
+    if found := leftovers(place):
+        fix = "write the photo without metadata (exiftool -all= FILE), and seal again"
+        raise BenchmarkError(f"the photo still holds {first_of(found)}", where=source, fix=fix)
+
+
+def bare_photo(data: bytes, where: Path) -> bytes:
+    """Return the parts of a JPEG or PNG that make the picture."""
+    parts = {_PNG: _png_parts, _JPEG: _jpeg_parts}
+    kind = next((kind for kind in parts if data.startswith(kind)), None)
+    what = "is neither JPEG nor PNG"
+    try:
+        if kind is not None:
+            return b"".join(data[first:end] for first, end in parts[kind](data))
+    except (IndexError, ValueError) as error:
+        what = f"is damaged: {error}"
+    raise BenchmarkError(
+        f"{what}, so that its metadata cannot be taken out",
+        where=where,
+        expected="a complete JPEG or PNG",
+        fix="write the photo again as one of these, and prepare the benchmark anew",
+    )
+
+
+def leftovers(path: Path) -> list[str]:
+    """Name what a photo holds beside its picture, as another reader sees it."""
+    data = path.read_bytes()
+    found = [repr(mark) for mark in _MARKS if mark in data]
+    with opened_photo(path) as image:
+        found += [f"metadata {key!r}" for key in sorted(map(str, set(image.info) - _KNOWN))]
+        segments = getattr(image, "applist", [])
+        odd = [n for n, body in segments if (n, len(body), body[:5]) not in _PLAIN_SEGMENTS]
+        found += [f"segment {name}" for name in odd]
+        found += ["EXIF"] * bool(len(image.getexif()))
+        found += ["more than one picture"] * (getattr(image, "n_frames", 1) > 1)
+        found += ["bytes after its end"] * (not data.endswith(_ENDS.get(image.format or "", b"")))
+    return found
+
+
+def _jpeg_parts(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield the beginnings and ends of the parts that stay; a scan has its coded data with it."""
+    yield 0, 2
+    place, code = 2, 0
+    while code != _END:
+        if data[place] != 0xFF:
+            raise ValueError(f"no marker at byte {place}")
+        while data[place + 1] == 0xFF:  # fill bytes
+            place += 1
+        code, end = data[place + 1], place + 2
+        if code not in _JPEG_ALONE:
+            end += int.from_bytes(data[end : end + 2], "big")
+            if end > len(data) or end < place + 4:
+                raise ValueError(f"the segment at byte {place} has no end")
+        while code == _SCAN:
+            end = data.index(b"\xff", end)
+            if data[end + 1] and not 0xD0 <= data[end + 1] <= 0xD7:
+                break
+            end += 2
+        if code in _JPEG_KEPT or _is_plain(code, data[place + 4 : end]):
+            yield place, end
+        place = end
+
+
+def _is_plain(code: int, body: bytes) -> bool:
+    """Whether a segment is JFIF without a preview, or says how the colours are coded."""
+    if code == _JFIF:
+        return len(body) == 14 and body.startswith(b"JFIF\0") and body[12:] == b"\0\0"
+    return code == _ADOBE and len(body) == 12 and body.startswith(b"Adobe")
+
+
+def _png_parts(data: bytes) -> Iterator[tuple[int, int]]:
+    yield 0, len(_PNG)
+    place, kind = len(_PNG), b""
+    while kind != b"IEND":
+        kind = data[place + 4 : place + 8]
+        end = place + 12 + int.from_bytes(data[place : place + 4], "big")
+        if len(kind) < 4 or end > len(data):
+            raise ValueError(f"the chunk at byte {place} has no end")
+        if kind in _PNG_KEPT:
+            yield place, end
+        place = end

@@ -9,18 +9,17 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 import typer
 from pydantic import TypeAdapter, ValidationError
 
-from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
+from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, toml_value, validation_message
-from airzoo_bench.evaluation.opening import ReadBy, open_predictions
+from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.leaderboard.board import Board, Place
 from airzoo_bench.leaderboard.checks import size_of_tree
 from airzoo_bench.leaderboard.submission import (
@@ -32,63 +31,21 @@ from airzoo_bench.leaderboard.submission import (
 )
 from airzoo_bench.protocol.lookup import find_protocol
 
-__all__ = [
-    "QUESTIONS",
-    "Files",
-    "ask_missing",
-    "find_place",
-    "gh_account",
-    "open_pull_request",
-    "protocol_of",
-    "write_submission",
-]
-
-QUESTIONS = (
-    *("protocol", "method", "team", "contact", "authors", "licence", "training_data", "stages"),
-)
-"""The keys that are asked for where no option gives them."""
-
-_LISTS = ("authors", "training_data")
 _OPTIONS = {"authors": "--author", "training_data": "--training-data"}
-
-
-@dataclass(frozen=True)
-class Files:
-    """The files of a submission.
-
-    With a `url`, predictions are not copied. `names` is a list of image names.
-    """
-
-    predictions: Path
-    url: str | None = None
-    names: Path | None = None
-    reader: str | None = None
-
-
-def protocol_of(files: Files, data: Path) -> str | None:
-    """Return the protocol that predictions name, None where they name none."""
-    for path in (files.predictions, files.names):
-        if path is not None and not path.exists():
-            raise UsageError("no such file or folder", where=path)
-    try:
-        read_by = ReadBy(files.reader, files.names)
-        return open_predictions(files.predictions, data=data, read_by=read_by).protocol.name
-    except UserError:
-        return None
 
 
 # --- questions ---
 
 
 def ask_missing(
-    given: dict[str, Any], more: Sequence[str], protocols: Sequence[str]
+    given: Mapping[str, Any], more: Sequence[str], protocols: Sequence[str]
 ) -> dict[str, Any]:
-    """Return the keys of submission.toml, once the missing ones of `QUESTIONS` were asked for.
+    """Return the keys of submission.toml, once the missing ones were asked for.
 
     `given` is by key, None where an option is missing; `more` are further keys, such as
     ``paper=https://...``; `protocols` those of the board.
     """
-    missing = [key for key in QUESTIONS if given.get(key) is None]
+    missing = [key for key, value in given.items() if value is None]
     if missing and not (sys.stdin.isatty() and sys.stderr.isatty()):
         names = {key: _OPTIONS.get(key, f"--{key}") for key in missing}
         raise UsageError(
@@ -96,8 +53,8 @@ def ask_missing(
             expected="; ".join(f"{names[key]}: {_field(key).description}" for key in missing),
             fix="add these options, or call it on a terminal, where it asks",
         )
-    values = given | {key: _ask(key, protocols) for key in missing}
-    for key in _LISTS:
+    values = dict(given) | {key: _ask(key, protocols) for key in missing}
+    for key in _OPTIONS:
         values[key] = [] if list(values[key]) == ["none"] else list(values[key])
     values["pipeline"] = {"stages": values.pop("stages")}
     values["date"] = datetime.datetime.now(datetime.UTC).date()
@@ -108,7 +65,7 @@ def ask_missing(
             raise UsageError(what, expected="such as code=https://...")
         table, _, key = name.rpartition(".")
         (values.setdefault(table, {}) if table else values)[key] = _toml(value)
-    return {key: value for key, value in values.items() if value is not None}
+    return values
 
 
 def _toml(text: str) -> Any:
@@ -139,7 +96,7 @@ def _ask(key: str, protocols: Sequence[str]) -> Any:
         except typer.Abort:  # Ctrl-C, or the end of the input
             raise KeyboardInterrupt from None
         value: Any = answer
-        if key in _LISTS:
+        if key in _OPTIONS:
             value = tuple(part.strip() for part in answer.split(",") if part.strip())
         said = hint if not value or (known and value not in known) else ""
         try:
@@ -168,55 +125,46 @@ def find_place(protocol: str, method: str, board: Board, data: Path) -> Place:
 
 
 def write_submission(
-    root: Path,
-    place: Place,
-    values: dict[str, Any],
-    files: Files,
-    board: Board,
+    folder: Path,
+    values: Mapping[str, Any],
+    predictions: Path,
+    url: str | None,
+    read_by: ReadBy,
+    most_bytes: int,
     *,
-    replace: bool = False,
-) -> Path:
-    """Write the folder of a submission."""
-    path, size = files.predictions, size_of_tree(files.predictions)
-    _check_size(files, size, board.limits.committed_bytes)
-    given: dict[str, Any] = {"sha256": sha256_of_tree(path), "bytes": size}
-    given |= {"url": files.url} if files.url else {"file": _plain_name(path)}
-    given |= {"names": _plain_name(files.names)} if files.names else {}
-    given |= {"reader": files.reader} if files.reader else {}
+    replace: bool,
+) -> None:
+    """Write the folder of a submission; predictions that have a URL are not copied."""
+    size = size_of_tree(predictions)
+    if url is not None and predictions.is_dir():
+        fix = "pack it into an archive such as predictions.zip, and publish that"
+        raise UsageError("a folder, which has no address", where=predictions, fix=fix)
+    if url is None and size > most_bytes:
+        fix = "publish it, such as on Zenodo or Hugging Face, and add --url https://..."
+        expected = f"at most {most_bytes:,} bytes in the repository"
+        raise UsageError(f"takes {size:,} bytes", where=predictions, expected=expected, fix=fix)
+    given: dict[str, Any] = {"sha256": sha256_of_tree(predictions), "bytes": size}
+    given |= {"url": url} if url else {"file": _plain_name(predictions)}
+    given |= {"names": _plain_name(read_by.names)} if read_by.names else {}
+    given |= {"reader": read_by.reader} if read_by.reader else {}
     try:
-        stated = Submission.model_validate(values | {"schema": 1, "predictions": given})
+        stated = Submission.model_validate({**values, "schema": 1, "predictions": given})
     except ValidationError as error:
         raise SubmissionError(
             validation_message(error, Submission),
             where="keys of submission.toml",
             fix="correct the option of that name; docs/submission.md says what each is for",
         ) from error
-    folder = root / place.path
     there = [entry.name for entry in folder.iterdir()] if folder.is_dir() and replace else []
     with atomic_entries(folder, there) if there else atomic_folder(folder) as staged:
-        if files.url is None and path.is_dir():
+        if url is None and predictions.is_dir():
             # Modes stay behind: on some disks every file is executable, which no board takes.
-            shutil.copytree(path, staged / given["file"], copy_function=shutil.copyfile)
-        elif files.url is None:
-            shutil.copyfile(path, staged / given["file"])
-        if files.names is not None:
-            shutil.copyfile(files.names, staged / given["names"])
+            shutil.copytree(predictions, staged / given["file"], copy_function=shutil.copyfile)
+        elif url is None:
+            shutil.copyfile(predictions, staged / given["file"])
+        if read_by.names is not None:
+            shutil.copyfile(read_by.names, staged / given["names"])
         (staged / SUBMISSION_FILE).write_text(submission_text(stated), "utf-8", newline="")
-    return folder
-
-
-def _check_size(files: Files, size: int, most: int) -> None:
-    """Refuse a folder at an address, and predictions that are too large for the repository."""
-    if files.url is not None and files.predictions.is_dir():
-        fix = "pack it into an archive such as predictions.zip, and publish that"
-        raise UsageError("a folder, which has no address", where=files.predictions, fix=fix)
-    if files.url is None and size > most:
-        raise UsageError(
-            f"takes {size:,} bytes",
-            where=files.predictions,
-            expected=f"at most {most:,} bytes in the repository",
-            fix="publish it, such as on Zenodo or Hugging Face, and add --url https://...",
-        )
 
 
 def _plain_name(path: Path) -> str:

@@ -21,16 +21,19 @@ from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.about import about_file, about_of
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.leaderboard.measured import Entry, Measured, load_arrays, store_arrays
-from airzoo_bench.leaderboard.rows import (
+from airzoo_bench.leaderboard.measured import (
     OVERALL,
     Conditions,
+    Entry,
     Head,
+    Measured,
     Row,
     Scene,
     Score,
     Table,
     Version,
+    load_arrays,
+    store_arrays,
 )
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparison import is_share
@@ -52,8 +55,6 @@ from airzoo_bench.tables.published import (
     read_source_file,
     shipped_fingerprints,
 )
-
-__all__ = ["Ranked", "make_table"]
 
 _LONGEST = 40
 

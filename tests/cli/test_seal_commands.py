@@ -101,17 +101,6 @@ def test_faults_of_places(sealed: SealedField, capsys: pytest.CaptureFixture[str
     assert "is not sealed" in refused(capsys, *whole)
 
 
-def test_an_archive_that_is_missing_or_damaged(
-    sealed: SealedField, capsys: pytest.CaptureFixture[str]
-) -> None:
-    Path("key.txt").write_text(str(sealed.key))
-    call = score(sealed.public, Path("a.age"), "--key", "key.txt")
-    capsys.readouterr()
-    assert "no such archive" in refused(capsys, *call)
-    Path("a.age").write_bytes(sealed.archive.read_bytes()[:-1])
-    assert "damaged, cut off" in refused(capsys, *call)
-
-
 def test_the_template_of_a_sealed_benchmark_is_checked_next(
     sealed: SealedField, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.comment import MARK, MOST_BYTES, Found, code, comment_on
-from airzoo_bench.leaderboard.rows import Row, Scene, Score, Version
+from airzoo_bench.leaderboard.measured import Row, Scene, Score, Version
 from airzoo_bench.results.result import ScoreColumn
 from tests.leaderboard.rendered import outside_code
 

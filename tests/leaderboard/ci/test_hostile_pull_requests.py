@@ -45,7 +45,7 @@ class World:
     def look(self, number: int, head: str, account: int = MINE) -> list[UserError]:
         """Return what is wrong with a pull request."""
         pull = PullRequest(number, head, "main", account)
-        repository = Repository.create(self.folder / "bare.git", str(self.hosted.folder))
+        repository = Repository(self.folder / "bare.git", str(self.hosted.folder))
         try:
             fetch_pull_request(repository, pull)
             found = find_touched(

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from PIL import Image, PngImagePlugin
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.leaderboard.photos import bare_photo, leftovers, write_bare_photo
+from airzoo_bench.leaderboard.sealing import bare_photo, leftovers, write_bare_photo
 
 SECRET = b"lat 47.123456 lon 8.654321"
 XMP = b'http://ns.adobe.com/xap/1.0/\0<x:xmpmeta drone-dji:GpsLatitude="' + SECRET + b'"/>'
@@ -124,7 +124,7 @@ def test_what_cannot_be_freed_of_metadata_is_refused(data: bytes) -> None:
 def test_what_is_left_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.jpg"
     path.write_bytes(with_segments(jpeg(), segment(0xE1, XMP)))
-    monkeypatch.setattr("airzoo_bench.leaderboard.photos.bare_photo", lambda data, where: data)
+    monkeypatch.setattr("airzoo_bench.leaderboard.sealing.bare_photo", lambda data, where: data)
     with pytest.raises(BenchmarkError, match="the photo still holds"):
         write_bare_photo(path, tmp_path / "b.jpg")
 

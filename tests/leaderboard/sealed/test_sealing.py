@@ -7,7 +7,6 @@ import os
 import shutil
 import tarfile
 from collections.abc import Callable
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -19,10 +18,7 @@ from airzoo_bench.core.errors import BenchmarkError, UserError
 from airzoo_bench.leaderboard.sealed_scoring import opened_truth
 from airzoo_bench.leaderboard.sealing import load_pyrage, seal
 from tests.api.place import NAME
-from tests.hostile.crash_points import Fault, run
 from tests.leaderboard.sealed.conftest import SALT, SealedField
-
-_NO_FAULT = 3
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -130,53 +126,3 @@ def test_truth_of_a_killed_run_is_cleared_by_the_next(sealed: SealedField) -> No
     assert left.exists()
     with opened_truth(sealed.public, sealed.archive, sealed.key):
         assert not left.exists()
-
-
-# --- killed ---
-
-
-def fits(sealed: SealedField, home: Path) -> str:
-    """Return the commitment of a public folder whose archive opens and belongs to it."""
-    with opened_truth(home / NAME, home / "truth.age", sealed.key) as truth:
-        assert (truth / f"scenes/{NAME}/retrieval/positives.npz").is_file()
-    file = Benchmark.open(home / NAME, sealed=True).file
-    assert file.sealed is not None
-    return file.sealed.commitment
-
-
-@pytest.fixture(scope="module")
-def small(sealed: SealedField, tmp_path_factory: pytest.TempPathFactory) -> SealedField:
-    """Return a folder of fewer files, for what is sealed again and again."""
-    folder = Path(shutil.copytree(sealed.folder, tmp_path_factory.mktemp("small") / NAME))
-    for name in ("retrieval/tiles", "matching/crops"):
-        shutil.rmtree(folder / "scenes" / NAME / name)
-    return replace(sealed, folder=folder)
-
-
-@pytest.mark.parametrize("every", [28, pytest.param(2, marks=pytest.mark.slow)])
-def test_killed_at_many_steps_of_sealing(every: int, small: SealedField, tmp_path: Path) -> None:
-    """Both are exchanged one after the other, beside files of others."""
-    home = tmp_path / "board"
-    home.mkdir()
-    (home / "leaderboard.toml").write_text("")
-
-    def write(folder: Path, salt: str) -> None:
-        place, key = (folder / NAME, folder / "truth.age"), small.key.to_public()
-        seal(small.folder, *place, key, replace=True, salt=salt * 32)
-
-    write(home, "aa")
-    old, kept = fits(small, home), 0
-    codes = []
-    for step in (*range(1, 200, every), *range(200, 400, min(7, every))):
-        codes.append(run(write, home, "bb", Fault("killed", step)))
-        if codes[-1] != -9:
-            break
-        left = fits(small, home) if (home / NAME).exists() else ""
-        kept += left == old
-        if left != old:
-            write(home, "aa")
-    assert codes[-1] == _NO_FAULT
-    assert kept > len(codes) / 2
-    assert fits(small, home) != old
-    write(home, "aa")
-    assert not [path for path in home.iterdir() if path.name.startswith(".")]

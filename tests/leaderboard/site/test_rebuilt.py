@@ -55,52 +55,6 @@ def test_a_damaged_cache_gives_no_other_page(
     assert files_of(built(tmp_path)) == expected
 
 
-_KILLER = """
-import os, random, signal, sys, time
-from pathlib import Path
-from tests.leaderboard.site.support import built, files_of
-root, moments = Path(sys.argv[1]), int(sys.argv[2])
-old, new = files_of(root / "site"), files_of(built(root, out="whole"))
-assert old != new
-start = time.perf_counter()
-built(root, out="timed")
-whole = time.perf_counter() - start
-for moment in range(moments):
-    child = os.fork()
-    if child == 0:
-        built(root)
-        os._exit(0)
-    time.sleep(whole * 1.1 * (moment + 0.5) / moments)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    found = files_of(root / "site")
-    assert found in (old, new), moment
-    if moment % 3 == 2:
-        assert files_of(built(root)) == new, moment
-        left = [p.name for p in root.iterdir() if "airzoo" in p.name]
-        assert not left, left
-assert files_of(built(root)) == new
-print("held")
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no fork")
-@pytest.mark.parametrize("moments", [3, pytest.param(100, marks=pytest.mark.slow)])
-def test_a_killed_build_leaves_the_board_whole(root: Path, tmp_path: Path, moments: int) -> None:
-    shutil.copytree(root / "runs", tmp_path / "runs")
-    shutil.copytree(root / "site", tmp_path / "site")
-    write_version(tmp_path / "runs", "m1", 2, method("Method 1", 0.9))
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[3]), *sys.path]),
-        "OPENBLAS_NUM_THREADS": "1",
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", _KILLER, str(tmp_path), str(moments)],
-        env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.stdout == "held\n", done.stderr
-
-
 def test_serving_a_built_site(tmp_path: Path) -> None:
     some_runs(tmp_path / "runs", 1)
     site = built(tmp_path)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airzoo_bench.leaderboard.names import alike, board_name, plain_line, shown_line, skeleton
+from airzoo_bench.leaderboard.submission import alike, board_name, plain_line, shown_line, skeleton
 
 
 @pytest.mark.parametrize(
