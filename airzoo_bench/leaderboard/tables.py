@@ -35,6 +35,7 @@ from airzoo_bench.leaderboard.measured import (
     load_arrays,
     store_arrays,
 )
+from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn, score_columns
@@ -53,7 +54,6 @@ from airzoo_bench.tables.published import (
     published_sources,
     published_tables,
     read_source_file,
-    shipped_fingerprints,
 )
 
 _LONGEST = 40
@@ -83,7 +83,9 @@ def make_table(
     shown = sorted((*rows, *reported), key=lambda row: _order(lead, row))
     shown = _with_ids([*shown, *_floors(measured), *faults])
     notes = [f"scored by airzoo-bench {', '.join(sorted({one.made_with for one in measured}))}"]
-    if reported and head.protocol_fingerprint not in shipped_fingerprints(*_of(head)):
+    shipped = shipped_protocols().get(head.protocol)
+    known_as = "" if shipped is None else load_protocol(shipped).fingerprint
+    if reported and head.protocol_fingerprint != known_as:
         notes.append("not the shipped protocol: reported numbers may measure something else")
     table = Table(
         **dict(head),
@@ -109,10 +111,6 @@ def make_table(
 def _measured(entry: Entry) -> Measured:
     assert entry.measured is not None
     return entry.measured
-
-
-def _of(head: Head) -> tuple[str, str]:
-    return head.benchmark, head.track
 
 
 def _members(entries: Sequence[Entry]) -> tuple[list[Entry], list[Row]]:
@@ -266,7 +264,9 @@ def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
     scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
     numbers: dict[str, dict[str, dict[str, Score]]] = {}
     sources: dict[str, dict[str, None]] = {}
-    for table in sorted(published_tables(*_of(head)), key=lambda one: not one.has_scenes):
+    for table in sorted(
+        published_tables(head.benchmark, head.track), key=lambda one: not one.has_scenes
+    ):
         for method, printed in table.values.items():
             for title, part in printed.items():
                 if title not in scenes:
