@@ -48,11 +48,9 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
     Parameters
     ----------
     name_or_path : str or Path
-        The benchmark's name, such as ``airzoo-mini``, or its folder, as ``airzoo-bench prepare``
-        wrote it.
+        Its name, such as ``airzoo-mini``, or its folder, as ``airzoo-bench prepare`` wrote it.
     data : str or Path, optional
-        The folder that holds benchmark folders; by default ``$AIRZOO_BENCH_DATA`` or the cache
-        folder.
+        The folder that holds benchmark folders; by default ``$AIRZOO_BENCH_DATA`` or the cache.
 
     Returns
     -------
@@ -107,23 +105,7 @@ class BlindBenchmark:
     _source: Benchmark
 
     def scene(self, scene_id: str) -> BlindScene:
-        """Return a scene by its id.
-
-        Parameters
-        ----------
-        scene_id : str
-            Such as "city".
-
-        Returns
-        -------
-        BlindScene
-            Without its truth.
-
-        Raises
-        ------
-        BenchmarkError
-            There is none of that id.
-        """
+        """Return a scene by its id, such as "city"; raise a `BenchmarkError` where none has it."""
         by_id = {scene.id: scene for scene in self.scenes}
         if scene_id not in by_id:
             what = f"has no scene {scene_id!r}"

@@ -78,15 +78,14 @@ def cloud_scores(
     Parameters
     ----------
     predicted : (P, 3) array-like
-        In the frame of the truth. Points that are NaN or infinite are left out and counted; an
-        empty cloud scores 0.
+        In the frame of the truth. Points that are not finite are left out and counted; an empty
+        cloud scores 0.
     true : (T, 3) array-like
         In units of the threshold.
     threshold : float
         Points nearer than this, strictly, are right.
     plain : bool
-        Compare the clouds as they are instead; otherwise distances count as at most ten times the
-        threshold.
+        Compare the clouds as they are; else distances count as at most ten times the threshold.
     jobs : int
         Threads; the scores do not depend on it.
 
@@ -100,8 +99,8 @@ def cloud_scores(
     Raises
     ------
     ArgumentError
-        Another shape, too few digits, a threshold that is not above 0, a true cloud with no
-        point, a predicted one with no finite point among those that it has.
+        Another shape, too few digits, a threshold that is not above 0, no true point, or
+        predicted points of which none is finite.
 
     Examples
     --------

@@ -81,11 +81,10 @@ def bootstrap_ci(
     values : (N,) array-like
         A value a query. Infinite errors are values like all others.
     scenes : (N,) array-like, optional
-        The scene of each query: the average is the unweighted mean of theirs, and queries are
-        resampled within scenes.
+        The scene of each: the average is the unweighted mean of theirs, resampled within scenes.
     statistic : {"share", "mean", "median"}
-        Means of shares from 0 to 1, such as hits and AP, have Wilson's interval, over scenes that
-        of MOVER; other means and medians are bootstrapped.
+        Means of shares from 0 to 1, such as hits and AP, have Wilson's interval, over scenes
+        MOVER's; other means and medians are bootstrapped.
     confidence : float
         Between 0 and 1.
     seed : int
@@ -94,8 +93,8 @@ def bootstrap_ci(
     Returns
     -------
     ConfidenceInterval
-        The same on every machine. There is none, and `reason` says so, where a scene has fewer
-        than 5 queries, or all resampled values are alike.
+        None, with a `reason`, where a scene has fewer than 5 queries or all resampled values are
+        alike.
 
     Raises
     ------

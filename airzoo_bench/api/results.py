@@ -70,49 +70,21 @@ class Result(Scored):
         return dict(self.result.overall)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return scenes x scores, with the rows ``overall`` and ``pooled`` last.
-
-        Returns
-        -------
-        DataFrame
-            By the id of the scene and the key of the score; shares are 0 to 1.
-        """
+        """Return scenes x scores, by id and key, with the rows ``overall`` and ``pooled`` last."""
         result = self.result
         rows = {**result.scenes, "overall": result.overall, "pooled": result.pooled}
         frame = pd.DataFrame.from_dict(rows, orient="index")
         return frame[[column.key for column in result.columns]].rename_axis("scene")
 
     def table(self, form: str = "terminal") -> str:
-        """Return the table of scenes as ``airzoo-bench table`` writes it.
-
-        Parameters
-        ----------
-        form : {"terminal", "latex", "markdown", "csv", "json", "html"}
-
-        Returns
-        -------
-        str
-            Text that ends with a line break.
-        """
+        """Return the table of scenes as ``airzoo-bench table --format FORM`` writes it."""
         return render(scenes_table(self.result, floors=True), form, width=120)
 
     def plot(self, kind: str, *others: Scored, score: str | None = None, **options: Any) -> Figure:
-        """Draw this result, and others beside it, as ``airzoo-bench plot`` does.
+        """Draw this result, and others of its protocol and truth, as ``airzoo-bench plot`` does.
 
-        Parameters
-        ----------
-        kind : {"recall", "errors", "thresholds", "intervals", "scenes", "condition"}
-        *others : Result
-            Of the same protocol and truth.
-        score : str, optional
-            Key or title; by default the first that fits.
-        **options
-            Of the kind: ``by`` and ``bins`` of "condition", ``up_to`` of "recall".
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            To show, or to save by ``savefig``.
+        `kind` is one of `KINDS`, `score` a key or title, by default the first that fits; `options`
+        are those of the kind: ``by`` and ``bins`` of "condition", ``up_to`` of "recall".
         """
         from airzoo_bench.report import draw  # Matplotlib takes a second to load
 
@@ -125,18 +97,7 @@ class Result(Scored):
         return figure
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``result.json`` and ``records.csv``, which other commands read.
-
-        Parameters
-        ----------
-        folder : path
-            Made where it is not there.
-
-        Returns
-        -------
-        Path
-            Of the result.
-        """
+        """Write ``result.json`` and ``records.csv`` into a folder; return the path of the first."""
         path = Path(folder, "result.json")
         path.parent.mkdir(parents=True, exist_ok=True)
         checksum = write_csv(self.records, path.with_name("records.csv"))
@@ -144,19 +105,9 @@ class Result(Scored):
         return path
 
     def report(self, path: str | Path, data: str | Path | None = None) -> Path:
-        """Write the report of this result, one HTML file, as ``airzoo-bench report`` does.
+        """Write the report of this result as ``airzoo-bench report`` does; return its path.
 
-        Parameters
-        ----------
-        path : path
-            The ``.html`` to write.
-        data : path, optional
-            See `evaluate`; maps and pictures are added where the benchmark folder is there.
-
-        Returns
-        -------
-        Path
-            Of the file.
+        Maps and pictures are added where the benchmark folder is there (`data` as in `evaluate`).
         """
         from airzoo_bench.report.page import make_report  # Matplotlib takes a second to load
 
@@ -185,7 +136,7 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     Returns
     -------
     Result
-        It shows itself as the table that ``eval`` prints.
+        Shown as the table that ``eval`` prints.
 
     Raises
     ------
@@ -221,7 +172,7 @@ def evaluate(
     method : str, optional
         Its name in tables; by default the file's name.
     reader : str, optional
-        The reader of files as a method writes them, by name; by default found from their content.
+        The reader of a method's own files, by name; by default found from their content.
     names : path, optional
         A list of images, a line each, in the order in which the method saw them.
     jobs, max_memory : int
@@ -400,9 +351,9 @@ def compare(
     Comparison
         Its `frame` has a row a score and method: ``score``, ``method``, ``reference``, ``value``,
         ``reference_value``, ``difference``, its ``low`` and ``high``, ``p``, ``p_holm``,
-        ``p_mcnemar``, ``wins``, ``ties``, ``losses`` and ``verdict``. A single result gives a row
-        a scene and score: ``scene`` (None for the average), ``score``, ``value``, ``low``,
-        ``high``, ``interval`` and ``reason``. Shares are 0 to 1; docs/statistics.md has the rest.
+        ``p_mcnemar``, ``wins``, ``ties``, ``losses``, ``verdict``; of a single result a row a
+        scene and score: ``scene`` (None for the average), ``score``, ``value``, ``low``,
+        ``high``, ``interval``, ``reason``. docs/statistics.md explains them.
 
     Raises
     ------

@@ -58,10 +58,9 @@ _STACKED, _PAIRED = ("descriptor", "depth", "confidence"), {"query_xy", "ranked_
 class PredictionWriter:
     """Collects a method's answers and writes the prediction file that ``eval`` reads.
 
-    Ids, fields and shapes are checked when an answer is added. When the ``with`` block ends, the
-    file appears, whole, and is checked as ``airzoo-bench check`` does. After an exception or
-    Ctrl-C, an earlier file stays as it was. Answers are kept in memory until then and may come in
-    any order: the file is the same. A query without an answer scores as a failure.
+    Each answer is checked when it is added; they may come in any order. When the ``with`` block
+    ends, the file appears, whole, and is checked as ``airzoo-bench check`` does; after an exception
+    or Ctrl-C, an earlier file stays. A query without an answer scores as a failure.
 
     Parameters
     ----------
@@ -80,10 +79,8 @@ class PredictionWriter:
 
     Examples
     --------
-    >>> benchmark = load_benchmark("airzoo-mini")  # doctest: +SKIP
-    >>> with PredictionWriter("mine.npz", "airzoo-mini-retrieval", benchmark) as writer:
-    ...     for query in benchmark.scenes[0].queries():
-    ...         writer.add(query.id, ranked_ids=rank(query.image))  # doctest: +SKIP
+    >>> with PredictionWriter("mine.npz", "airzoo-mini-retrieval") as writer:
+    ...     writer.add("city/0001", ranked_ids=["city/160_00000_00000"])  # doctest: +SKIP
     """
 
     def __init__(
@@ -116,18 +113,16 @@ class PredictionWriter:
     def add(self, name: str, **fields: ArrayLike | None) -> None:
         """Add the answer to one query, or the description of one tile, photo or scene.
 
-        ==============  =====================================================  ==================
-        track           fields                                                 `name` is the id of
-        ==============  =====================================================  ==================
-        retrieval       `ranked_ids`, perhaps `scores`                         a query
-        retrieval       `descriptor`                                           a query or a tile
-        matching        `query_xy` and `map_xy`, or `query_xy` and `points3d`  a query
-        matching        `rotation` and `centre`                                a query
-        reconstruction  `points`, perhaps `colours`                            a scene
-        reconstruction  `rotation` and `centre`, next to a cloud               a photo
-        reconstruction  `depth`, `intrinsics`, `rotation` and `centre`,        a photo
-                        perhaps `confidence`
-        ==============  =====================================================  ==================
+        ==============  ======================================================  ==================
+        track           fields                                                  `name` is the id of
+        ==============  ======================================================  ==================
+        retrieval       `ranked_ids`, perhaps `scores`                          a query
+        retrieval       `descriptor`                                            a query or a tile
+        matching        `query_xy` and `map_xy`, or `query_xy` and `points3d`   a query
+        matching        `rotation` and `centre`                                 a query
+        reconstruction  `points`, perhaps `colours`                             a scene
+        reconstruction  `rotation` and `centre`; with `depth` and `intrinsics`  a photo
+        ==============  ======================================================  ==================
 
         A file has one kind of answer, with the same fields in all; of reconstruction each scene.
 
@@ -136,24 +131,21 @@ class PredictionWriter:
         name : str
             The id, ``scene/name``; of a scene its own. Each once.
         **fields : array-like
-            ``ranked_ids`` (K,): tiles of the query's scene, best first; may be empty. ``scores``
-            (K,): similarities, which fall along the list, or distances, which rise.
-            ``descriptor`` (D,): compared by the protocol's metric; every tile of every scene needs
-            one. ``query_xy`` (M, 2): pixels of the photo at its full size, its corner being (0,
-            0). ``map_xy`` (M, 2): pixels of the whole map, such as `Crop.to_map` returns;
-            ``points3d`` (M, 3): instead, points in the scene's CRS, in metres. ``rotation`` (3,
-            3): world-to-camera, x right, y down, z forward. ``centre`` (3,): the camera's centre,
-            in the scene's CRS or for reconstruction in the frame of the cloud. ``points`` (M, 3)
-            and ``colours`` (M, 3) uint8: the cloud of a scene. ``depth`` (H, W): along the
-            camera's z axis, 0 and NaN are no surface; of one size in all photos of a scene.
-            ``intrinsics`` (3, 3): K at the size of the depth map, such as
-            ``photo.camera.scaled(W, H).K``. ``confidence`` (H, W): larger is surer.
+            ``ranked_ids`` (K,): tiles of the query's scene, best first. ``scores`` (K,):
+            similarities, which fall along the list, or distances, which rise. ``descriptor`` (D,):
+            every tile of every scene needs one. ``query_xy`` (M, 2): pixels of the photo at its
+            full size, from its corner. ``map_xy`` (M, 2): pixels of the whole map (`Crop.to_map`).
+            ``points3d`` (M, 3): in the scene's CRS, in metres. ``rotation`` (3, 3):
+            world-to-camera, x right, y down, z forward. ``centre`` (3,): in the scene's CRS, or
+            the frame of the cloud. ``points`` (M, 3), ``colours`` (M, 3) uint8. ``depth`` (H, W):
+            along the camera's z axis, 0 and NaN are no surface. ``intrinsics`` (3, 3): K at the
+            size of the depth map. ``confidence`` (H, W), with depth: larger is surer.
 
         Raises
         ------
         UserError
-            The id is none of the benchmark's or was added before; fields are missing, do not
-            belong together, or have a wrong shape. Nothing of it is kept.
+            The id is none of the benchmark's or was added before; fields are missing, do not belong
+            together, or have a wrong shape. Nothing of it is kept.
         """
         given = {key: value for key, value in fields.items() if value is not None}
         try:
@@ -175,13 +167,7 @@ class PredictionWriter:
         return len(self._answers)
 
     def missing(self) -> tuple[str, ...]:
-        """Return the ids that have no answer: of queries (and tiles) or scenes.
-
-        Returns
-        -------
-        tuple of str
-            In the order of the benchmark.
-        """
+        """Return the ids that have no answer: of queries (and tiles) or scenes, in order."""
         if self._track == "reconstruction":
             with_depth = {group[9:] for group, one in self._firsts.items() if "depth" in one}
             done = self._answers.keys() | with_depth
@@ -194,11 +180,7 @@ class PredictionWriter:
     def close(self) -> None:
         """Write the file and check it, as a ``with`` block does at its end.
 
-        Raises
-        ------
-        UserError
-            There is no answer, the file cannot be written, or it was written and ``eval`` would
-            refuse it.
+        Raises a `UserError` where there is no answer, or the file cannot be written or scored.
         """
         if self._closed:
             return

@@ -43,8 +43,7 @@ def public() -> dict[str, Any]:
     """Return all that is public, by its full name."""
     things = [getattr(ab, name) for name in ab.__all__ if name != "__version__"]
     own = [thing for thing in things if getattr(thing, "__qualname__", None)]
-    found = [member for thing in own for member in members(thing)]
-    return {f"{one.__module__}.{one.__qualname__}": one for one in found}
+    return {f"{one.__module__}.{one.__qualname__}": one for one in own}
 
 
 PUBLIC = {name: one for name, one in public().items() if name.startswith("airzoo_bench.")}
