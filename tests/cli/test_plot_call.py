@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import io
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from airzoo_bench.cli import common
 from airzoo_bench.cli.common import progress, working
-from airzoo_bench.core.progress import report_progress
 from tests.support import run_main, write_predictions
 
 
@@ -45,23 +42,6 @@ def test_work_is_told_to_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> Non
         with working("drawing [red]\x07.png"):
             pass
         assert ("drawing [red]\\x07.png" in stream.getvalue()) is is_told
-
-
-def test_work_that_takes_long_is_named_in_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[str] = []
-    monkeypatch.setattr("sys.stderr", io.StringIO())
-    monkeypatch.setattr(common, "say", said.append)
-    monkeypatch.setitem(report_progress.__kwdefaults__, "first_s", 0.01)
-    with working("drawing"):
-        until = time.monotonic() + 30
-        while not said and time.monotonic() < until:
-            time.sleep(0.01)
-    assert said == ["drawing ..."]
-    monkeypatch.setitem(report_progress.__kwdefaults__, "first_s", 0.2)
-    with pytest.raises(KeyError), working("fetching"):
-        raise KeyError
-    time.sleep(0.4)
-    assert said == ["drawing ..."]  # nothing is named any more that has failed
 
 
 def test_work_within_work_is_shown_below_it(monkeypatch: pytest.MonkeyPatch) -> None:
