@@ -1,4 +1,4 @@
-"""Bringing a prediction into the frame of the truth by its cameras, partners by image name.
+"""Bringing a prediction into the frame of the truth by its cameras and by ICP.
 
 A similarity is fitted to partner cameras, outliers found by a seeded RANSAC. Samples are of three
 cameras, or, on a straight flight strip, whose centres leave the turn about it free, of two and
@@ -21,11 +21,19 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from pykdtree.kdtree import KDTree
 from scipy.spatial import cKDTree
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.reconstruction.clouds import (
+    concatenate_pieces,
+    finite_pieces,
+    finite_rows,
+    map_points,
+)
 from airzoo_bench.reconstruction.settings import Alignment as AlignmentSettings
 from airzoo_bench.reconstruction.similarity import (
     RANK_TOLERANCE,
@@ -40,6 +48,7 @@ LEAST_CAMERAS = 3
 _BLOCK = 50  # trials that are judged at once; how many are made depends on it
 _LEAST_LIMIT = 1e-9  # of the width of the true centres: a residual below it is rounding
 _MOST_REFITS = 100
+_PART = 1 << 18  # points of a cloud at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,3 +403,92 @@ def _sample_blocks(count: int, size: int, settings: RansacSettings) -> Iterator[
                 row += row >= column
             rows = np.sort(np.column_stack((rows, row)), axis=1)
         yield rows
+
+
+# --- iterated closest points ---
+
+# Open3D's registration_icp sums in the order in which its threads finish, so that the same clouds
+# give other last bits on every run; neighbours of pykdtree do not depend on threads.
+
+
+def refine(
+    predicted: CloudSource, truth: CloudSource, settings: AlignmentSettings, *, memory_points: int
+) -> tuple[Similarity, dict[str, Any]]:
+    """Find the similarity that brings a cloud in the frame of the truth nearer to it, by ICP.
+
+    The report has the rounds, the points used, and how near the clouds were before and after: the
+    share of points with the other cloud within the limit (fitness), the root mean square distance
+    of those (rmse), and that of all, each at most the limit (cost).
+    """
+    limit = settings.icp_below_m
+    points = draw_points(predicted, settings.icp_points, settings.seed)
+    origin = next((part[0] for part in finite_pieces(truth, _PART) if len(part)), None)
+    if not len(points) or origin is None:
+        raise AlignmentError("ICP needs points in the prediction and in the truth")
+    # Near zero: the tree works on offsets from a point of the truth.
+    points, near_zero = points - origin, (part - origin for part in finite_pieces(truth, _PART))
+    targets = (map_points if truth.count > memory_points else concatenate_pieces)(near_zero)
+    tree = KDTree(targets)
+
+    def nearest(queries: Floats) -> tuple[Floats, Floats]:
+        _, index = tree.query(queries, distance_upper_bound=limit)
+        there = targets[np.minimum(index, len(targets) - 1)]
+        offset = queries - there
+        found = np.sqrt((offset * offset).sum(axis=1))
+        # The tree compares rounded squares: what it let through at the limit is cut here.
+        found[(index >= len(targets)) | (found > limit)] = np.inf
+        return found, there
+
+    transform = Similarity.identity()
+    distances, partners = nearest(points)
+    before = fit = _fit_of(distances, limit)
+    if np.isfinite(distances).sum() < 3:
+        raise AlignmentError(
+            f"ICP has {np.isfinite(distances).sum()} of {len(distances)} predicted points within "
+            f"{limit:g} of the truth",
+            expected="clouds that overlap after the alignment by cameras",
+            fix="check the poses, or choose an alignment without ICP",
+        )
+    rounds = 0
+    while rounds < settings.icp_iterations:
+        rounds += 1
+        near = np.isfinite(distances)
+        # Without scale the clouds are fitted as they are now: the scale of before stays.
+        moved, with_scale = transform.apply(points[near]), settings.icp_with_scale
+        (step,), (determined,) = fit_many(moved[None], partners[near][None], with_scale=with_scale)
+        step = step.after(transform) if determined else transform
+        distances, found = nearest(step.apply(points))
+        new = _fit_of(distances, limit)
+        if not new["cost"] < fit["cost"]:
+            break
+        gain, transform, fit, partners = fit["cost"] - new["cost"], step, new, found
+        if gain < settings.icp_tolerance * fit["cost"]:
+            break
+    report = {"before": before, "after": fit, "iterations": rounds, "points": len(points)}
+    if fit == before:
+        return Similarity.identity(), report
+    back, start = transform.translation + origin, transform.origin + origin
+    return Similarity(transform.scale, transform.rotation, back, start), report
+
+
+def draw_points(source: CloudSource, count: int, seed: int) -> Floats:
+    """Draw at most `count` of the finite points of a cloud, kept in their order."""
+    random = np.random.default_rng(seed)
+    points, keys = np.zeros((0, 3)), np.zeros(0)
+    for piece in source.pieces(_PART):
+        finite = finite_rows(piece.points)
+        points = np.concatenate((points, piece.points[finite]))
+        keys = np.concatenate((keys, random.random(len(piece))[finite]))
+        if len(keys) > count:
+            kept = np.sort(np.argpartition(keys, count)[:count])
+            points, keys = points[kept], keys[kept]
+    return points
+
+
+def _fit_of(distances: Floats, limit: float) -> dict[str, float]:
+    near = distances[np.isfinite(distances)]
+    squared = float((near * near).sum())
+    capped = squared + limit * limit * (len(distances) - len(near))
+    rmse = float(np.sqrt(squared / len(near))) if len(near) else np.inf
+    cost = float(np.sqrt(capped / len(distances)))
+    return {"fitness": len(near) / len(distances), "rmse": rmse, "cost": cost}

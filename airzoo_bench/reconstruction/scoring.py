@@ -30,6 +30,7 @@ from airzoo_bench.reconstruction.alignment import (
     align,
     alignment_values,
     partners,
+    refine,
     with_residuals,
 )
 from airzoo_bench.reconstruction.cameras import match_cameras
@@ -43,7 +44,6 @@ from airzoo_bench.reconstruction.fusion import (
     fuse,
     point_map_cloud,
 )
-from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.predictions import ScenePrediction
 from airzoo_bench.reconstruction.settings import (
     ReconstructionProtocol,

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment import PosedCameras
-from airzoo_bench.reconstruction.icp import refine
+from airzoo_bench.reconstruction.alignment import PosedCameras, refine
 from airzoo_bench.reconstruction.metrics import (
     auc_of_depth_anything_3,
     centre_errors,

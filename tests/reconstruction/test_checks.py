@@ -26,10 +26,10 @@ from airzoo_bench.reconstruction.checks import (
 )
 from airzoo_bench.reconstruction.similarity import Similarity
 from tests.formats.cloud_support import refused
-from tests.reconstruction.both_scenes import notes_of
 from tests.reconstruction.depth_maps import poses
 from tests.reconstruction.world import (
     World,
+    notes_of,
     predict_clouds,
     save,
     true_points,

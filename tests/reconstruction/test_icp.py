@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.icp import draw_points, refine
+from airzoo_bench.reconstruction.alignment import draw_points, refine
 from airzoo_bench.reconstruction.similarity import Similarity
 from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.posed_cameras import UTM, assert_same
@@ -88,5 +88,5 @@ def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.Mo
     assert (np.diff(some[:, 0]) > 0).all()
     assert not np.array_equal(some, draw_points(Pieces(points), 10, seed=2))
     assert len(draw_points(Pieces(points), 2000, seed=1)) == 999
-    monkeypatch.setattr("airzoo_bench.reconstruction.icp._PART", 37)
+    monkeypatch.setattr("airzoo_bench.reconstruction.alignment._PART", 37)
     np.testing.assert_array_equal(some, draw_points(Pieces(points), 10, seed=1))

@@ -17,14 +17,14 @@ from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.reconstruction.fusion import DepthMaps
 from airzoo_bench.reconstruction.predictions import ScenePrediction, maps_of, open_reconstruction
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
-from tests.reconstruction.cloud_support import surface
-from tests.reconstruction.depth_maps import H, N, W, matrices, poses
-from tests.reconstruction.depth_maps import made as made_views
-from tests.reconstruction.shard_support import (
+from tests.reconstruction.cloud_support import (
     in_shards,
     points_in,
+    surface,
     write_laz,
 )
+from tests.reconstruction.depth_maps import H, N, W, matrices, poses
+from tests.reconstruction.depth_maps import made as made_views
 
 
 @pytest.fixture

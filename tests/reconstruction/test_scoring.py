@@ -23,8 +23,7 @@ from airzoo_bench.reconstruction.scoring import (
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import open_true_cloud
 from tests.formats.cloud_support import LIMIT, SAMPLING
-from tests.reconstruction.cloud_support import surface
-from tests.reconstruction.shard_support import in_shards, opened, points_in, write_laz
+from tests.reconstruction.cloud_support import in_shards, opened, points_in, surface, write_laz
 from tests.reconstruction.world import (
     ORIGIN,
     SIDE,

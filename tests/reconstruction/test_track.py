@@ -19,7 +19,6 @@ from airzoo_bench.reconstruction.cameras import ImagePoses, match_cameras
 from airzoo_bench.reconstruction.similarity import umeyama
 from airzoo_bench.reconstruction.truth import read_truth
 from airzoo_bench.results.result import read_result
-from tests.reconstruction.both_scenes import both, notes_of
 from tests.reconstruction.world import (
     ORIGIN,
     PROTOCOL,
@@ -27,7 +26,9 @@ from tests.reconstruction.world import (
     STEP,
     Array,
     World,
+    both,
     camera_poses,
+    notes_of,
     predict_clouds,
     save,
     true_points,

@@ -14,7 +14,7 @@ import tomli_w
 from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
+from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
@@ -265,3 +265,17 @@ def _plain(chosen: ReconstructionProtocol) -> dict[str, Any]:
 
 def _changed(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in (fields | changes).items() if value is not None}
+
+
+def both(world: World, folder: Path, shift: float = 0.0) -> Path:
+    clouds = {name: true_points(name) + np.array((0, 0, shift)) for name in ("yard", "lot")}
+    return predict_clouds(world, folder / "p", clouds, cameras=False)
+
+
+def notes_of(world: World, path: Path, protocol: str = PROTOCOL) -> list[str]:
+    """Return the notes of an evaluation, which are those of a check."""
+    notes = list(world.score(path, protocol=protocol).result.notes)
+    checked = check(path, data=world.root, protocol=protocol)
+    assert not checked.errors
+    assert sorted(checked.notes) == sorted(notes)
+    return notes

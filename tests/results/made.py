@@ -15,24 +15,12 @@ from airzoo_bench.results.result import (
 
 def result(method: str = "Method", **overall: float) -> Result:
     values = {"recall@1": 0.1 + 0.2, "distance_m": math.inf} | overall
-    columns = (
-        ScoreColumn(
-            key="recall@1",
-            title="R@1",
-            unit="share",
-            higher_is_better=True,
-            average="mean",
-            headline=True,
-        ),
-        ScoreColumn(
-            key="distance_m",
-            title="Distance",
-            unit="m",
-            higher_is_better=False,
-            average="median",
-            headline=False,
-        ),
+    fields = ("key", "title", "unit", "higher_is_better", "average", "headline")
+    rows = (
+        ("recall@1", "R@1", "share", True, "mean", True),
+        ("distance_m", "Distance", "m", False, "median", False),
     )
+    columns = tuple(ScoreColumn(**dict(zip(fields, row, strict=True))) for row in rows)
     return Result(
         track="retrieval",
         protocol=ProtocolUsed(name="p", version=1, fingerprint="f", settings={"k": [1, None]}),

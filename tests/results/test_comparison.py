@@ -1,4 +1,4 @@
-"""Comparison of methods: what is paired with what, and how it comes out."""
+"""Comparison of methods: pairs, their outcome, and methods that tie with the best."""
 
 from __future__ import annotations
 
@@ -7,11 +7,24 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.comparable import choose_scores
-from airzoo_bench.results.comparison import compare
+from airzoo_bench.results.comparison import Comparison, against_best, compare
+from airzoo_bench.results.records import Scored
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison import comparison_table
-from tests.results.compared import EAST, FAST, WEST, against, hits
 from tests.statistics.support import ERROR, HIT, made_method, random_methods
+
+FAST = ResamplingConfig(resamples=1_000)
+EAST, WEST = [1.0, 1, 1, 1, 1, 0, 0, 0], [1.0, 1, 1, 0, 0]
+
+
+def hits(name: str, east: list[float], west: list[float]) -> Scored:
+    return made_method({"east": {"recall@1": east}, "west": {"recall@1": west}}, name=name)
+
+
+def against(*methods: Scored, **options: object) -> Comparison:
+    scores = choose_scores(methods, [])
+    return compare(methods, scores, resampling=FAST, **options)  # type: ignore[arg-type]
 
 
 def test_by_hand():
@@ -91,3 +104,19 @@ def test_equal_averages_are_equal_whatever_their_rounding():
     assert table.texts()[0][5].startswith("0.00")
     said = "b and a cannot be told apart on R@1: both have the same value (95 % interval"
     assert table.notes[0].startswith(said)
+
+
+def test_every_method_against_the_best_as_compare_does() -> None:
+    methods = random_methods(4, {"east": 60, "west": 50}, (HIT, ERROR))[::-1]
+    for scene in (None, "west"):
+        found = against_best(methods, [HIT, ERROR], FAST, scene)
+        assert list(found) == ["recall@1", "error_m"]
+        for score in (HIT, ERROR):
+            pairs = compare(methods, [score], reference="best", scene=scene, resampling=FAST)
+            of_best = found[score.key]
+            assert methods[of_best.best].name == pairs.reference
+            p_values = {methods[of_best.best].name: 1.0}
+            p_values |= {pair.method: pair.p_holm for pair in pairs.pairs}
+            assert of_best.p_values == tuple(p_values[method.name] for method in methods)
+            assert of_best.tied == tuple(p > 0.05 for p in of_best.p_values)
+            assert of_best.tied[of_best.best]

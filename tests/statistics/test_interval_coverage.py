@@ -7,7 +7,7 @@ import pytest
 
 from airzoo_bench.statistics.intervals import bootstrap
 from airzoo_bench.statistics.samples import ResamplingConfig
-from tests.statistics.interval_support import limits, sample
+from tests.statistics.support import limits, sample
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from airzoo_bench.statistics.intervals import (
     jackknife_moments,
 )
 from airzoo_bench.statistics.samples import ResamplingConfig, leave_one_out
-from tests.statistics.interval_support import FAST, MEAN, MEDIAN, limits, sample
+from tests.statistics.support import FAST, MEAN, MEDIAN, limits, sample
 
 
 def test_percentiles_by_hand():
