@@ -86,12 +86,12 @@ def _predict(
 
 def demo(
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Where predictions and results go.")
+        Path, typer.Option("--out", "-o", help="Folder for predictions and results.")
     ] = Path("airzoo-demo"),
 ) -> None:
     """Run a plain method on every track of a small benchmark, and print the tables.
 
-    Needs no data: the benchmark is shipped. Predictions of an earlier run are used again.
+    Needs no data: the benchmark is part of the package. Predictions of an earlier run are reused.
     """
     from airzoo_bench.benchmark.folder import find_benchmark
     from airzoo_bench.core.files import check_output_folder, data_root

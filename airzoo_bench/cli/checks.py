@@ -23,7 +23,7 @@ def audit(
     table: Annotated[
         Path,
         typer.Argument(
-            help="CSV, a line a number: the columns method, scene, metric, value, and any of "
+            help="CSV, one number a line: the columns method, scene, metric, value, and any of "
             "table, benchmark, track, unit, n, bold, gain."
         ),
     ],
@@ -32,14 +32,14 @@ def audit(
         list[str] | None,
         typer.Option(
             help="Queries of scenes, as 'scene=n,...' or 'benchmark/scene=n,...', repeatable "
-            "(default: what the file says, else what the values imply)."
+            "(default: from the file, else implied by the values)."
         ),
     ] = None,
 ) -> None:
-    """Check a published table against arithmetic. Exit code 1 when it contradicts itself.
+    """Check a published table by arithmetic. Exit code 1 if it contradicts itself.
 
-    Numbers as they are typed off a page: the first line 'method,scene,metric,value', then a line a
-    number, such as 'X,City,R@1,8.70'. Keep trailing zeros. See docs/audit.md.
+    The first line is 'method,scene,metric,value', each further line a number as printed, such as
+    'X,City,R@1,8.70', with its trailing zeros. See docs/audit.md.
     """
     from airzoo_bench.audit.audit import audit as audit_published
     from airzoo_bench.audit.counts import parse_counts
@@ -73,7 +73,7 @@ def check_geometry(
     depth: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of the depth maps, or of one for each scene (default: depth/ next to the "
+            help="Folder of the depth maps, or of a folder by scene (default: depth/ next to the "
             "folder of the photos)."
         ),
     ] = None,
@@ -85,11 +85,11 @@ def check_geometry(
         typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG."),
     ] = None,
     median_below: Annotated[
-        float, typer.Option(min=0.0, help="The median relative depth error must be below this.")
+        float, typer.Option(min=0.0, help="Limit of the median relative depth error.")
     ] = 0.00066,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
-    """Check frames and depth of a dataset; exit code 1 where something is wrong."""
+    """Check frames and depth of a dataset. Exit code 1 if something is wrong."""
     from airzoo_bench.datasets.geometry_checks import scenes
     from airzoo_bench.datasets.geometry_checks.report import geometry_table
 
@@ -150,9 +150,9 @@ def check_split(
     ] = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
-    """Check that no photo of one set sees ground that a photo of another sees.
+    """Check that photos of two sets see no common ground.
 
-    Exit code 1 where one does, with the pairs named.
+    Exit code 1 if some do; the pairs are named.
     """
     from airzoo_bench.datasets.geometry_checks import splits
 

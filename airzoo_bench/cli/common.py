@@ -49,7 +49,7 @@ MemoryOption = Annotated[
     str,
     typer.Option(
         "--max-memory",
-        help="Memory that a file may take, such as 512M or 4G; also a Dask worker's.",
+        help="Memory that a file may take, such as 512M or 4G; also the limit of a Dask worker.",
     ),
 ]
 ReaderOption = Annotated[
@@ -64,7 +64,7 @@ NamesOption = Annotated[
     Path | None,
     typer.Option(
         "--names",
-        help="A list of images, a line each, in the method's order, for files that do not name "
+        help="A list of images, one a line, in the method's order, for files that do not name "
         "them.",
     ),
 ]
@@ -92,23 +92,23 @@ ScoresOption = Annotated[
     list[str] | None,
     typer.Option("--score", help="Key or title, repeatable (default: the paper's scores)."),
 ]
-AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not the paper's only.")]
+AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not only the paper's.")]
 EngineOption = Annotated[
     str,
     typer.Option(
         "--engine",
         metavar="local|dask|ADDRESS",
-        help="Where work is done, with the same result: here; on --jobs workers of Dask on this "
-        "machine (extra `dask`); or at a scheduler of Dask, such as tcp://10.0.0.5:8786, whose "
-        "workers see all files under the paths that they have here.",
+        help="Where to compute, with the same result: here; on --jobs Dask workers of this "
+        "machine (extra `dask`); or by a Dask scheduler, such as tcp://10.0.0.5:8786, whose "
+        "workers must see all files under the same paths.",
     ),
 ]
 ResumeOption = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Keep each scene that is scored, and go on from those that a run with this --out and "
-        "--resume had kept when it was stopped.",
+        help="Keep each scored scene, and continue from scenes kept by an earlier run with this "
+        "--out and --resume.",
     ),
 ]
 JobsOption = Annotated[

@@ -24,7 +24,7 @@ _TITLES = (
 
 
 def download(
-    benchmark: Annotated[str, typer.Argument(help="As `prepare` names it.")],
+    benchmark: Annotated[str, typer.Argument(help="Its name in `prepare`.")],
     to: Annotated[
         Path | None, typer.Option("--to", help="Folder to put it in (default: its name).")
     ] = None,
@@ -35,7 +35,7 @@ def download(
 ) -> None:
     """Fetch a published benchmark from Hugging Face, or list the links to its files.
 
-    Run it again to go on after an interruption; files that are there and whole are not fetched
+    Run it again after an interruption: files that are there and whole are not fetched
     again.
     """
     offered = {name: about for name in DATASETS.names() if (about := _about(name)) is not None}
@@ -99,9 +99,9 @@ def protocols(
     data: DataOption = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
-    """List the protocols that are shipped or stand in prepared benchmark folders.
+    """List the protocols of the package and of prepared benchmark folders.
 
-    With a name: its file, and what is known of the benchmark's data.
+    With a name, print its file, and licence and assumptions of the benchmark.
     """
     from airzoo_bench.protocol.lookup import find_protocol, load_protocol, protocol_files
 

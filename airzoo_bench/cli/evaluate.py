@@ -51,8 +51,8 @@ OutOption = Annotated[
         "--out",
         "-o",
         metavar="PATH|URL",
-        help="Folder for result.json and records.csv, in place of an earlier run's; at s3://, "
-        "gs:// or hf:// too.",
+        help="Folder for result.json and records.csv, which replace an earlier run's; also s3://, "
+        "gs:// or hf://.",
     ),
 ]
 MethodOption = Annotated[
@@ -69,7 +69,7 @@ class _EvalGroup(BuiltGroup):
     }
 
     def command_of(self, thing: TrackInfo) -> tuple[Command, str, str]:
-        about = typer.Argument(metavar="PREDICTIONS", help=f"{thing.argument} A path or a URL.")
+        about = typer.Argument(metavar="PREDICTIONS", help=f"{thing.argument} Path or URL.")
         own = {one.name: typer.Option(f"--{one.name}", help=one.help) for one in thing.options}
         parameters = [
             parameter("predictions", Annotated[str, about]),

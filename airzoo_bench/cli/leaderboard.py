@@ -30,7 +30,7 @@ from airzoo_bench.leaderboard.scoring import (
 from airzoo_bench.leaderboard.sealing import read_key
 
 app = typer.Typer(
-    help="A board in a repository of your own: its files, its CI, its pages.",
+    help="A board in your own repository: its files, CI and pages.",
     no_args_is_help=True,
 )
 
@@ -59,7 +59,7 @@ def init(
         typer.Option(help="Its name where it is hosted, such as lab/board.", show_default=False),
     ] = None,
 ) -> None:
-    """Write the files of a board: leaderboard.toml, workflows, folders, docs for submitters.
+    """Write the files of a board: leaderboard.toml, workflows, folders, a page for submitters.
 
     The board is of AirZoo-Mini, so that everything can be tried at once; put your
     own benchmark in its place afterwards. No file is replaced.
@@ -98,8 +98,8 @@ def score(
 ) -> None:
     """Score a pull request, a sealed submission, or all merged submissions without a score.
 
-    Exit code 0 if all is well, 1 where a submission is refused or cannot be scored,
-    2 where the event or the board is at fault.
+    Exit code 0 if all is well, 1 if a submission is refused or cannot be scored,
+    2 if the event or the board is wrong.
     """
     check_limits()
     run = Run(_MEMORY_BYTES, jobs=os.cpu_count() or 1, limits=Limits(_MEMORY_BYTES))
@@ -123,7 +123,7 @@ def score(
 @app.command(epilog=examples("leaderboard comment found.json -o comment.md"))
 def comment(
     findings: Annotated[
-        list[Path], typer.Argument(help="Findings of all steps; the last that exists counts.")
+        list[Path], typer.Argument(help="Findings of all steps; the last one that exists counts.")
     ],
     out: OutOption,
 ) -> None:
@@ -154,8 +154,8 @@ def keep(
 ) -> None:
     """Put runs, tries and answers of sealed truths onto the branch of the board's data.
 
-    Exit code 1 where the account has no try left: two jobs at once cannot both
-    have the last one.
+    Exit code 1 if the account has no try left; of two jobs at once only one gets
+    the last try.
     """
     with tempfile.TemporaryDirectory() as folder:
         branch = DataBranch(Path(folder) / "data.git", remote)
@@ -205,9 +205,9 @@ def build(
 @app.command(epilog=examples("leaderboard serve site"))
 def serve(
     site: Annotated[Path, typer.Argument(help="The folder that `leaderboard build` made.")] = _SITE,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any that is free.")] = 8000,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any free port.")] = 8000,
 ) -> None:
-    """Show a built site at an address of this machine alone, until Ctrl-C."""
+    """Serve a built site to this machine only, until Ctrl-C."""
     serve_folder(site, port, put)
 
 

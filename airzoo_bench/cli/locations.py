@@ -17,8 +17,8 @@ DataOption = Annotated[
     typer.Option(
         "--data",
         metavar="PATH|URL",
-        help="The benchmark folder, or the folder that holds it; or where it lies in a storage, "
-        "such as s3://bucket/name (default: $AIRZOO_BENCH_DATA, else a cache folder).",
+        help="The benchmark folder, the folder that holds it, or the URL of either, such as "
+        "s3://bucket/name (default: $AIRZOO_BENCH_DATA, else a cache folder).",
     ),
 ]
 ResultsArgument = Annotated[

@@ -26,7 +26,7 @@ class _Flight(StrEnum):
 
 
 app = typer.Typer(
-    cls=LightGroup, help="AirZoo-Mini: take photos of its world.", no_args_is_help=True
+    cls=LightGroup, help="Render frames of AirZoo-Mini's world.", no_args_is_help=True
 )
 app.callback()(lambda: None)
 
@@ -34,13 +34,13 @@ app.callback()(lambda: None)
 @app.command(cls=in_panels({}), epilog=examples("mini render --region rural -o frames"))
 def render(
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder to write into.")],
-    region: Annotated[_Region, typer.Option(help="Which of its regions.")] = _Region.CITY,
+    region: Annotated[_Region, typer.Option(help="The region.")] = _Region.CITY,
     flight: Annotated[_Flight, typer.Option(help="The kind of flight.")] = _Flight.BARREL_ROLL,
     weather: Annotated[str, typer.Option(help="sunny, cloudy, rainy, foggy, snowy.")] = "sunny",
     time_of_day: Annotated[str, typer.Option(help="day, sunset, night.")] = "day",
-    seed: Annotated[int, typer.Option(min=0, help="Another seed is another place.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed makes another world.")] = 0,
 ) -> None:
-    """Render a flight's key frames: photos, metric depth, and where each was taken.
+    """Render a flight's key frames: photos, metric depth and poses.
 
     Prints the maps of the region: orthophoto, surface model, satellite mosaic. A run that was
     stopped goes on: frames that are there are not rendered again.

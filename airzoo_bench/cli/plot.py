@@ -26,25 +26,25 @@ _SCENE = parameter("scene", SceneOption, None)
 _DATA = parameter("data", DataOption, None)
 _LAST = (
     _option("width", str | None, "Such as 3.3in or 8.4cm (default: what the content needs)."),
-    _option("bare", bool, "Say the small print on stderr, for the caption.", False),
+    _option("bare", bool, "Print the notes to stderr, for the caption.", False),
 )
 # Of each kind, a function of `airzoo_bench.report.draw`: its help, an example, its options.
 _KINDS: dict[str, tuple[str, str, tuple[Parameter, ...]]] = {
     "recall": (
-        "Draw recall at K over K, a curve a method, the mean over scenes. Of retrieval.\n\n"
+        "Draw recall at K over K for each method of retrieval, as the mean over scenes.\n\n"
         "Each curve goes as far as the method's longest list.",
         "-o recall.pdf --up-to 20",
         (_option("up_to", int | None, "The largest K (default: all kept).", min=1), _SCENE),
     ),
     "errors": (
-        "Draw the share of queries whose error is below a value, a curve a method.\n\n"
+        "Draw for each method the share of queries with an error below a value.\n\n"
         "The score is an error in metres or degrees. Failures are infinite: their curve never "
         "reaches 100 %.",
         "--score rotation_deg -o errors.pdf",
         (_SCORE, _SCENE),
     ),
     "thresholds": (
-        "Draw precision, recall and F1 over the protocol's distances. Of reconstruction.",
+        "Draw precision, recall and F1 of reconstruction over the protocol's distances.",
         "-o thresholds.pdf",
         (_SCENE,),
     ),
@@ -59,7 +59,7 @@ _KINDS: dict[str, tuple[str, str, tuple[Parameter, ...]]] = {
         (_SCORE,),
     ),
     "condition": (
-        "Draw a score in groups of queries, with 95 % intervals, a marker a method and group.",
+        "Draw a score of each method in groups of queries, with 95 % intervals.",
         "--by altitude_m -o altitude.svg",
         (
             _option("by", str, "A column of the records, such as weather.", Parameter.empty),
@@ -69,20 +69,20 @@ _KINDS: dict[str, tuple[str, str, tuple[Parameter, ...]]] = {
         ),
     ),
     "map": (
-        "Draw a scene's map: hits and misses of retrieval; arrows of errors, magnified, of matching"
-        "\n\nOf one run. Arrows need a run that was scored with --figures.",
+        "Draw a scene's map with hits and misses of retrieval, or arrows of matching's errors."
+        "\n\nTakes one run. Arrows need a run that was scored with --figures and are magnified.",
         "-o map.png",
         (_SCENE, _DATA),
     ),
     "query": (
         "Draw a query: its photo and first tiles, or its matches coloured by residual.\n\n"
-        "Of one run. Matches need a run that was scored with --figures.",
+        "Takes one run. Matches need a run that was scored with --figures.",
         "--query city/0001 -o query.png",
         (_option("query", str, "The id of the query.", Parameter.empty), _DATA),
     ),
     "cloud": (
         "Draw predicted and true cloud, coloured by their errors, with precision and recall.\n\n"
-        "Of one run that was scored with --figures.",
+        "Takes one run that was scored with --figures.",
         "-o cloud.png",
         (_SCENE,),
     ),

@@ -48,10 +48,10 @@ def check(
     max_memory: MemoryOption = "2G",
     untrusted: UntrustedOption = False,
 ) -> None:
-    """List every error of predictions, their reader, and how many queries they answer.
+    """List every error in predictions, their reader, and how many queries they answer.
 
-    Exit code 0: eval would take them; 1: it would refuse them; 2: there is nothing to check, such
-    as no file or an unknown protocol.
+    Exit code 0: eval would take them; 1: it would refuse them; 2: there is nothing to check, as
+    with no file or an unknown protocol.
 
     Needs no truth. With the benchmark folder, ids are checked and reconstructions are aligned, so
     that every error of eval is found.
@@ -113,10 +113,10 @@ def template(
 
 
 def readers(
-    name: Annotated[str | None, typer.Argument(help="Say all of this reader.")] = None,
+    name: Annotated[str | None, typer.Argument(help="Describe this reader.")] = None,
     form: FormatOption = Format.TERMINAL,
 ) -> None:
-    """List what reads files as methods write them."""
+    """List the readers of methods' own files, or describe one."""
     from airzoo_bench.core.registry import READERS
     from airzoo_bench.evaluation.reader import reader_named
 

@@ -42,7 +42,7 @@ def compare(
 ) -> None:
     """Compare methods query by query: differences, intervals, tests, a verdict in words.
 
-    Of one result, its intervals are printed.
+    With one result, print its intervals.
     """
     from airzoo_bench.api.results import compare as compare_results
 
@@ -70,8 +70,8 @@ def breakdown(
 ) -> None:
     """Print scores by weather, altitude or any other column of the records.
 
-    One result gives a column a score, with 95 % intervals where it is one; several give a column a
-    method, of the first score unless some are named.
+    With one result each column is a score, and a single score has 95 % intervals. With several
+    results each column is a method, for the first score or each --score.
     """
     from airzoo_bench.results.comparable import check_same_queries, choose_scores, score_keys
     from airzoo_bench.results.files import result_paths, results_here
@@ -113,7 +113,7 @@ def report(
 ) -> None:
     """Write a report: tables, curves, maps, clouds, the hardest queries, settings.
 
-    Results of one protocol and truth stand side by side; others get parts of their own. Maps and
+    Results of one protocol and truth are shown side by side; others get their own parts. Maps and
     photos are added where the benchmark folder is there; matches, arrows of errors and clouds where
     runs were scored with --figures.
     """

@@ -27,20 +27,20 @@ KeyOption = Annotated[
     Path | None,
     typer.Option("--key", help="The key file (default: the key in $AIRZOO_BENCH_KEY)."),
 ]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace what stands there.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there.")]
 
 
 def seal(
     folder: Annotated[Path, typer.Argument(help="Benchmark folder, with all its data in it.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The public folder to write.")],
     archive: ArchiveOption,
-    to: Annotated[str, typer.Option("--to", help="The public key, age1..., of who will score.")],
+    to: Annotated[str, typer.Option("--to", help="The host's public key, age1...")],
     force: ForceOption = False,
 ) -> None:
     """Split a benchmark folder into a public one without the truth, and an archive with it.
 
     Methods get photos without metadata, cameras, priors, tiles, crops and maps;
-    docs/leaderboard.md says what else there is to think of.
+    docs/leaderboard.md says what else to consider.
     """
     to_key = sealing.recipient(to)
     committed, counts = sealing.seal(folder, out, archive, to_key, replace=force, progress=progress)
@@ -60,12 +60,12 @@ def seal_score(
     key: KeyOption = None,
     data: DataOption = None,
     method: Annotated[
-        str | None, typer.Option("--method", help="Its name (default: that of the file).")
+        str | None, typer.Option("--method", help="The method's name (default: the file's).")
     ] = None,
     reader: ReaderOption = None,
     names: NamesOption = None,
 ) -> None:
-    """Score predictions against a sealed truth, and print what a submitter may be told, as JSON.
+    """Score predictions against a sealed truth, and print the public scores as JSON.
 
     Nothing else of the truth is printed or kept.
     """

@@ -34,7 +34,7 @@ PANELS = {
     "Board": ("board", "force", "commit"),
 }
 
-app = typer.Typer(help="Check what is sent to a leaderboard.", no_args_is_help=True)
+app = typer.Typer(help="Check a submission to a board.", no_args_is_help=True)
 
 _FETCHING_S = 3600.0
 
@@ -49,13 +49,13 @@ Texts = list[str] | None
 
 def submit(
     predictions: Annotated[Path, typer.Argument(help="A prediction file or folder.")],
-    protocol: Annotated[Text, _option("Default: the one that the file names.")] = None,
+    protocol: Annotated[Text, _option("The protocol (default: from the file).")] = None,
     method: Annotated[Text, _option("The method's name in tables.")] = None,
     team: Annotated[Text, _option("Who submits.")] = None,
-    contact: Annotated[Text, _option("For the maintainers; shown on no page.")] = None,
+    contact: Annotated[Text, _option("For the maintainers; not shown on pages.")] = None,
     author: Annotated[Texts, _option("Author of the method; repeatable.")] = None,
     licence: Annotated[Text, _option("Licence of the predictions, by SPDX.")] = None,
-    training_data: Annotated[Texts, _option("Id of a dataset, or 'none'; once for each.")] = None,
+    training_data: Annotated[Texts, _option("Id of a dataset, or 'none'; repeatable.")] = None,
     stages: Annotated[Text, _option("single-stage or re-ranked.")] = None,
     more: Annotated[
         Texts,
@@ -65,7 +65,7 @@ def submit(
         Text, _option("Where CI fetches the predictions; then they are not copied.")
     ] = None,
     reader: Annotated[Text, _option("The reader of a method's own files.")] = None,
-    names: Annotated[Path | None, _option("A list of images, where files name none.")] = None,
+    names: Annotated[Path | None, _option("A list of images, if files name none.")] = None,
     board: Annotated[
         Path, _option("The board's repository (default: where leaderboard.toml is, above).")
     ] = Path(),
@@ -76,11 +76,11 @@ def submit(
         bool, typer.Option("--commit/--no-commit", help="Make a branch and a pull request.")
     ] = True,
 ) -> None:
-    """Submit predictions to the board whose repository this is.
+    """Submit predictions to the board in this repository.
 
     Writes the folder of the submission, checks it as CI will, commits it on a branch of its own,
-    and opens the pull request by gh, or prints the commands that do. Missing options are asked
-    for on a terminal. docs/submission.md says what each key is for.
+    and opens the pull request by gh, or prints the commands for that. On a terminal it asks for
+    missing options. docs/submission.md explains each key.
     """
     root, data, read_by = board_root(board), data_root(), ReadBy(reader, names)
     rules = read_board(root / BOARD_FILE)
@@ -123,7 +123,7 @@ def _protocol_of(predictions: Path, read_by: ReadBy, data: Path) -> str | None:
 
 @app.callback()
 def _group() -> None:
-    """Check what is sent to a leaderboard."""
+    """Check a submission to a board."""
 
 
 @app.command(epilog=examples("submission check submissions/airzoo-mini/matching/sift"))
@@ -133,10 +133,10 @@ def check(
         bool, typer.Option("--fetch", help="Fetch predictions at an address, to check them too.")
     ] = False,
 ) -> None:
-    """Check a submission as CI will: all that it refuses is found here, at the price of no try.
+    """Check a submission as CI will, without using a try.
 
-    It is scored too where the benchmark is in the data root. Exit code 0 if nothing is wrong, 1 if
-    anything is, 2 where there is nothing to check: no such folder, no board.
+    It is scored too if the benchmark is in the data root. Exit code 0 if nothing is wrong, 1 if
+    something is, 2 if there is nothing to check: no such folder, no board.
     """
     if not (folder / SUBMISSION_FILE).exists():
         fix = "`airzoo-bench submit` makes one"

@@ -30,5 +30,5 @@ _results = Annotated[list[str], typer.Argument(metavar="RESULTS", help=_about)]
 table = with_parameters(
     _table,
     [parameter("results", _results), *option_parameters(TableRequest)],
-    "Print one result by scene, or several side by side by method.",
+    "Print one result by scene, or several results side by side.",
 )

@@ -34,7 +34,7 @@ class TableRequest:
     layout: Annotated[
         Layout | None,
         _option(
-            "result: a row a scene; methods: a row a method; scenes: methods by scenes side by "
+            "result: a row by scene; methods: a row by method; scenes: methods by scenes side by "
             "side; benchmarks: methods by benchmarks (default: result for one, methods for "
             "several of one protocol, else benchmarks)."
         ),
@@ -45,11 +45,11 @@ class TableRequest:
     every: AllOption = False
     scores: ScoresOption = None
     published: Annotated[
-        bool, _option("Add rows of published numbers, marked as such.", "--published")
+        bool, _option("Add rows of published numbers, with a dagger.", "--published")
     ] = False
     floors: Annotated[
         bool,
-        _option("Add rows for what needs no method: chance level, the prior itself.", "--floors"),
+        _option("Add rows without a method: the chance level, the prior itself.", "--floors"),
     ] = False
     rename: Annotated[
         Texts,
@@ -62,7 +62,7 @@ class TableRequest:
         bool, _option("Show 95 % intervals next to the values.", "--intervals")
     ] = False
     decimals: Annotated[
-        int | None, _option("Digits behind the point (default: 2).", min=0, max=6)
+        int | None, _option("Digits after the point (default: 2).", min=0, max=6)
     ] = None
     second: Annotated[bool, _option("Underline the second best of each score.", "--second")] = False
     baseline: Annotated[
@@ -74,6 +74,6 @@ class TableRequest:
     ] = None
     highlight: Annotated[Texts, _option("Colour this method's row; repeatable.")] = None
     cite: Annotated[
-        Texts, _option("LaTeX: METHOD=KEY, a .toml file of such, or airzoo-paper; repeatable.")
+        Texts, _option("LaTeX: METHOD=KEY, a .toml file of these, or airzoo-paper; repeatable.")
     ] = None
     form: FormatOption = Format.TERMINAL

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from airzoo_bench.core.registry import Option
 
-DOUBLED = Option("double", "Look for the finest features too, for four times the time.")
+DOUBLED = Option("double", "Find the finest features too, which takes four times as long.")
 
 
 @dataclass(frozen=True)

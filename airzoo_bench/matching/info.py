@@ -13,11 +13,11 @@ from airzoo_bench.evaluation.info import DOUBLED, Baseline, EvalOption, TrackInf
 class SiftSettings:
     """How the baseline matches photos with the map; see `geometry.sift` for features."""
 
-    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 4)] = 8192
+    max_features: Annotated[int, Option("features", "Most SIFT features of a photo.", 4)] = 8192
     max_map_features: int = 16384  # of a crop
     peak_threshold: float = 0.02 / 3  # pycolmap's own
     ratio: float = 0.8  # of the nearest to the second distance
-    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 2000
+    long_side_px: Annotated[int, Option("long-side", "Largest side of a photo, px.", 64)] = 2000
     doubled: Annotated[bool, DOUBLED] = True
 
 
@@ -33,7 +33,7 @@ INFO = TrackInfo(
     options=(
         EvalOption(
             "figures",
-            "Draw errors, matches and maps into --out, for report and plot too.",
+            "Draw errors, matches and maps into --out; report and plot use them.",
             "airzoo_bench.report.matching:draw_figures",
             files=r"errors\.png|matches\.npz|.+_(map|matches)\.png",
         ),

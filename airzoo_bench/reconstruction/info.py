@@ -21,8 +21,8 @@ class SfmSettings:
     largest reprojection error, in pixels of the photo made small.
     """
 
-    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1600
-    max_features: Annotated[int, Option("features", "SIFT features of a photo.", 100)] = 4096
+    long_side_px: Annotated[int, Option("long-side", "Largest side of a photo, px.", 64)] = 1600
+    max_features: Annotated[int, Option("features", "Most SIFT features of a photo.", 100)] = 4096
     peak_threshold: float = 0.02 / 3
     doubled: Annotated[bool, DOUBLED] = True
     ratio: float = 0.8
@@ -48,7 +48,7 @@ INFO = TrackInfo(
     options=(
         EvalOption(
             "figures",
-            "Draw clouds by their errors into --out, for report and plot too.",
+            "Draw clouds by their errors into --out; report and plot use them.",
             "airzoo_bench.report.reconstruction:draw_figures",
             files=r"clouds\.npz|.+_(cloud|curve|precision|recall)\.png",
         ),

@@ -15,7 +15,7 @@ class VladSettings:
 
     max_features: int = 2048  # the strongest of an image are kept
     doubled: Annotated[bool, DOUBLED] = True
-    long_side_px: Annotated[int, Option("long-side", "Photos are made this small, px.", 64)] = 1024
+    long_side_px: Annotated[int, Option("long-side", "Largest side of a photo, px.", 64)] = 1024
 
 
 INFO = TrackInfo(
