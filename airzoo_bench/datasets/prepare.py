@@ -199,7 +199,8 @@ def _difference(records: Mapping[str, Record], source: Source) -> str:
         for name in now
         if before.get(name, now[name]) != now[name]
     ]
-    said += [f"scenes {', '.join(records)}"] * (set(records) != set(source.scenes))
+    if set(records) != set(source.scenes):
+        said.append(f"scenes {', '.join(records)}, now {', '.join(source.scenes)}")
     otherwise = "from files that have changed since, or by another version of this suite"
     return f"with {'; '.join(said)}" if said else otherwise
 
