@@ -218,8 +218,7 @@ def prepare_scenes(
             prepared = run.assemble()
         except BaseException:
             if len(run.keys) > 1 and run.staging.is_dir() and any(run.staging.iterdir()):
-                kept = f"finished scenes are kept in {run.staging}"
-                settings.note(f"{kept}; the same command goes on from there")
+                settings.note(f"finished scenes are kept in {run.staging} for the next run")
             else:
                 shutil.rmtree(run.staging, ignore_errors=True)
             raise
