@@ -31,24 +31,19 @@ _KINDS: dict[str, Any] = {
     "thresholds": thresholds,
 }
 OF_ONE_RUN = ("map", "query", "cloud")
-_WITH_QUERIES = "retrieval or matching"
 
 
 def choose_score(
     methods: Sequence[Scored], wanted: str | None, *, of_errors: bool = False
 ) -> ScoreColumn:
     """Return the score that was named, else the first headline one, or the first error."""
-    if wanted is not None:
-        chosen = choose_scores(methods, [wanted])[0]
-        if of_errors and chosen.unit == "share":
-            raise UsageError(f"{chosen.title} is no error", expected="a score in m or degrees")
-        return chosen
-    if not of_errors:
-        return choose_scores(methods, [])[0]
-    found = [column for column in methods[0].result.columns if column.unit != "share"]
-    if not found:
-        raise UsageError("these results have no errors in m or degrees")
-    return found[0]
+    named = wanted is not None or not of_errors
+    found = choose_scores(methods, [wanted] if wanted else [], every=not named)
+    errors = [score for score in found if score.unit != "share"]
+    if of_errors and not errors:
+        expected = "a score in m or degrees"
+        raise UsageError(f"{found[0].title} is no error", expected=expected)
+    return errors[0] if of_errors else found[0]
 
 
 def of_scene(methods: Sequence[Scored], wanted: str) -> list[Scored]:
@@ -102,7 +97,9 @@ def of_run(
     """Draw a scene's ``map``, a ``query`` or a scene's ``cloud`` of a single run."""
     section = read_sections(paths)[0]
     if len(paths) > 1 or (kind == "cloud") == section.by_query:
-        expected = "one result of " + ("reconstruction" if kind == "cloud" else _WITH_QUERIES)
+        expected = "one result of " + (
+            "reconstruction" if kind == "cloud" else "retrieval or matching"
+        )
         raise UsageError(f"plot {kind} draws a single run of its track", expected=expected)
     titles, matching = section.first.truth.scene_titles, section.track == "matching"
     wanted = next(iter(titles)) if scene is None else find_scene(titles, scene)

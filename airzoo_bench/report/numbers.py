@@ -29,7 +29,7 @@ from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL, holm
-from airzoo_bench.tables.breakdown import breakdown_table, condition_title
+from airzoo_bench.tables.breakdown import breakdown_table, condition_title, group_records
 from airzoo_bench.tables.comparison import LEAST_P, differences_table, sentence, verdict
 from airzoo_bench.tables.intervals import (
     intervals_made,
@@ -321,8 +321,9 @@ def breakdown_panes(section: Section) -> list[Pane]:
         return []
     panes = []
     for by in section.conditions:
+        grouping = group_records(section.methods[0].records, by)
         for score in section.query_scores:
-            table = breakdown_table(section.methods, [score], by)
+            table = breakdown_table(section.methods, [score], by, grouping=grouping)
             caption = f"{heading(score)} by {condition_title(by)}, all scenes"
             if any(cell.best for row in table.rows for cell in row.cells):
                 caption += "; ★ marks the best, which is not tested"

@@ -172,7 +172,7 @@ def _part(
         "clouds": clouds,
         "counts": _counts(section),
         "settings": [
-            (f"{key}.{name}" if name else key, canonical_json(value))
+            (f"{key}.{name}".rstrip("."), canonical_json(value).strip('"'))
             for key, part in first.protocol.settings.items()
             for name, value in (part.items() if isinstance(part, dict) else [("", part)])
         ],

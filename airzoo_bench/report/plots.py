@@ -315,7 +315,7 @@ def _draw_span(axes: Axes, ends: Floats, place: float, style: dict[str, Any], al
     """Draw an interval, if there is one, along an axis; an arrow where it has no upper limit."""
     low, high = ends.tolist()
     flat = along == "x"
-    if np.isnan(low):
+    if not np.isfinite(low):
         return
     if np.isfinite(high):
         pair = (place, place)

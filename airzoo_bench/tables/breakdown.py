@@ -240,10 +240,12 @@ def breakdown_table(
     *,
     bins: Sequence[float] | None = None,
     resampling: ResamplingConfig | None = None,
+    grouping: Grouping | None = None,
 ) -> Table:
     """Lay out scores by group: over all queries of the group, whatever their scene."""
-    check_same_column(methods, by)
-    grouping = group_records(methods[0].records, by, bins, keep_empty=True)
+    if grouping is None:
+        check_same_column(methods, by)
+        grouping = group_records(methods[0].records, by, bins, keep_empty=True)
     sample, result = pooled_sample(methods, scores), methods[0].result
     counts, protocol = grouping.counts.tolist(), result.protocol
     averages = group_averages(sample.values[0], sample.medians, grouping.codes, len(counts))
