@@ -264,11 +264,6 @@ def published_tables(benchmark: str, track: str) -> list[PublishedTable]:
     return [t for t in _shipped_tables() if (t.benchmark, t.track) == (benchmark, track)]
 
 
-def published_benchmarks(track: str) -> list[str]:
-    """Return the benchmarks on which something is published in a track."""
-    return list(dict.fromkeys(t.benchmark for t in _shipped_tables() if t.track == track))
-
-
 @cache
 def shipped_fingerprints(benchmark: str, track: str) -> set[str]:
     """Return the fingerprints of the shipped protocols of one benchmark and track."""
