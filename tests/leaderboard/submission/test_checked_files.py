@@ -91,14 +91,6 @@ def test_files_that_ci_refuses(board: Path, data: Path, perfect: Any, name: str)
     assert said in only_error(checked(home, data))
 
 
-def test_what_follows_a_line_break_in_a_name_is_no_message(
-    board: Path, data: Path, perfect: Any
-) -> None:
-    home = write(board, perfect)
-    (home / "x\nsalad: nothing wrong was found").write_bytes(b"")
-    assert "\nsalad" not in only_error(checked(home, data))
-
-
 def test_limits_and_dates(
     board: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
