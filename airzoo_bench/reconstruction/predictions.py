@@ -211,7 +211,14 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     ]
     unknown_files += lonely
     if not entries:
-        raise _no_entries(path, unknown_files)
+        there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
+        raise UnreadableError(
+            f"holds no cloud, mesh or npz{there}",
+            where=path,
+            expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
+            f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
+            fix="write clouds as .ply, and name the files by their scenes",
+        )
     return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
 
 
@@ -255,20 +262,6 @@ def _protocol_name(bundle: Bundle, member: Member) -> str:
             fix="name a protocol's file with --protocol",
         )
     return name
-
-
-def _no_entries(path: Path, unknown_files: list[str]) -> UnreadableError:
-    there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
-    endings = sorted({PurePosixPath(name).suffix[:20] for name in unknown_files} - {"", *SUFFIXES})
-    return UnreadableError(
-        f"holds no cloud, mesh or npz{there}",
-        where=path,
-        expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
-        f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
-        fix=f"write clouds as .ply: endings such as {endings[0]!r} are not read"
-        if endings
-        else "name the files by their scenes",
-    )
 
 
 # --- maps ---
