@@ -16,7 +16,7 @@ from airzoo_bench.core.errors import first_of
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.checks import list_errors
+from airzoo_bench.retrieval.checks import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
 from airzoo_bench.retrieval.scoring import hit_columns
 from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
@@ -223,8 +223,7 @@ def retrieval_scores(
     tiles, positive_tiles, n_tiles = _number_ids(lists, right, gallery_ids)
     similar = None if scores is None else _score_rows(scores, tiles)
     with arg.refused("ranked_ids"):
-        for error in list_errors(tiles, similar, names):
-            raise error
+        check_lists(tiles, similar, names)
     k, depth = max(tiles.shape[1], 1), max(depths)
     ranking = rank_by_ids(tiles, similar, positive_tiles, n_tiles=n_tiles, k=k, depth=depth)
     counts = positive_tiles.counts

@@ -7,13 +7,21 @@ Rasters are read where they lie (`airzoo_bench.storage.mirror`).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from airzoo_bench.benchmark.manifest import BenchmarkFile
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import MARK, data_location
-from airzoo_bench.storage.mirror import RASTERS, fetch, fetched, pointed
-from airzoo_bench.storage.remote import absent_is_absent, find, in_parallel, names
+from airzoo_bench.storage.mirror import (
+    RASTERS,
+    AbsentError,
+    fetch,
+    fetched,
+    in_parallel,
+    names,
+    pointed,
+)
 from airzoo_bench.storage.urls import Url, copy_of, url_at, url_of
 
 _PROTOCOLS = "protocols"
@@ -28,9 +36,9 @@ def data_here(location: str | Path | None = None) -> Path:
 
 def _fetch_start(url: Url) -> Path:
     """Fetch benchmark.toml and the protocols of a folder, or of all folders in it."""
-    wanted = _start_of(url) or [
-        file for name in names(url, folders=True) for file in _start_of(url.child(name))
-    ]
+    below = names(url)
+    places = [url] if MARK in below else [url.child(name) for name in below]
+    wanted = [file for files in in_parallel(_start_of, places) for file in files]
     if not wanted:
         raise BenchmarkError(
             "no benchmark lies here",
@@ -47,8 +55,7 @@ def _fetch_start(url: Url) -> Path:
 
 def _start_of(url: Url) -> list[Url]:
     """Return benchmark.toml and the protocols of a folder; nothing where it is none."""
-    mark = find(url.child(MARK))
-    if mark is None or mark.is_folder:
+    if MARK not in names(url):
         return []
     protocols = url.child(_PROTOCOLS)
     listed = [protocols.child(name) for name in names(protocols) if name.endswith(".toml")]
@@ -70,7 +77,7 @@ def resolved(folder: Path, file: BenchmarkFile, path: str) -> Path:
         return place
     clouds = {scene.cloud: scene.cloud_sha256 for scene in file.scenes}
     if clouds.get(path):
-        with absent_is_absent():
+        with suppress(AbsentError):
             fetch(url, sha256=clouds[path])
         return place
     if path in _picture_folders(file) | {scene.maps for scene in file.scenes}:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -43,16 +43,14 @@ from airzoo_bench.engines.engine import LOCAL, open_engine
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
     from airzoo_bench.evaluation.info import TrackInfo
-    from airzoo_bench.evaluation.scene_store import SceneStore
+    from airzoo_bench.evaluation.run_files import SceneStore
 
 OutOption = Annotated[
-    str | None,
+    Path | None,
     typer.Option(
         "--out",
         "-o",
-        metavar="PATH|URL",
-        help="Folder for result.json and records.csv, which replace an earlier run's; also s3://, "
-        "gs:// or hf://.",
+        help="Folder for result.json and records.csv, which replace an earlier run's.",
     ),
 ]
 MethodOption = Annotated[
@@ -102,7 +100,7 @@ def _evaluate(
     data: str | None,
     reader: str | None,
     names: Path | None,
-    out: str | None,
+    out: Path | None,
     method: str | None,
     form: Format,
     jobs: int,
@@ -126,10 +124,10 @@ def _evaluate(
         raise UsageError(f"{flags}: a folder to write into is needed", fix="add --out DIR")
     if out is not None:
         check_run_folder(out, [one for one in (predictions, protocol, data, names) if one])
-        method = method or Path(out).resolve().name or None
+        method = method or out.resolve().name or None
     memory = memory_bytes(max_memory)
     with (
-        only_run_at(out),
+        only_run_at(out) if out else nullcontext(),
         open_engine(engine, jobs=jobs, memory_bytes=memory, note=say) as place,
         _keep_scenes(out if resume and not asked else None) as store,
     ):
@@ -165,15 +163,14 @@ def _evaluate(
 
 
 @contextmanager
-def _keep_scenes(out: str | None) -> Iterator[SceneStore | None]:
+def _keep_scenes(out: Path | None) -> Iterator[SceneStore | None]:
     """Open the store of scored scenes beside an output; remove it when the block is done."""
-    from airzoo_bench.evaluation.run_files import local_place
-    from airzoo_bench.evaluation.scene_store import SceneStore
+    from airzoo_bench.evaluation.run_files import SceneStore
 
-    beside = local_place(out)
-    if beside is None:
+    if out is None:
         yield None
         return
+    beside = out.resolve()
     store = SceneStore(beside.with_name(f"{beside.name}.unfinished"))
     if store.paths():
         say(f"{store.folder} holds scored scenes, which are used where they are of this very run")
@@ -186,7 +183,7 @@ def _keep_scenes(out: str | None) -> Iterator[SceneStore | None]:
     store.remove()
 
 
-def _say_replaced(out: str | None) -> None:
+def _say_replaced(out: Path | None) -> None:
     """Say which earlier run will go: once the predictions are known to be scored."""
     from airzoo_bench.evaluation.run_files import describe_earlier_run
 
@@ -194,19 +191,18 @@ def _say_replaced(out: str | None) -> None:
         say(replaced)
 
 
-def _save(evaluation: Evaluation, out: str, asked: list[Any], run: Any) -> list[Path]:
+def _save(evaluation: Evaluation, out: Path, asked: list[Any], run: Any) -> list[Path]:
     """Write the files of the run, and those that a track's own options ask for."""
-    from airzoo_bench.evaluation.run_files import run_folder, save
+    from airzoo_bench.evaluation.run_files import save
 
     lines: list[str] = []
-    with run_folder(out) as folder:
 
-        def draw(staged: Path) -> None:
-            for one in asked:
-                for line in resolve(one.act)(evaluation, True, staged, run):
-                    lines.append(line.replace(str(staged), str(folder)))
+    def draw(staged: Path) -> None:
+        for one in asked:
+            for line in resolve(one.act)(evaluation, True, staged, run):
+                lines.append(line.replace(str(staged), str(out)))
 
-        written = save(evaluation, folder, draw)
+    written = save(evaluation, out, draw)
     for line in lines:
         say(line)
     return written

@@ -371,7 +371,7 @@ def _refuse_url(path: Path) -> None:
         raise UsageError(
             "looks like a URL, and this is written to a disk",
             where=path,
-            expected="a path; of what is written, only runs (`eval --out`) may be at a URL",
+            expected="a path",
             fix="upload it afterwards, with your storage's own tools",
         )
 

@@ -28,7 +28,7 @@ from airzoo_bench.core.version import versions
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.opening import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.queries import check_npz
-from airzoo_bench.evaluation.scene_store import SceneStore
+from airzoo_bench.evaluation.run_files import SceneStore
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Truth
 from airzoo_bench.protocol.lookup import (
     find_protocol,
@@ -250,12 +250,11 @@ def _check_scenes(
     except BenchmarkError as error:
         notes.append(f"predictions were not compared with the benchmark: {error.what}")
     assignment = track.assign(predictions, truths, protocol)
-    faults = list(track.find_faults(predictions, protocol))
-    errors: list[UserError] = [*assignment.errors, *faults]
+    errors: list[UserError] = [*assignment.errors]
     scored = []
     for part, truth in zip(assignment.parts, truths or [None] * len(protocol.scenes), strict=False):
         try:
-            if part is not None and not faults:
+            if part is not None:
                 scored.append(track.check(part, truth, protocol, run))
         except PredictionError as error:
             errors.append(error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -136,15 +136,6 @@ def read_fields(arrays: Arrays, forms: tuple[Fields[C], ...], expected: str) -> 
     ids = texts(arrays, "query_ids", 1)
     content = form.read(arrays, ids)
     return QueryPredictions(arrays.path, protocol_name(arrays), ids, content)
-
-
-def errors_of(checks: Iterable[Callable[[], None]]) -> Iterator[PredictionError]:
-    """Run checks that raise, and yield what they raise."""
-    for check in checks:
-        try:
-            check()
-        except PredictionError as error:
-            yield error
 
 
 def check_npz(out: Path) -> None:

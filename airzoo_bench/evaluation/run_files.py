@@ -1,23 +1,35 @@
-"""The files that a run leaves in its folder, in place of an earlier run's."""
+"""The files that a run leaves in its folder, and the scored scenes that it keeps until then."""
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from pathlib import Path, PurePath
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from airzoo_bench.core.errors import ResultError, UsageError
-from airzoo_bench.core.files import atomic_entries, check_output_folder, fingerprint, only_run
+from airzoo_bench.core.files import (
+    PART,
+    atomic_entries,
+    atomic_write,
+    check_output_folder,
+    fingerprint,
+    only_run,
+)
 from airzoo_bench.core.registry import TRACKS, resolve
-from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.results.records import write_csv
 from airzoo_bench.results.result import read_result, write_result
-from airzoo_bench.storage.mirror import check_writable, uploaded
-from airzoo_bench.storage.remote import find
-from airzoo_bench.storage.urls import cache_folder, url_of
+
+if TYPE_CHECKING:
+    from airzoo_bench.evaluation.evaluate import Evaluation
 
 _RESULT = "result.json"
+_RECORDS, _REST = ".records", ".scene"
 
 
 def _run_entries() -> tuple[list[str], dict[str, str]]:
@@ -31,16 +43,16 @@ def _run_entries() -> tuple[list[str], dict[str, str]]:
     return files, folders
 
 
-def check_run_folder(out: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse, before any work, a folder or a URL that a run cannot be saved in."""
-    url, (files, folders) = url_of(out), _run_entries()
-    if url is not None:
-        check_writable(url)
-    else:
-        check_output_folder(Path(out), files)
-    home = _real_place(out)
+def check_run_folder(out: Path, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse, before any work, a folder that a run cannot be saved in."""
+    files, folders = _run_entries()
+    check_output_folder(out, files)
+    home = out.resolve()
     for one in inputs:
-        places = [*_real_places(one)]
+        places = [
+            Path(one).resolve(),
+            *(p.resolve() for p in Path(one).rglob("*") if p.is_symlink()),
+        ]
         lost = [
             name for name in (*files, *folders) for p in places if p.is_relative_to(home / name)
         ]
@@ -51,8 +63,8 @@ def check_run_folder(out: str | Path, inputs: Iterable[str | Path] = ()) -> None
                 expected="predictions and other inputs outside of what a run writes",
                 fix="name another --out",
             )
-    for name, pattern in {} if url is not None else folders.items():
-        place = Path(out, name)
+    for name, pattern in folders.items():
+        place = out / name
         for one in [*sorted(place.iterdir())] if place.is_dir() else [place] * place.exists():
             if one == place or one.is_dir() or not re.fullmatch(pattern, one.name):
                 raise UsageError(
@@ -62,49 +74,10 @@ def check_run_folder(out: str | Path, inputs: Iterable[str | Path] = ()) -> None
                 )
 
 
-def _real_place(location: str | Path) -> PurePath:
-    url = url_of(location)
-    return Path(location).resolve() if url is None else PurePath(f"{url.scheme}:", url.path)
-
-
-def _real_places(location: str | Path) -> Iterator[PurePath]:
-    """Yield where an input lies: as it is named, and where links to it and within it lead."""
-    yield _real_place(location)
-    if url_of(location) is None:
-        path = Path(location)
-        yield path.parent.resolve() / path.name
-        yield from (one.resolve() for one in path.rglob("*") if one.is_symlink())
-
-
-def local_place(out: str | Path | None) -> Path | None:
-    """Return the local path that represents the output of a run, which may be a URL."""
-    if out is None:
-        return None
-    url = url_of(out)
-    if url is not None:
-        return cache_folder() / f"run-{fingerprint(str(url))[:12]}"
-    place = Path(out)
-    return place if place.name not in ("", "..") else place.resolve()
-
-
-def only_run_at(out: str | Path | None) -> AbstractContextManager[None]:
+def only_run_at(out: Path) -> AbstractContextManager[None]:
     """Keep other runs of this machine from a place where one is to be saved."""
-    place = local_place(out)
-    if place is None:
-        return nullcontext()
-    return only_run(place, "another run is to be saved here", f"--out {out}", "name another --out")
-
-
-@contextmanager
-def run_folder(out: str | Path) -> Iterator[Path]:
-    """Return the folder to save a run in; for a URL its files are uploaded at the end."""
-    url = url_of(out)
-    if url is None:
-        yield Path(out)
-        return
-    files, folders = _run_entries()
-    with uploaded(url, _RESULT, (*files, *folders)) as folder:
-        yield folder
+    what, otherwise = "another run is to be saved here", "name another --out"
+    return only_run(out.resolve(), what, f"--out {out}", otherwise)
 
 
 def save(
@@ -124,19 +97,61 @@ def save(
         return [folder / name for name in files if (staged / name).exists()]
 
 
-def describe_earlier_run(out: str | Path) -> str | None:
+def describe_earlier_run(out: Path) -> str | None:
     """Say which files of a run `save` will replace, if it replaces some."""
-    url = url_of(out)
-    if url is not None:
-        there = find(url.child(_RESULT)) is not None
-        return f"{url} holds a run, which will be replaced" if there else None
     files, folders = _run_entries()
-    names = ", ".join(name for name in (*files, *folders) if Path(out, name).exists())
+    names = ", ".join(name for name in (*files, *folders) if (out / name).exists())
     if not names:
         return None
     try:
-        found = read_result(Path(out, _RESULT))
+        found = read_result(out / _RESULT)
     except ResultError:  # none, or one that nobody can read any more
         return f"{out} holds files of a run; this one takes the place of {names}"
     what = f"{found.predictions.method} by {found.protocol.name}"
     return f"{out} holds a run, {what}; this one takes the place of {names}"
+
+
+class SceneStore:
+    """Keeps the scores of scenes in a folder until the run is saved."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._run = ""
+
+    def begin(self, run: str) -> None:
+        """Set the fingerprint of the run: scenes of other runs are not loaded."""
+        self._run = run
+
+    def paths(self) -> list[Path]:
+        """Return a file of each scene that is kept."""
+        return list(self.folder.glob(f"*{_REST}"))
+
+    def load(self, scene: str) -> Scored | None:
+        """Return what this run has kept of a scene, if it is there and whole."""
+        place = self._place(scene)
+        try:
+            rest = json.loads(place.with_suffix(_REST).read_text("utf-8"))
+            records = pd.read_parquet(place.with_suffix(_RECORDS))
+            return Scored(records, **(rest | {"notes": tuple(rest["notes"])}))
+        except (OSError, ValueError, KeyError, TypeError):  # there is none, or it is damaged
+            return None
+
+    def save(self, scene: str, scored: Scored) -> None:
+        """Keep the scores of a scene, without what figures show of it."""
+        place = self._place(scene)
+        rest = {name: getattr(scored, name) for name in ("counts", "kind", "notes", "facts")}
+        with atomic_write(place.with_suffix(_RECORDS)) as stream:
+            scored.records.to_parquet(stream)
+        with atomic_write(place.with_suffix(_REST), "w") as text:
+            json.dump(rest, text)
+
+    def remove(self) -> None:
+        """Remove what is kept, and nothing else."""
+        with suppress(OSError):  # there is none, or something else is in it
+            for path in self.folder.iterdir():
+                if path.name.endswith((_RECORDS, _REST, PART)):
+                    path.unlink()
+            self.folder.rmdir()
+
+    def _place(self, scene: str) -> Path:
+        return self.folder / fingerprint([self._run, scene])[:32]

@@ -15,7 +15,7 @@ and `evaluate.evaluate` makes a result of it. Every number of a result comes fro
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -218,10 +218,6 @@ class Track(ABC):
         None where the benchmark folder is missing.
         """
         return Scored() if truth is None else self.score(part, truth, protocol, run)
-
-    def find_faults(self, predictions: Any, protocol: Any) -> Iterator[PredictionError]:
-        """Yield what is wrong with predictions that `score` would find one by one; for `check`."""
-        yield from ()
 
     def notes(
         self, predictions: Any, truths: Sequence[Any], protocol: Any, scored: Sequence[Scored]

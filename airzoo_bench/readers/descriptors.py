@@ -31,8 +31,8 @@ from airzoo_bench.readers.names import (
     scene_finder,
     truths_of,
 )
-from airzoo_bench.retrieval.descriptors import Rows, exact_norms
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions, Rows
+from airzoo_bench.retrieval.search import exact_norms
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 _ROUNDING = 2e-3  # of lengths, next to each other: half precision rounds by half of it

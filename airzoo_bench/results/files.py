@@ -12,7 +12,6 @@ from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.results.result import Result, read_result
 from airzoo_bench.storage.mirror import fetch, fetched
-from airzoo_bench.storage.remote import find, matching
 from airzoo_bench.storage.urls import Url, url_of
 
 _FILE = "result.json"
@@ -39,26 +38,16 @@ def result_paths(given: Sequence[Path]) -> tuple[Path, ...]:
 
 def results_here(given: Sequence[str | Path]) -> list[Path]:
     """Return results as paths of this machine, and copy those at URLs."""
-    found: list[Path] = []
-    for location in given:
-        url = url_of(location)
-        if url is None:
-            found.append(Path(location))
-        else:
-            found += [_mirror_result(one) for one in matching(url)]
-    return found
+    urls = [url_of(location) for location in given]
+    return [
+        Path(location) if url is None else _mirror_result(url)
+        for location, url in zip(given, urls, strict=True)
+    ]
 
 
 def _mirror_result(url: Url) -> Path:
     """Copy a result; its records follow when they are asked for (`records_path`)."""
     file = url if url.name.endswith(".json") and not url.says_folder else url.child(_FILE)
-    if find(file) is None:
-        raise ResultError(
-            "no such result",
-            where=file,
-            expected=f"a {_FILE}, or the folder that holds it",
-            fix="check bucket and folder; a run that was not uploaded to its end has none",
-        )
     return fetch(file)
 
 

@@ -29,7 +29,6 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.files import method_names, records_path, result_paths
 from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result
 from airzoo_bench.results.scores import Score, summarise
-from airzoo_bench.storage.mirror import fetched
 
 SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 
@@ -104,10 +103,9 @@ def _read_content(path: Path, file: Path, result: Result) -> bytes:
             fix="keep both in one folder (records of a.json may be called a.records.csv), or "
             + SCORE_AGAIN,
         )
-    for anew in (False, True):  # in a mirror, it may be what an upload of that time had left
-        content = (fetched(file, anew=True) if anew else file).read_bytes()
-        if hashlib.sha256(content).hexdigest() == result.records_sha256:
-            return content
+    content = file.read_bytes()
+    if hashlib.sha256(content).hexdigest() == result.records_sha256:
+        return content
     raise ResultError(
         "not the records of the result next to it: the checksum does not fit",
         where=file,

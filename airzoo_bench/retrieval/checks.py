@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.core.ids import check_ids, scene_of
-from airzoo_bench.evaluation.queries import errors_of
+from airzoo_bench.core.ids import check_ids
 from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.retrieval.descriptors import Metric, Rows, check_descriptors
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import Ranking
-from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
 from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
 
@@ -48,17 +44,19 @@ _FAULTS_OF_LISTS = (  # field, what, expected, fix
 )
 
 
-def validation_errors(predictions: RetrievalPredictions) -> Iterator[PredictionError]:
-    """Yield the errors of predictions that can be found without truth, and quickly."""
+def check_predictions(predictions: RetrievalPredictions) -> None:
+    """Refuse predictions for faults that can be found without truth, and quickly."""
     content, where = predictions.content, f"{predictions.path}, field "
-    yield from errors_of([partial(check_ids, predictions.query_ids, f"{where}'query_ids'")])
+    check_ids(predictions.query_ids, f"{where}'query_ids'")
     if isinstance(content, RankedIds):
-        for error in list_errors(content.ids, content.scores, predictions.query_ids):
-            yield error.inside(predictions.path)
+        try:
+            check_lists(content.ids, content.scores, predictions.query_ids)
+        except PredictionError as error:
+            raise error.inside(predictions.path) from error
         return
-    yield from errors_of([partial(check_ids, content.gallery_ids, f"{where}'gallery_ids'")])
+    check_ids(content.gallery_ids, f"{where}'gallery_ids'")
     if content.queries.shape[1] != content.gallery.shape[1]:
-        yield PredictionError(
+        raise PredictionError(
             f"query descriptors have {content.queries.shape[1]} dimensions, gallery descriptors "
             f"{content.gallery.shape[1]}",
             where=f"{predictions.path}, fields 'query_descriptors' and 'gallery_descriptors'",
@@ -67,13 +65,12 @@ def validation_errors(predictions: RetrievalPredictions) -> Iterator[PredictionE
         )
 
 
-def list_errors(
+def check_lists(
     ids: NDArray[Any], scores: Floats | None, names: Sequence[object] | NDArray[Any]
-) -> Iterator[PredictionError]:
-    """Yield what is wrong with ranked lists (Q, K) of ids, or of indices as the Python face has.
+) -> None:
+    """Refuse faulty ranked lists (Q, K) of ids, or of indices as the Python face has.
 
-    An empty id, or -1, ends a list. The last of the faults of lists is that of scores whose order
-    is not that of most rows.
+    An empty id, or -1, ends a list. Scores may rise or fall, and the fewer rows are at fault.
     """
     interrupted, repeated, unusable, rises, falls = flags = np.zeros((5, len(ids)), np.bool_)
     ended = "" if ids.dtype.kind == "U" else -1
@@ -92,53 +89,9 @@ def list_errors(
     flags[3] = min(rises, falls, key=np.count_nonzero)
     for rows, (field, what, expected, fix) in zip(flags[:4], _FAULTS_OF_LISTS, strict=True):
         if rows.any():
-            what = f"{what} {_name_queries(names, rows)}"
-            yield PredictionError(what, where=f"field '{field}'", expected=expected, fix=fix)
-
-
-def _name_queries(names: Sequence[object] | NDArray[Any], rows: Bools) -> str:
-    named = (names[row] for row in np.flatnonzero(rows).tolist())
-    return first_of(named, len(names), noun="query")
-
-
-def deep_validation_errors(
-    predictions: RetrievalPredictions, metric: Metric, scenes: Sequence[str]
-) -> Iterator[PredictionError]:
-    """Yield further errors, which scoring would find by itself."""
-    content, ids = predictions.content, predictions.query_ids
-    if isinstance(content, RankedIds):
-        checks = [partial(_check_scenes, content.ids, ids, scenes)]
-    else:  # a query of zeros ties with every tile, whatever the metric
-        queries, gallery = Rows.join(content.queries), content.gallery
-        checks = [
-            partial(check_descriptors, queries, "query_descriptors", "l2", ids),
-            partial(check_descriptors, gallery, "gallery_descriptors", metric, content.gallery_ids),
-        ]
-    for error in errors_of(checks):
-        yield error.inside(predictions.path)
-
-
-def _check_scenes(
-    ranked: NDArray[np.str_], query_ids: NDArray[np.str_], scenes: Sequence[str]
-) -> None:
-    """Refuse lists that rank tiles of another scene."""
-    rows, first = np.zeros(len(ranked), np.bool_), ""
-    step = max(1, _CELLS // max(1, ranked.shape[1]))
-    for part in (slice(start, start + step) for start in range(0, len(ranked), step)):
-        some, own = ranked[part], scene_of(query_ids[part])
-        strange = (scene_of(some) != own[:, None]) & (some != "") & np.isin(own, scenes)[:, None]
-        rows[part] = strange.any(axis=1)
-        first = first or "".join(some[strange][:1])
-    if first:
-        scene = scene_of(query_ids[rows][:1])[0]
-        fix = "rank each query against the gallery of its own scene only"
-        raise PredictionError(
-            f"tiles of another scene are ranked for {_name_queries(query_ids, rows)}; the first is "
-            f"{first!r}",
-            where="field 'ranked_ids'",
-            expected=f"tiles of the query's own scene, such as {scene}/...",
-            fix=fix if "/" in first else f"put the scene before each tile: {scene}/{first}",
-        )
+            named = (names[row] for row in np.flatnonzero(rows).tolist())
+            what = f"{what} {first_of(named, len(names), noun='query')}"
+            raise PredictionError(what, where=f"field '{field}'", expected=expected, fix=fix)
 
 
 def list_facts(
@@ -199,24 +152,10 @@ def retrieval_notes(
             named = first_of(strange)
             notes.append(f"described tiles that are in no gallery, left aside: {named}")
     if sums["shorter"]:
-        reached = min(one.facts["reached"] for one in scored)
-        notes.append(_note_of_short_lists(sums["shorter"], reached, protocol.scores))
-    return notes
-
-
-def _note_of_short_lists(n: int, reached: int, scores: RetrievalScores | ImageScores) -> str:
-    """Name the scores that read ranks beyond the ends of lists; the paper's do not."""
-    ending = counted(n, "list ends", "lists end")
-    if isinstance(scores, ImageScores):
-        return (
-            f"{ending} without all positives: to AP and MRR the others are not found, which they "
-            "are where the whole gallery is ranked"
+        ending = counted(sums["shorter"], "list ends", "lists end")
+        reached = min(scene.facts["reached"] for scene in scored)
+        notes.append(
+            f"{ending} without all positives, the shortest after rank {reached}: to scores that "
+            "read deeper (mAP, MRR) the others are not found"
         )
-    titles = [score.title for score in retrieval_scores(scores) if score.headline]
-    reach = {f"nDCG@{k}": k for k in scores.ndcg_at}
-    reach |= dict(zip(titles, (*scores.recall_at, scores.ap_at), strict=True))
-    cut = ["mAP", "MRR", *(title for title, k in reach.items() if reached < k)]
-    return (
-        f"{ending} before rank {scores.ranks_kept} without all positives: to "
-        f"{', '.join(cut[:-1])} and {cut[-1]} the others are not found"
-    )
+    return notes

@@ -142,25 +142,13 @@ def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
     return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
 
 
-_BY_OVERLAP, _BEST = "no tile overlaps by more than", ": the best by "
+_BEST, _OUT_OF_GALLERY = ": the best by ", "would answer it, and they are not in the gallery"
 _BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
-_OUT_OF_GALLERY = "would answer it, and they are not in the gallery"
 _FIXES = (  # for reasons that contain the text, the first that does
     (NO_POSE, ""),
-    (
-        _BY_OVERLAP,
-        "lower --iou-above below {best:g}, or choose a --tile-size nearer to the footprints",
-    ),
-    (
-        _BETWEEN,
-        "take a map that is larger than the footprints, or --rule iou, which goes by overlap; "
-        "if they cannot be so large, look at the heights of poses and DSM",
-    ),
-    (
-        _OUT_OF_GALLERY,
-        "take a map that is valid below the photos, or lower least_valid_share; if it is, look "
-        "at its nodata value and alpha band",
-    ),
+    ("overlaps by more", "lower --iou-above, or choose a --tile-size nearer to the footprints"),
+    (_BETWEEN, "take a map that is larger than the footprints, or --rule iou, or look at heights"),
+    (_OUT_OF_GALLERY, "take a map that is valid below the photos, or lower least_valid_share"),
     ("", "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"),
 )
 
@@ -173,36 +161,32 @@ def _reasons(
     rules: GroundTruth,
 ) -> list[str]:
     """Return for each photo why no tile answers it, if none does."""
-    best = np.zeros(shared.n_queries)
+    best, missed = np.zeros(shared.n_queries), footprints.missed_rays
     np.maximum.at(best, shared.queries, np.asarray(shared.overlap))
-    rows = zip(footprints.missed_rays.tolist(), best.tolist(), on_dropped.tolist(), strict=True)
-    dropped = f"only tiles {gallery.dropped} {_OUT_OF_GALLERY}"
-    return [dropped if out and miss < 4 else _reason(miss, top, rules) for miss, top, out in rows]
-
-
-def _reason(missed: int, best: float, rules: GroundTruth) -> str:
-    if missed == 4:
-        return NO_GROUND_POINT
-    if rules.iou_above is not None and missed:
-        return f"{missed} of 4 rays do not meet the ground, so that there is no footprint"
-    if rules.iou_above is not None and best > 0:
-        return f"{_BY_OVERLAP} {rules.iou_above:g}{_BEST}{best:.3g}"
-    if best > 0:
-        return _BETWEEN
-    if missed:
-        return f"{missed} of 4 rays do not meet the ground, and the others meet no tile"
-    return "the footprint meets no tile"
+    blind = [f"{count} of 4 rays do not meet the ground" for count in missed.tolist()]
+    by_area = rules.iou_above is not None
+    too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
+    choices = [  # the first that holds
+        (missed == 4, NO_GROUND_POINT),
+        (on_dropped, f"only tiles {gallery.dropped} {_OUT_OF_GALLERY}"),
+        ((missed > 0) & by_area, [f"{text}, so that there is no footprint" for text in blind]),
+        ((best > 0) & by_area, [f"{too_little}{_BEST}{most:.3g}" for most in best]),
+        (best > 0, _BETWEEN),
+        (missed > 0, [f"{text}, and the others meet no tile" for text in blind]),
+    ]
+    shape, default = len(best), "the footprint meets no tile"
+    tests, texts = zip(*choices, strict=True)
+    named = [np.broadcast_to(np.array(text, dtype=object), shape) for text in texts]
+    return [str(text) for text in np.select(list(tests), named, np.array(default, dtype=object))]
 
 
 def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
     """Return why photos have no tile, a clause a reason, and what may help, commonest first."""
     parts = excluded["reason"].str.partition(_BEST)
-    found = excluded.assign(kind=parts[0], best=parts[2].where(parts[2] != "", "nan").astype(float))
-    clauses, fixes = [], []
-    for kind in found["kind"].value_counts().index:
-        alike = found[found["kind"] == kind].sort_values("best", ascending=False, kind="stable")
-        first = alike.iloc[0]
-        photo = f" ({first['image']})" if _BEST in first["reason"] else ""
-        clauses.append(f"{counted(len(alike), 'photo')}: {first['reason']}{photo}")
-        fixes.append(next(fix for text, fix in _FIXES if text in kind).format(best=first["best"]))
+    counts, best = parts[0].value_counts(), parts[2].replace("", np.nan).astype(float)
+    clauses = []
+    for kind, count in counts.items():
+        most = best[parts[0] == kind].max()
+        clauses.append(f"{counted(count, 'photo')}: {kind}{f'{_BEST}{most:g}' * (most == most)}")
+    fixes = [next(fix for text, fix in _FIXES if text in kind) for kind in counts.index]
     return clauses, list(dict.fromkeys(filter(None, fixes)))

@@ -9,6 +9,7 @@ all are positive.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,11 +22,10 @@ from airzoo_bench.core.validation import nearest as suggestion
 from airzoo_bench.engines.engine import HERE, Engine, split
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Ints
-from airzoo_bench.retrieval.descriptors import Metric, Names, Rows, points_one_way
 from airzoo_bench.retrieval.metrics import hit_matrix
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.search import Candidates, Gallery, Queries, nearest
-from airzoo_bench.retrieval.settings import ImageScores, RetrievalScores
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions, Rows
+from airzoo_bench.retrieval.search import Gallery, Names, Pairs, Queries, nearest, points_one_way
+from airzoo_bench.retrieval.settings import ImageScores, Metric, RetrievalScores
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
 _CELLS = 1 << 20  # ranks at a time
@@ -46,9 +46,22 @@ class Ranking:
     tie_dependent: Bools  # (Q,)
     hit_ranks: Ints | None = None  # (P,)
 
+    @classmethod
+    def blank(cls, n_queries: int, k: int) -> Ranking:
+        """Return one without any tile."""
+        return cls(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
 
-def _no_ranks(n_queries: int, k: int) -> Ranking:
-    return Ranking(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
+    def put(self, rows: Ints, found: Ranking) -> None:
+        """Copy the rankings of some queries, as deep as is kept."""
+        self.tiles[rows] = found.tiles[:, : self.tiles.shape[1]]
+        self.tie_dependent[rows] = found.tie_dependent
+
+    def drop_flat(self, rows: Ints, positives: Positives, n_tiles: int) -> None:
+        """Remove the tiles of queries whose whole gallery ties, unless all are positive."""
+        if n_tiles >= 2:
+            some = rows[positives.counts[rows] < n_tiles]
+            self.tiles[some] = -1
+            self.tie_dependent[some] = positives.counts[some] > 0
 
 
 def rank_scene(
@@ -63,42 +76,26 @@ def rank_scene(
     The row is -1 for queries that they lack, which rank no tile.
     """
     content, positives, n_tiles = predictions.content, truth.positives, len(truth.tiles)
+    of_images = isinstance(settings, ImageScores)
     kept = min(settings.ranks_kept, n_tiles)
-    whole, depth, of_images = kept, settings.depth, isinstance(settings, ImageScores)
-    if of_images:
-        whole = depth = n_tiles
+    there = np.flatnonzero(rows >= 0)
+    k, step = (n_tiles, max(1, _CELLS // n_tiles)) if of_images else (kept, max(1, len(there)))
+    depth = n_tiles if of_images else settings.depth
     if isinstance(content, RankedIds):
         if isinstance(settings, RetrievalScores) and content.scores is None:
             # Ranks beyond short lists would hold nothing, for each of a million queries.
-            whole = kept = min(kept, max(content.ids.shape[1], settings.deepest))
-        step = max(1, _CELLS // max(1, content.ids.shape[1], whole))
+            k = kept = min(kept, max(content.ids.shape[1], settings.deepest))
+        step = max(1, _CELLS // max(1, content.ids.shape[1], k))
+        rank = _rank_lists(content, truth, k, depth)
     else:
-        gallery = _scene_gallery(content, truth, run.memory_bytes)
-        step = max(1, _CELLS // n_tiles if of_images else len(rows))
-    there = np.flatnonzero(rows >= 0)
-    ranking = _no_ranks(len(rows), kept)
+        rank = _rank_descriptors(content, truth, k, depth, settings.descriptor_metric, run)
+    ranking = Ranking.blank(len(rows), kept)
     hit_ranks = np.zeros(len(positives.tiles), np.int64) if of_images else None
-    for start in range(0, max(1, len(there)), step):
-        some = there[start : start + step]
-        names, right = predictions.query_ids[rows[some]], positives.take(some)
-        if isinstance(content, RankedIds):
-            found = _rank_lists(content, truth, rows[some], names, right, whole, depth)
-        else:
-            found = rank_by_descriptors(
-                content.queries[rows[some]],
-                gallery,
-                k=whole,
-                metric=settings.descriptor_metric,
-                positives=right,
-                depth=depth,
-                memory_bytes=run.memory_bytes,
-                jobs=run.jobs,
-                names=names,
-                tile_names=truth.tiles["id"].to_numpy(),
-                engine=run.engine,
-            )
-        ranking.tiles[some] = found.tiles[:, :kept]
-        ranking.tie_dependent[some] = found.tie_dependent
+    for part in split(len(there), step) or [slice(0, 0)]:
+        some = there[part]
+        right = positives.take(some)
+        found = rank(rows[some], predictions.query_ids[rows[some]], right)
+        ranking.put(some, found)
         if hit_ranks is not None:
             hit_ranks[positives.pairs(some)] = _ranks_of_hits(found.tiles, right, n_tiles)
     return Ranking(ranking.tiles, ranking.tie_dependent, hit_ranks)
@@ -114,23 +111,26 @@ def _ranks_of_hits(tiles: NDArray[np.int32], positives: Positives, n_tiles: int)
     return ranks
 
 
-def _rank_lists(
-    ranked: RankedIds,
-    truth: RetrievalTruth,
-    rows: NDArray[np.intp],
-    names: NDArray[np.str_],
-    positives: Positives,
-    k: int,
-    depth: int,
-) -> Ranking:
-    ids, scores, width = ranked.ids[rows], None, k
-    if ranked.scores is not None:  # the ties that go on beyond the ranks that are kept matter too
-        scores = ranked.scores[rows]
-        on = (scores[:, k:] == scores[:, k - 1 : -1]) & (ids[:, k:] != "")
-        width = k + int(np.logical_and.accumulate(on, axis=1).sum(axis=1).max(initial=0)) + 1
-        scores = scores[:, :width]
-    tiles = _tile_rows(truth, ids[:, :width], names)
-    return rank_by_ids(tiles, scores, positives, n_tiles=len(truth.tiles), k=k, depth=depth)
+Rank = Callable[[NDArray[np.intp], NDArray[np.str_], Positives], Ranking]
+"""Takes rows of the predictions, the ids of their queries and their positives."""
+
+# --- ranked lists ---
+
+
+def _rank_lists(ranked: RankedIds, truth: RetrievalTruth, k: int, depth: int) -> Rank:
+    """Return the function that ranks some queries by their lists."""
+
+    def rank(rows: NDArray[np.intp], names: NDArray[np.str_], positives: Positives) -> Ranking:
+        ids, scores, width = ranked.ids[rows], None, k
+        if ranked.scores is not None:  # the ties that go on beyond rank k matter too
+            scores = ranked.scores[rows]
+            on = (scores[:, k:] == scores[:, k - 1 : -1]) & (ids[:, k:] != "")
+            width = k + int(np.logical_and.accumulate(on, axis=1).sum(axis=1).max(initial=0)) + 1
+            scores = scores[:, :width]
+        tiles = _tile_rows(truth, ids[:, :width], names)
+        return rank_by_ids(tiles, scores, positives, n_tiles=len(truth.tiles), k=k, depth=depth)
+
+    return rank
 
 
 def rank_by_ids(
@@ -146,7 +146,7 @@ def rank_by_ids(
 
     A run at the end of a list that is shorter than the gallery ties with what was left out.
     """
-    ranking = _no_ranks(len(ranked), k)
+    ranking = Ranking.blank(len(ranked), k)
     ranking.tiles[:, : ranked.shape[1]] = ranked[:, :k]
     if scores is None or ranked.size == 0:
         return ranking
@@ -154,132 +154,30 @@ def rank_by_ids(
     some = np.flatnonzero(tied.any(axis=1))
     opens = np.concatenate([np.ones((len(some), 1), np.bool_), ~tied[some]], axis=1)
     begins = np.maximum.accumulate(np.where(opens, np.arange(ranked.shape[1]), 0), axis=1)
-    listed = ranked[some].astype(np.int64)
-    valid = listed >= 0
-    query = np.broadcast_to(np.arange(len(some))[:, None], valid.shape)
-    right, pairs = positives.take(some), (query[valid], listed[valid], begins[valid])
-    ranking.tiles[some], ranking.tie_dependent[some] = _in_order(pairs, right, n_tiles, k, depth)
-    length = valid.sum(axis=1)
+    listed, right = ranked[some].astype(np.int64), positives.take(some)
+    length = np.count_nonzero(listed >= 0, axis=1)
     last = begins[np.arange(len(some)), length - 1]
-    for number in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
-        row, start, given = some[number], last[number], listed[number, : length[number]]
-        run, mixed = _run_with_left_out(given, start, right.of_query(number), n_tiles)
-        room = ranking.tiles[row, start:]
-        room[:] = -1
-        room[: len(run)] = run[: len(room)]
-        ranking.tie_dependent[row] |= mixed and start < depth
-    _drop_constant(ranking, some[(last == 0) & (length > 1)], positives, n_tiles)
+    row, column = np.nonzero(listed >= 0)
+    pairs, lost = [(row, listed[row, column], begins[row, column])], np.zeros(len(some), np.bool_)
+    for one in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
+        given, start = listed[one, : length[one]], last[one]
+        others = _left_out(given, right.of_query(one), n_tiles, k)
+        pairs.append((np.full(len(others), one), others, np.full(len(others), start)))
+        # Positives that are left out are not found, whatever the order of the tie.
+        is_mixed = len(others) > 0 or not np.isin(given[start:], right.of_query(one)).all()
+        lost[one] = start < depth and is_mixed and not np.isin(right.of_query(one), given).all()
+    query, tile, level = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
+    found = _in_order((query, tile, level), right, n_tiles, k, depth)
+    found.tie_dependent[lost] = True
+    found.drop_flat(np.flatnonzero((last == 0) & (length > 1)), right, n_tiles)
+    ranking.put(some, found)
     return ranking
 
 
-def _run_with_left_out(
-    given: Ints, start: int, positives: NDArray[np.int32], n_tiles: int
-) -> tuple[Ints, bool]:
-    """Order the run at the end of a list, from `start` on, with the tiles that are left out.
-
-    Positives that are left out are not found. Also tells whether the tie holds tiles of both kinds.
-    """
-    is_positive, is_free = np.zeros(n_tiles, np.bool_), np.ones(n_tiles, np.bool_)
-    is_positive[positives], is_free[given[:start]] = True, False
-    others = np.flatnonzero(is_free & ~is_positive)
-    found = np.sort(given[start:][is_positive[given[start:]]])
-    return np.concatenate([others, found]), bool(len(others) and (is_free & is_positive).any())
-
-
-def rank_by_descriptors(
-    queries: NDArray[np.floating[Any]],
-    gallery: NDArray[np.floating[Any]] | Rows,
-    *,
-    k: int,
-    metric: Metric,
-    positives: Positives,
-    depth: int,
-    memory_bytes: int = 1 << 30,
-    jobs: int | None = None,
-    names: Names | None = None,
-    tile_names: Names | None = None,
-    engine: Engine = HERE,
-) -> Ranking:
-    """Rank the gallery by descriptors, exactly as float64 has it."""
-    rows = gallery if isinstance(gallery, Rows) else Rows.join(gallery).located()
-    if queries.shape[1] != rows.shape[1]:
-        raise PredictionError(
-            f"descriptors of queries have {queries.shape[1]} numbers, "
-            f"those of the gallery {rows.shape[1]}",
-            where="query_descriptors, gallery_descriptors",
-            expected="the same length",
-        )
-    n_tiles, ranking = len(rows), _no_ranks(len(queries), k)
-    with np.errstate(invalid="ignore"):  # what is not finite is refused below
-        constant = np.asarray(~queries.any(axis=1))  # zeros are taken to tie with every tile
-    if constant.any():
-        queries = np.where(constant[:, None], queries.dtype.type(1), queries)
-    prepared = Queries.prepare(queries, metric, names)
-    if points_one_way(rows, metric):
-        constant[:] = True
-    some, blank = np.flatnonzero(~constant), np.flatnonzero(constant)
-    if len(blank):
-        prepared = prepared.take(some)
-    sought = min(max(k, depth), max(n_tiles, 1))
-    threads = jobs or os.cpu_count() or 1
-    searched = Gallery(rows, metric, sought, memory_bytes, threads, tile_names)
-    step = searched.queries_at_a_time(queries.shape[1] * (queries.itemsize + 4))
-    step = min(step, _SENT_QUERIES) if engine.distributed else step
-    parts = split(len(some), step) or [slice(0, 0)]
-    found = engine.map(
-        _rank_part,
-        [(prepared.take(part), positives.take(some[part])) for part in parts],
-        shared=(searched, k, depth),
-        stage="queries ranked",
-        name=lambda _: "some queries",
-    )
-    for part, (tiles, tied) in zip(parts, found, strict=True):
-        ranking.tiles[some[part]], ranking.tie_dependent[some[part]] = tiles, tied
-    ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
-    _drop_constant(ranking, blank, positives, n_tiles)
-    return ranking
-
-
-def _rank_part(
-    shared: tuple[Gallery, int, int], item: tuple[Queries, Positives]
-) -> tuple[NDArray[np.int32], Bools]:
-    (gallery, k, depth), (queries, positives) = shared, item
-    candidates, flat = nearest(gallery, queries, positives)
-    ranking = Ranking(*_in_order(candidates, positives, len(gallery.rows), k, depth))
-    _drop_constant(ranking, flat, positives, len(gallery.rows))
-    return ranking.tiles, ranking.tie_dependent
-
-
-def _in_order(
-    pairs: Candidates, positives: Positives, n_tiles: int, k: int, depth: int
-) -> tuple[NDArray[np.int32], Bools]:
-    """Order pairs (query, tile, level) by the tie rule; see `Ranking`.
-
-    Of two tiles of a query that of the lower level comes first, and those of one level tie.
-    """
-    query, tile, level = pairs
-    positive = positives.holds(query, tile, n_tiles)
-    order = np.lexsort((tile, positive, level, query))
-    query, tile, level, positive = query[order], tile[order], level[order], positive[order]
-    place = np.arange(len(order))
-    rank = place - offsets_of(np.bincount(query, minlength=positives.n_queries))[query]
-    tied = (np.diff(query) == 0) & (np.diff(level) == 0)
-    opens = np.concatenate([[True], ~tied])[: len(order)]
-    begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
-    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depth)
-    ranking = _no_ranks(positives.n_queries, k)
-    ranking.tie_dependent[query[1:][mixed]] = True
-    first = rank < k
-    ranking.tiles[query[first], rank[first]] = tile[first]
-    return ranking.tiles, ranking.tie_dependent
-
-
-def _drop_constant(ranking: Ranking, flat: Ints, positives: Positives, n_tiles: int) -> None:
-    """Remove the tiles of `flat` queries, whose whole gallery ties, unless all are positive."""
-    if n_tiles >= 2:
-        some = flat[positives.counts[flat] < n_tiles]
-        ranking.tiles[some] = -1
-        ranking.tie_dependent[some] = positives.counts[some] > 0
+def _left_out(given: Ints, positives: NDArray[np.int32], n_tiles: int, k: int) -> Ints:
+    """Return the first k tiles that a list leaves out and that are not positive."""
+    others = np.arange(min(n_tiles, k + len(given) + len(positives)))
+    return np.setdiff1d(others, np.concatenate([given, positives]), assume_unique=True)[:k]
 
 
 def _tile_rows(
@@ -310,9 +208,36 @@ def _tile_rows(
     )
 
 
+# --- descriptors ---
+
+
+def _rank_descriptors(
+    described: Descriptors, truth: RetrievalTruth, k: int, depth: int, metric: Metric, run: Run
+) -> Rank:
+    """Return the function that ranks some queries by their descriptors."""
+    gallery = _scene_gallery(described, truth, run.memory_bytes)
+
+    def rank(rows: NDArray[np.intp], names: NDArray[np.str_], positives: Positives) -> Ranking:
+        return rank_by_descriptors(
+            described.queries[rows],
+            gallery,
+            k=k,
+            metric=metric,
+            positives=positives,
+            depth=depth,
+            memory_bytes=run.memory_bytes,
+            jobs=run.jobs,
+            names=names,
+            tile_names=truth.tiles["id"].to_numpy(),
+            engine=run.engine,
+        )
+
+    return rank
+
+
 def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: int) -> Rows:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
-    ids = truth.tiles["id"].to_numpy(str)
+    ids, gallery = truth.tiles["id"].to_numpy(str), described.gallery
     rows = rows_among(ids, described.gallery_ids)
     lacking = rows < 0
     if lacking.any():
@@ -326,7 +251,6 @@ def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: 
             expected="every tile of the gallery: leaving some out would make the task easier",
             fix="describe all tiles of tiles.parquet" + runs * bool(lacking.all()),
         )
-    gallery = described.gallery.located()
     if (np.diff(rows) == 1).all():
         return gallery.part(int(rows[0]), int(rows[0]) + len(rows))
     needed = len(rows) * gallery.shape[1] * gallery.dtype.itemsize
@@ -338,3 +262,79 @@ def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: 
             fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
     return Rows.join(gallery.take(rows))
+
+
+def rank_by_descriptors(
+    queries: NDArray[np.floating[Any]],
+    gallery: NDArray[np.floating[Any]] | Rows,
+    *,
+    k: int,
+    metric: Metric,
+    positives: Positives,
+    depth: int,
+    memory_bytes: int = 1 << 30,
+    jobs: int | None = None,
+    names: Names | None = None,
+    tile_names: Names | None = None,
+    engine: Engine = HERE,
+) -> Ranking:
+    """Rank the gallery by descriptors, exactly as float64 has it."""
+    rows = gallery if isinstance(gallery, Rows) else Rows.join(gallery)
+    n_tiles, ranking = len(rows), Ranking.blank(len(queries), k)
+    with np.errstate(invalid="ignore"):  # what is not finite is refused below
+        flat = np.asarray(~queries.any(axis=1))  # zeros are taken to tie with every tile
+    if flat.any():
+        queries = np.where(flat[:, None], queries.dtype.type(1), queries)
+    prepared = Queries.prepare(queries, metric, names)
+    if points_one_way(rows, metric):
+        flat[:] = True
+    some, blank = np.flatnonzero(~flat), np.flatnonzero(flat)
+    if len(blank):
+        prepared = prepared.take(some)
+    sought = min(max(k, depth), max(n_tiles, 1))
+    threads = jobs or os.cpu_count() or 1
+    searched = Gallery(rows, metric, sought, memory_bytes, threads, tile_names)
+    step = searched.queries_at_a_time(queries.shape[1] * (queries.itemsize + 4))
+    step = min(step, _SENT_QUERIES) if engine.distributed else step
+    parts = split(len(some), step) or [slice(0, 0)]
+    found = engine.map(
+        _rank_part,
+        [(prepared.take(part), positives.take(some[part])) for part in parts],
+        shared=(searched, k, depth),
+        stage="queries ranked",
+        name=lambda _: "some queries",
+    )
+    for part, ranked in zip(parts, found, strict=True):
+        ranking.put(some[part], ranked)
+    ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
+    ranking.drop_flat(blank, positives, n_tiles)
+    return ranking
+
+
+def _rank_part(shared: tuple[Gallery, int, int], item: tuple[Queries, Positives]) -> Ranking:
+    (gallery, k, depth), (queries, positives) = shared, item
+    ranking = Ranking.blank(positives.n_queries, k)
+    for some, pairs in nearest(gallery, queries):
+        ranking.put(some, _in_order(pairs, positives.take(some), len(gallery.rows), k, depth))
+    return ranking
+
+
+def _in_order(pairs: Pairs, positives: Positives, n_tiles: int, k: int, depth: int) -> Ranking:
+    """Rank queries by their pairs (query, tile, level), by the tie rule."""
+    query, tile, level = pairs
+    positive = positives.holds(query, tile, n_tiles)
+    order = np.lexsort((tile, positive, level, query))
+    query, tile, level, positive = query[order], tile[order], level[order], positive[order]
+    place, counts = np.arange(len(order)), np.bincount(query, minlength=positives.n_queries)
+    rank = place - offsets_of(counts)[query]
+    tied = (np.diff(query) == 0) & (np.diff(level) == 0)
+    opens = np.concatenate([[True], ~tied])[: len(order)]
+    begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
+    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depth)
+    ranking = Ranking.blank(positives.n_queries, k)
+    ranking.tie_dependent[query[1:][mixed]] = True
+    first = rank < k
+    ranking.tiles[query[first], rank[first]] = tile[first]
+    runs = np.bincount(query[opens], minlength=positives.n_queries)
+    ranking.drop_flat(np.flatnonzero((counts == n_tiles) & (runs == 1)), positives, n_tiles)
+    return ranking

@@ -33,7 +33,6 @@ RECORDED = frozenset(
     (
         *("scene", "query", "answered", "positives", "tie_dependent", "first_hit_rank", "ranked"),
         f"{RANKED_TILE}*",
-        "first_tile",  # what records before the columns of `RANKED_TILE` have
     )
 )
 """Columns of the records that are neither scores nor conditions of the queries."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,7 @@ from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score
-from airzoo_bench.retrieval.checks import (
-    deep_validation_errors,
-    list_facts,
-    retrieval_notes,
-    validation_errors,
-)
+from airzoo_bench.retrieval.checks import check_predictions, list_facts, retrieval_notes
 from airzoo_bench.retrieval.info import INFO
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions, read_retrieval
 from airzoo_bench.retrieval.ranking import Ranking, rank_scene
@@ -60,9 +55,8 @@ class RetrievalTrack(Track):
         protocol: RetrievalProtocol,
     ) -> Assignment:
         """See `Track.assign`."""
-        errors = list(validation_errors(predictions))
-        found = Assignment() if errors else assign_queries(predictions, truths, protocol)
-        return replace(found, errors=errors)
+        check_predictions(predictions)
+        return assign_queries(predictions, truths, protocol)
 
     def score(
         self, part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
@@ -77,13 +71,6 @@ class RetrievalTrack(Track):
     ) -> Scored:
         """See `Track.check`."""
         return Scored() if truth is None else _ranked(part, truth, protocol, run)[2]
-
-    def find_faults(
-        self, predictions: RetrievalPredictions, protocol: RetrievalProtocol
-    ) -> Iterator[PredictionError]:
-        """See `Track.find_faults`."""
-        metric, scenes = protocol.scores.descriptor_metric, [one.id for one in protocol.scenes]
-        yield from deep_validation_errors(predictions, metric, scenes)
 
     def scores(self, protocol: RetrievalProtocol) -> list[Score]:
         """See `Track.scores`."""
@@ -115,15 +102,18 @@ class RetrievalTrack(Track):
     ) -> str | None:
         """Write random lists, or random descriptors."""
         random = np.random.default_rng(seed)
-        queries = np.concatenate([truth.queries["id"].to_numpy(str) for truth in truths])
+        queries, tiles = (
+            np.concatenate([table["id"].to_numpy(str) for table in tables])
+            for tables in ([one.queries for one in truths], [one.tiles for one in truths])
+        )
         arrays: dict[str, Any] = {"query_ids": queries}
         if kind == "ranked-ids":
             arrays["ranked_ids"] = _random_lists(truths, protocol, random)
         else:
-            arrays["query_descriptors"] = _random_descriptors(queries, random)
-            tiles = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
-            arrays |= {"gallery_ids": tiles}
-            arrays["gallery_descriptors"] = _random_descriptors(tiles, random)
+            arrays["gallery_ids"] = tiles
+            for name, ids in (("query", queries), ("gallery", tiles)):
+                shape = len(ids), _DIMENSIONS
+                arrays[f"{name}_descriptors"] = random.standard_normal(shape, np.float32)
         write_predictions(out, protocol.name, arrays)
         if not any(truth.positives.tiles.size for truth in truths):  # it is sealed
             return None
@@ -160,10 +150,6 @@ def _ranked(
     }
     facts = list_facts(truth, ranking, answered, protocol.scores)
     return ranking, answered, Scored(counts=counts, kind=content.kind, facts=facts)
-
-
-def _random_descriptors(ids: NDArray[np.str_], random: np.random.Generator) -> NDArray[np.float32]:
-    return random.standard_normal((len(ids), _DIMENSIONS), np.float32)
 
 
 def _random_lists(

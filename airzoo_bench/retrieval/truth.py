@@ -300,38 +300,38 @@ def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
     try:
         # No more than each query's offset, and the tile and overlap of every pair there can be.
         file = NpzFile(path, 8 * (n_queries + 1 + 2 * n_queries * n_tiles))
-        arrays = {name: file.read(name) for name in {"offsets", "tiles", "overlap"} & file.names()}
-        damage = _damage(arrays, n_queries, n_tiles)
+        found = {name: file.read(name) for name in {"offsets", "tiles", "overlap"} & file.names()}
     except PredictionError as error:
-        damage = error.what
-    if damage:
-        raise BenchmarkError(f"the positives are damaged: {damage}", where=path, fix=_AGAIN)
-    overlap = arrays.get("overlap")
-    return Positives(
-        arrays["offsets"].astype(np.int64),
-        arrays["tiles"].astype(np.int32),
-        None if overlap is None else overlap.astype(np.float64),
-    )
+        what, found = f"the positives are damaged: {error.what}", {}
+    else:
+        what = "the positives are damaged, or not those of the queries and tiles beside them"
+    if not _are_sound(found, n_queries, n_tiles):
+        raise BenchmarkError(
+            what,
+            where=path,
+            expected=f"offsets ({n_queries + 1},) that rise from 0, tiles below {n_tiles} that "
+            "ascend within each query, overlaps (if any) from 0 to 1",
+            fix=_AGAIN,
+        )
+    overlap = found["overlap"].astype(np.float64) if "overlap" in found else None
+    return Positives(found["offsets"].astype(np.int64), found["tiles"].astype(np.int32), overlap)
 
 
-def _damage(arrays: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> str:
-    """Return what is wrong with stored positives, or nothing."""
-    if not {"offsets", "tiles"} <= arrays.keys():
-        return "offsets or tiles are missing"
-    offsets, tiles, overlap = arrays["offsets"], arrays["tiles"], arrays.get("overlap")
-    if offsets.dtype.kind not in "iu" or tiles.dtype.kind not in "iu":
-        return "offsets or tiles are not integers"
-    if offsets.shape != (n_queries + 1,) or tiles.ndim != 1:
-        return f"offsets have shape {offsets.shape}, for {counted(n_queries, 'query')}"
-    if offsets[0] != 0 or offsets[-1] != len(tiles) or (offsets[1:] < offsets[:-1]).any():
-        return f"offsets do not rise from 0 to {len(tiles)}"
-    if len(tiles) and not (tiles.min() >= 0 and tiles.max() < n_tiles):
-        return f"a tile is not in the gallery of {n_tiles}"
+def _are_sound(arrays: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> bool:
+    """Tell whether stored positives are of these numbers of queries and tiles."""
+    offsets, tiles, overlap = (arrays.get(name) for name in ("offsets", "tiles", "overlap"))
+    if offsets is None or tiles is None or {offsets.dtype.kind, tiles.dtype.kind} - {*"iu"}:
+        return False
+    if offsets.shape != (n_queries + 1,) or tiles.ndim != 1 or (offsets[1:] < offsets[:-1]).any():
+        return False
+    if offsets[0] != 0 or offsets[-1] != len(tiles):
+        return False
     begins = np.zeros(len(tiles) + 1, np.bool_)
     begins[offsets] = True
-    if not (begins[1:-1] | (tiles[1:] > tiles[:-1])).all():
-        return "tiles do not ascend within each query"
-    if overlap is None:
-        return ""
-    fits = overlap.shape == tiles.shape and overlap.dtype.kind in "fiu"
-    return "" if fits and ((overlap >= 0) & (overlap <= 1)).all() else "overlaps do not fit"
+    ascending = begins[1:-1] | (tiles[1:] > tiles[:-1])
+    inside = (tiles >= 0) & (tiles < n_tiles)
+    if overlap is not None:
+        if overlap.shape != tiles.shape or overlap.dtype.kind not in "fiu":
+            return False
+        inside &= (overlap >= 0) & (overlap <= 1)
+    return bool(ascending.all() and inside.all())

@@ -1,4 +1,4 @@
-"""Copies of files at URLs, rasters that GDAL opens where they lie, and uploads.
+"""Copies of files at URLs, made by fsspec, and rasters that GDAL opens where they lie.
 
 A file at ``s3://bucket/name`` has its copy in ``<cache>/s3/bucket/name``, so that a path says its
 URL; ``<cache>/versions`` has which version it is. A raster is not copied: an empty file stands
@@ -7,34 +7,39 @@ for it.
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import importlib
 import os
-from collections.abc import Collection, Iterator
+import re
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from urllib.parse import urlsplit
+from typing import Any
+from urllib.parse import unquote, urlsplit
 from uuid import uuid4
 
-from airzoo_bench.core.errors import StorageError, UsageError
-from airzoo_bench.core.files import atomic_write, sha256_of
-from airzoo_bench.storage.remote import (
-    ABSENT,
-    Entry,
-    absent_is_absent,
-    client_of,
-    files,
-    find,
-    in_parallel,
-    stat,
-    tried,
-)
+from airzoo_bench.core.errors import StorageError, UsageError, UserError
+from airzoo_bench.core.files import atomic_write, cannot_write, sha256_of
 from airzoo_bench.storage.urls import Url, cache_folder, copy_of, url_at, url_of
 
 RASTERS = (".tif", ".tiff", ".vrt")
 """Endings of files that are not copied."""
+_AT_ONCE = 8
+_CONNECT_S, _READ_S = 5, 60
 _PIECE_BYTES = 16 << 20
+_PACKAGES = {"s3": "s3fs", "gs": "gcsfs", "hf": "huggingface_hub", "https": "aiohttp"}
+_CLIENTS = ("aiohttp", "botocore", "gcsfs", "google", "httpx", "huggingface_hub", "s3fs")
+_DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.ENAMETOOLONG, errno.EROFS, errno.ENOTDIR)
+_LOGIN = re.compile(r"//[^/\s]*@")
+_CREDENTIALS = {
+    "s3": "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE, of somebody who may; "
+    "AWS_NO_SIGN_REQUEST=YES for a public bucket",
+    "gs": "GOOGLE_APPLICATION_CREDENTIALS, the key file of somebody who may",
+    "hf": "HF_TOKEN, or log in with `hf auth login`; for gated data, ask for access on its page",
+}
 _GDAL = {
     # Files beside a raster are asked for by name: to list a folder takes longer.
     "GDAL_DISABLE_READDIR_ON_OPEN": "TRUE",
@@ -47,21 +52,112 @@ _GDAL = {
 _compared: set[Path] = set()  # copies that this process has held against their URLs
 
 
-def fetch(url: Url, sha256: str | None = None, entry: Entry | None = None) -> Path:
+class AbsentError(StorageError):
+    """Nothing lies at a URL."""
+
+
+def client_of(url: Url) -> Any:
+    """Return fsspec's file system of a URL, with short timeouts."""
+    scheme = "https" if url.read_only else url.scheme
+    try:
+        fsspec = importlib.import_module("fsspec")
+        package = importlib.import_module(_PACKAGES[scheme])
+    except ImportError as error:
+        extras = "storage,download" if scheme == "hf" else "storage"
+        raise UsageError(
+            f"{url.scheme}:// needs the package {error.name}",
+            where=url,
+            fix=f"pip install 'airzoo-bench[{extras}]'",
+        ) from error
+    settings: dict[str, Any] = {"use_listings_cache": False}
+    if scheme == "s3":
+        timeouts = {"connect_timeout": _CONNECT_S, "read_timeout": _READ_S}
+        settings["config_kwargs"] = timeouts | {"retries": {"total_max_attempts": 3}}
+        settings["anon"] = os.environ.get("AWS_NO_SIGN_REQUEST", "").upper() in ("YES", "TRUE", "1")
+    elif scheme == "https":
+        timeout = package.ClientTimeout(total=None, sock_connect=_CONNECT_S, sock_read=_READ_S)
+        headers = {"Accept-Encoding": "identity"}  # sizes are those of the files
+        settings["client_kwargs"] = {"timeout": timeout, "trust_env": True, "headers": headers}
+    client = fsspec.filesystem(url.scheme, **settings)
+    client.invalidate_cache()
+    return client
+
+
+@contextmanager
+def _explained(url: Url) -> Iterator[None]:
+    """Turn what a client raises into one message."""
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        status, fix = _status(error), _CREDENTIALS.get(url.scheme, "use an address without a login")
+        if not (isinstance(error, OSError) or type(error).__module__.startswith(_CLIENTS)):
+            raise
+        if isinstance(error, OSError) and error.errno in _DISK_FAULTS:
+            raise cannot_write(cache_folder(), error) from error
+        if status == 404 or (status is None and isinstance(error, FileNotFoundError)):
+            what, fix = "no such file or folder", "check bucket, name, and the endpoint if any"
+            raise AbsentError(what, where=url, fix=fix) from error
+        if isinstance(error, PermissionError) or status in (401, 403):
+            raise StorageError("access is denied", where=url, fix=fix) from error
+        # Of a client's words neither passwords nor signatures are shown.
+        said = " ".join(_LOGIN.sub("//", str(error).split("?")[0]).split())[:200]
+        raise StorageError(
+            f"refuses or cannot be reached: {status or ''} {said or type(error).__name__}",
+            where=url,
+            fix=f"run this again later; else check the network, AWS_ENDPOINT_URL, and {fix}",
+        ) from error
+
+
+def _status(error: BaseException | None) -> int | None:
+    """Return the HTTP status that an error or its cause states."""
+    if error is None:
+        return None
+    stated = error.status if hasattr(error, "status") else getattr(error, "code", None)
+    return stated if isinstance(stated, int) else _status(error.__cause__)
+
+
+def in_parallel(call: Callable[..., Any], *arguments: Any) -> list[Any]:
+    """Call a function that waits for a storage for each of the arguments, several at once."""
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        return list(pool.map(call, *arguments))
+
+
+def names(url: Url, *, deep: bool = False) -> list[str]:
+    """List what lies in a folder, or all files below it; nothing where there is no such folder."""
+    address = f"{url.address}/" if url.read_only else url.address
+    try:
+        with _explained(url):
+            client = client_of(url)
+            listed = client.find(address) if deep else client.ls(address, detail=False)
+    except AbsentError:
+        return []
+    base = url.path
+    if url.read_only:
+        base = unquote(base)
+        listed = [unquote(one.partition("://")[2].split("?")[0]) for one in listed]
+    elif url.scheme == "hf":
+        base = client.resolve_path(url.address).unresolve()
+    below = (one.rstrip("/").removeprefix(f"{base}/") for one in listed if one.startswith(base))
+    return sorted(name for name in below if name and name != base and (deep or "/" not in name))
+
+
+def fetch(url: Url, sha256: str | None = None) -> Path:
     """Return the path of the copy of a file, which is made anew where the file has changed."""
     target, stamp = copy_of(url), _stamp(url)
-
-    def download() -> Path:
-        there = target.is_file()
-        if there and sha256 is not None and sha256_of(target) == sha256:
-            return target
-        version = (entry or stat(url)).version
-        if there and sha256 is None and version and _read(stamp) == version:
+    _compared.add(target)
+    if sha256 is not None and target.is_file() and sha256_of(target) == sha256:
+        return target
+    with _explained(url):
+        client = client_of(url)
+        version = client.ukey(url.address)
+        if sha256 is None and target.is_file() and _read(stamp) == version:
             return target
         target.parent.mkdir(parents=True, exist_ok=True)
         part = target.with_name(f".{uuid4().hex[:12]}.partial")
         try:
-            client_of(url).get_file(url.address, str(part))
+            client.get_file(url.address, str(part))
             if sha256 is not None and sha256_of(part) != sha256:
                 raise StorageError(
                     "is not the file that benchmark.toml states",
@@ -72,11 +168,8 @@ def fetch(url: Url, sha256: str | None = None, entry: Entry | None = None) -> Pa
             part.replace(target)
         finally:
             part.unlink(missing_ok=True)
-        _write(stamp, version)
-        return target
-
-    _compared.add(target)
-    return tried(url, download)
+    _write(stamp, version)
+    return target
 
 
 def _stamp(url: Url) -> Path:
@@ -92,15 +185,13 @@ def _write(path: Path, text: str) -> None:
         stream.write(text)
 
 
-def fetched(path: Path, *, anew: bool = False) -> Path:
+def fetched(path: Path) -> Path:
     """Return a path, and fetch the file first if it is a copy that may be missing or old."""
     url = url_at(path)
-    if url is not None and (anew or path not in _compared or not path.exists()):
+    if url is not None and (path not in _compared or not path.exists()):
         try:
             fetch(url)
-        except StorageError as error:
-            if error.what != ABSENT:
-                raise
+        except AbsentError:
             path.unlink(missing_ok=True)
     return path
 
@@ -110,16 +201,16 @@ def here(location: str | Path) -> Path:
     url = url_of(location)
     if url is None:
         return Path(location)
-    says_folder = url.says_folder and not url.read_only  # a web server says so itself
-    entry = None if says_folder else stat(url)
-    if entry is not None and not entry.is_folder:
-        is_pointed = url.name.lower().endswith(RASTERS) and not url.query
-        return pointed(copy_of(url)) if is_pointed else fetch(url, entry=entry)
-    found = files(url)
+    with _explained(url):
+        # A web server would send a whole file to be asked whether it is a folder.
+        is_folder = url.says_folder or (not url.read_only and client_of(url).isdir(url.address))
+    if not is_folder:
+        is_raster = url.name.lower().endswith(RASTERS) and not url.query
+        return pointed(copy_of(url)) if is_raster else fetch(url)
+    found = names(url, deep=True)
     if not found:
-        raise StorageError(f"{ABSENT}, or an empty one", where=url)
-    places = [url.child(name) for name in found]
-    kept = set(in_parallel(fetch, places, [None] * len(places), found.values()))
+        raise AbsentError("no such file or folder, or an empty one", where=url)
+    kept = set(in_parallel(fetch, map(url.child, found)))
     for path in copy_of(url).rglob("*"):  # of what lay there earlier
         if path.is_file() and path not in kept:
             path.unlink()
@@ -158,79 +249,33 @@ class Pointer:
 def pointed(path: Path) -> Path:
     """Return the path of a raster; an empty file represents one at a URL."""
     url = None if path.exists() else url_at(path)
-    if url is not None and find(url) is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch()
+    if url is not None:
+        with _explained(url):
+            is_there = client_of(url).exists(url.address)
+        if is_there:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.touch()
     return path
 
 
 def pointer_at(path: Path) -> Pointer | None:
     """Return the URL of the raster that an empty file represents, or None."""
     url = url_at(path)
-    stands = url is not None and path.is_file() and not path.stat().st_size
-    return Pointer(url) if url is not None and stands else None
+    is_pointer = url is not None and path.is_file() and not path.stat().st_size
+    return Pointer(url) if url is not None and is_pointer else None
 
 
 def pointed_sha256(pointer: Pointer) -> str:
-    """Return the SHA-256 of a raster at a URL: as stated there, else read through once."""
-    url, now = pointer.place, stat(pointer.place)
-    if now.sha256 is not None:
-        return now.sha256
-    stamp = _stamp(url)
-    known, _, found = _read(stamp).rpartition("\n")
-    if known and known == now.version:
-        return found
-
-    def read() -> str:
-        digest = hashlib.sha256()
-        with client_of(url).open(url.address, "rb", block_size=_PIECE_BYTES) as stream:
+    """Return the SHA-256 of a raster at a URL, which is read through once."""
+    url, stamp, digest = pointer.place, _stamp(pointer.place), hashlib.sha256()
+    with _explained(url):
+        client = client_of(url)
+        version = client.ukey(url.address)
+        known, _, found = _read(stamp).rpartition("\n")
+        if known == version:
+            return found
+        with client.open(url.address, "rb", block_size=_PIECE_BYTES) as stream:
             while piece := stream.read(_PIECE_BYTES):
                 digest.update(piece)
-        return digest.hexdigest()
-
-    found = tried(url, read)
-    _write(stamp, f"{now.version}\n{found}")
-    return found
-
-
-def check_writable(url: Url) -> None:
-    """Refuse, before any work, a place where nothing can be written."""
-    if url.read_only:
-        raise UsageError(
-            "can only be read from",
-            where=f"--out {url}",
-            expected="a folder, or a URL of s3://, gs:// or hf://",
-        )
-    client, probe = client_of(url), url.child(".airzoo-part")
-    tried(probe, lambda: client.pipe_file(probe.address, b"0"))
-    tried(probe, lambda: client.rm_file(probe.address))
-
-
-@contextmanager
-def uploaded(url: Url, last: str, replaced: Collection[str]) -> Iterator[Path]:
-    """Fill the copy of a folder, and upload it in place of the earlier upload.
-
-    The file that counts, `last`, is removed first and comes last.
-    """
-    folder, names = copy_of(url), {last, *replaced}
-    yield folder
-    try:
-        paths = [path for path in folder.rglob("*") if path.is_file()]
-        new = [path.relative_to(folder).as_posix() for path in paths]
-        new = [name for name in new if name.partition("/")[0] in names]
-        old = list[str]()
-        with absent_is_absent():
-            old = [name for name in files(url) if name.partition("/")[0] in names]
-        client = client_of(url)
-        for name in sorted(old, key=lambda name: name != last):
-            if name == last or name not in new:
-                tried(url.child(name), partial(client.rm_file, url.child(name).address))
-        for name in sorted(new, key=lambda name: (name == last, name)):
-            place = url.child(name)
-            tried(place, partial(client.put_file, str(folder / name), place.address))
-    except StorageError as error:
-        kept = cache_folder() / f"unsent-{uuid4().hex[:12]}" / folder.name
-        kept.parent.mkdir()
-        folder.rename(kept)
-        error.fix = f"{error.fix or 'mend it'}; what was made is kept in {kept}"
-        raise
+    _write(stamp, f"{version}\n{digest.hexdigest()}")
+    return digest.hexdigest()

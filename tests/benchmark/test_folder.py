@@ -125,12 +125,12 @@ def test_truth_both_ways(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"offsets": [0, 1, 2]}, "tiles"),
-        ({"offsets": [0, 1], "tiles": [0]}, "offsets have shape"),
-        ({"offsets": [0, 1, 1, 1], "tiles": [9]}, "a tile is not in the gallery"),
-        ({"offsets": [0, 2, 1, 2], "tiles": [0, 1]}, "do not rise"),
-        ({"offsets": [0.0, 1, 1, 1], "tiles": [0]}, "not integers"),
-        ({"offsets": [0, 1, 1, 1], "tiles": [0], "overlap": ["1"]}, "overlaps do not fit"),
+        ({"offsets": [0, 1, 2]}, "damaged"),
+        ({"offsets": [0, 1], "tiles": [0]}, "damaged"),
+        ({"offsets": [0, 1, 1, 1], "tiles": [9]}, "damaged"),
+        ({"offsets": [0, 2, 1, 2], "tiles": [0, 1]}, "damaged"),
+        ({"offsets": [0.0, 1, 1, 1], "tiles": [0]}, "damaged"),
+        ({"offsets": [0, 1, 1, 1], "tiles": [0], "overlap": ["1"]}, "damaged"),
         ({"offsets": [0, 1, 1, 1], "tiles": [0] * 60}, "more than the limit"),
         ({"offsets": [0, 1, 1, 1], "tiles": [None]}, "pickled Python objects"),
         (None, "positives.npz"),

@@ -17,8 +17,7 @@ from airzoo_bench.core.registry import load_track
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.run_files import save
-from airzoo_bench.evaluation.scene_store import SceneStore
+from airzoo_bench.evaluation.run_files import SceneStore, save
 from airzoo_bench.evaluation.track import Run, Scored
 from airzoo_bench.retrieval.truth import read_truth
 from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.retrieval.descriptors import Rows
+from airzoo_bench.retrieval.predictions import Rows
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.ranking_support import (
     METRICS,
@@ -37,7 +37,7 @@ def test_rows_of_a_map_are_its_rows(view, dtype, tmp_path):
     np.save(tmp_path / "rows.npy", rows)
     mapped = np.load(tmp_path / "rows.npy", mmap_mode="r")
     expected = np.concatenate([rows[50:][view], rows[:7]])
-    source = Rows.join(mapped[50:][view], mapped[:7]).located()
+    source = Rows.join(mapped[50:][view], mapped[:7])
     assert source.in_files == (view.step is None)
     assert not source.in_files or len(pickle.dumps(source)) < rows.nbytes
     memory_bytes = 37 * 8 * source.shape[1] * max(source.dtype.itemsize, 4)
@@ -53,7 +53,7 @@ def test_rows_of_a_map_are_its_rows(view, dtype, tmp_path):
 
 def test_file_cut_short_is_refused(tmp_path):
     np.save(tmp_path / "rows.npy", np.zeros((400, 5), np.float32))
-    source = Rows.join(np.load(tmp_path / "rows.npy", mmap_mode="r")).located()
+    source = Rows.join(np.load(tmp_path / "rows.npy", mmap_mode="r"))
     with (tmp_path / "rows.npy").open("r+b") as file:
         file.truncate(4_000)
     with pytest.raises(PredictionError, match="ends before"):

@@ -74,8 +74,7 @@ def test_lists_that_end_before_their_positives_are_said(
     )
     assert has(
         both(path, data),
-        "10 lists end before rank 100",
-        "to mAP, MRR and nDCG@10 the others are not found",
+        "10 lists end without all positives",
     )
     whole = write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect)
     assert both(whole, data) == []
@@ -114,7 +113,6 @@ def test_ranks_that_short_lists_lack_score_nothing(
         path = write_predictions(tmp_path / f"{name}.npz", "made-retrieval", **arrays)
         results.append(evaluate(path, data=data))
     assert results[0].records.equals(results[1].records)
-    assert has(both(path, data), "AP@5", "R@5") == (depth == 1)
 
 
 def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.retrieval import ranking
-from airzoo_bench.retrieval.descriptors import Rows
+from airzoo_bench.retrieval.predictions import Rows
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.ranking_support import METRICS, random_positives
 

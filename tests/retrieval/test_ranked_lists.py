@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from airzoo_bench.retrieval.checks import list_errors
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.retrieval.checks import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
 from tests.retrieval.ranking_support import (
     assert_is,
@@ -114,6 +113,6 @@ def test_bad_lists_are_refused_by_name(ranked, scores, fault):
     scores = None if scores is None else np.array(scores, float)
     texts = np.where(np.array(ranked) < 0, "", np.array(ranked).astype(str))
     for lists in (np.array(ranked), texts):
-        [error] = list_errors(lists, scores, ["a", "b"])
-        assert re.search(fault, str(error))
-    assert not list(list_errors(texts[:1], None if scores is None else scores[:1], ["a"]))
+        with pytest.raises(PredictionError, match=fault):
+            check_lists(lists, scores, ["a", "b"])
+    check_lists(texts[:1], None if scores is None else scores[:1], ["a"])

@@ -10,7 +10,6 @@ from uuid import uuid4
 
 import pytest
 
-from airzoo_bench.storage import remote
 from tests.storage.servers import Front, files_of, moto, passed_on, serving
 
 KEYS = {
@@ -100,9 +99,8 @@ def other_client() -> Iterator[None]:
 
 @pytest.fixture
 def mirrors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of mirrors, an own one; what fails is tried again at once."""
+    """Return the folder of mirrors, an own one."""
     monkeypatch.setenv("AIRZOO_BENCH_CACHE", str(tmp_path / "mirrors"))
-    monkeypatch.setattr(remote, "PAUSES_S", (0.0, 0.0))
     return tmp_path / "mirrors"
 
 
