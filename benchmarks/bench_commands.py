@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from harness import ROOT, SUITE, Case, Work, main
 
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 sys.path.insert(0, str(ROOT))
 

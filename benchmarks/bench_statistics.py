@@ -10,7 +10,7 @@ import numpy as np
 from harness import ROOT, Case, Figures, Work, main, no_input
 from scipy.stats import bootstrap as scipy_bootstrap
 
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import make_sample
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scoring import retrieval_scores

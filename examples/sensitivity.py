@@ -13,7 +13,7 @@ from airzoo_bench.benchmark.queries import POSE_COLUMNS, SceneInputs, poses_of
 from airzoo_bench.core.files import data_root
 from airzoo_bench.geometry.poses import matrix_to_quaternion
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.retrieval.prepare import answering_tiles
 from airzoo_bench.retrieval.truth import read_truth
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import load_protocol, protocol_for, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, protocol_for, shipped_protocols
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 

@@ -27,7 +27,7 @@ from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import find_protocol
 
 __all__ = ["PredictionWriter"]
 

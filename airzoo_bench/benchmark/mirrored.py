@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from airzoo_bench.benchmark.manifest import BenchmarkFile
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import MARK, data_location
 from airzoo_bench.storage.mirror import (
@@ -23,6 +23,9 @@ from airzoo_bench.storage.mirror import (
     pointed,
 )
 from airzoo_bench.storage.urls import Url, copy_of, url_at, url_of
+
+if TYPE_CHECKING:
+    from airzoo_bench.benchmark.folder import BenchmarkFile
 
 _PROTOCOLS = "protocols"
 

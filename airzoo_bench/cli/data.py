@@ -103,7 +103,7 @@ def protocols(
 
     With a name, print its file, and licence and assumptions of the benchmark.
     """
-    from airzoo_bench.protocol.lookup import find_protocol, load_protocol, protocol_files
+    from airzoo_bench.protocol.model import find_protocol, load_protocol, protocol_files
 
     folder = resolve_data(data)
     if name is not None:

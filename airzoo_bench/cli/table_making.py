@@ -12,7 +12,7 @@ from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.protocol.lookup import find_protocol, shipped_protocols
+from airzoo_bench.protocol.model import find_protocol, shipped_protocols
 from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.files import method_names, result_paths, results_here
 from airzoo_bench.results.records import Scored, read_records

@@ -13,8 +13,8 @@ import pandas as pd
 import tomli_w
 from PIL import Image
 
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.images import read_tile
-from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.core.errors import BenchmarkError, counted, first_of
 from airzoo_bench.core.files import atomic_folder

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, verify, write_benchmark_file
+from airzoo_bench.benchmark.folder import (
+    Benchmark,
+    BenchmarkFile,
+    SceneFile,
+    verify,
+    write_benchmark_file,
+)
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.validation import read_toml, validated
 from airzoo_bench.evaluation.opening import read_truth
 from airzoo_bench.geometry.raster_files import raster_sha256
-from airzoo_bench.protocol.lookup import load_protocol
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, load_protocol
 
 
 def complete_manifest(folder: Path, *, replace: bool = False) -> list[str]:

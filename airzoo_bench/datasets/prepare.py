@@ -19,8 +19,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import SceneFile
+from airzoo_bench.benchmark.folder import Benchmark, SceneFile
 from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, UserError, counted
 from airzoo_bench.core.files import (
     atomic_folder,

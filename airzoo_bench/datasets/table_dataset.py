@@ -21,7 +21,7 @@ from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import match_names, read_table
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import find_protocol
 
 
 class TableDataset(Dataset[SourceOptions]):

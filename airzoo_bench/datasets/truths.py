@@ -14,8 +14,7 @@ from airzoo_bench.matching.prepare import build_truth as build_matching_truth
 from airzoo_bench.matching.prepare import given_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
-from airzoo_bench.protocol.lookup import find_protocol
-from airzoo_bench.protocol.model import Protocol, ProtocolScene
+from airzoo_bench.protocol.model import Protocol, ProtocolScene, find_protocol
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth

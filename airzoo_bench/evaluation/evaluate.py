@@ -30,13 +30,13 @@ from airzoo_bench.evaluation.opening import Given, ReadBy, open_predictions, rea
 from airzoo_bench.evaluation.queries import check_npz
 from airzoo_bench.evaluation.run_files import SceneStore
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Truth
-from airzoo_bench.protocol.lookup import (
+from airzoo_bench.protocol.model import (
+    Protocol,
     find_protocol,
     load_protocol,
     protocol_files,
     protocol_of_track,
 )
-from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparable import other_settings
 from airzoo_bench.results.result import (
     PredictionsUsed,

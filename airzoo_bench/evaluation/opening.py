@@ -27,8 +27,7 @@ from airzoo_bench.evaluation.reader import Reader, Reading, find_reader, image_s
 from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth
 from airzoo_bench.formats.arrays import protocol_name
 from airzoo_bench.formats.npz import NpzFile
-from airzoo_bench.protocol.lookup import find_protocol, prepared_protocols, protocol_files
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, find_protocol, prepared_protocols, protocol_files
 from airzoo_bench.results.result import ReaderUsed
 
 _EXAMPLE = "`airzoo-bench template` writes an example"

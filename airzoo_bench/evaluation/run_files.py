@@ -48,11 +48,9 @@ def check_run_folder(out: Path, inputs: Iterable[str | Path] = ()) -> None:
     files, folders = _run_entries()
     check_output_folder(out, files)
     home = out.resolve()
-    for one in inputs:
-        places = [
-            Path(one).resolve(),
-            *(p.resolve() for p in Path(one).rglob("*") if p.is_symlink()),
-        ]
+    for one in map(Path, inputs):
+        links = [one, *(path for path in one.rglob("*") if path.is_symlink())]
+        places = [one.parent.resolve() / one.name, *(path.resolve() for path in links)]
         lost = [
             name for name in (*files, *folders) for p in places if p.is_relative_to(home / name)
         ]

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
 from airzoo_bench.core.registry import resolve
-from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.formats.npz import Budget, NpzFile
 
 _PARQUET = "airzoo_bench.formats.parquet:ParquetFile"  # pyarrow takes a while to import
 _LONGEST_ID = 256

@@ -19,7 +19,7 @@ import pyfive
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, readable
-from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import Budget
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _BYTES_OF_OBJECT = 12_000  # of memory, what pyfive keeps of a group or dataset

@@ -11,7 +11,7 @@ import scipy.io
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UnreadableError, readable
-from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import Budget
 
 _MAGIC = b"MATLAB 5.0 MAT-file"
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of, readable
-from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import Budget
 
 _BATCH_ROWS = 65_536
 _PANDAS_INDEX = "__index_level_"

@@ -19,7 +19,7 @@ from airzoo_bench.leaderboard.board import Board
 from airzoo_bench.leaderboard.measured import Entry, entries_of, forget_others, read_entries
 from airzoo_bench.leaderboard.pages import render_pages
 from airzoo_bench.leaderboard.tables import make_table
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import find_protocol
 
 BOARD_JSON = "board.json"
 """The file by which the folder of a site is known."""

@@ -35,8 +35,7 @@ from airzoo_bench.leaderboard.submission import (
     read_submission,
     skeleton,
 )
-from airzoo_bench.protocol.lookup import find_protocol
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, find_protocol
 from airzoo_bench.results.result import Result
 
 MOST_FILES = 2000

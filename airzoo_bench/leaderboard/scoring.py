@@ -64,8 +64,7 @@ from airzoo_bench.leaderboard.pull_request import (
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.leaderboard.tables import make_table
-from airzoo_bench.protocol.lookup import find_protocol
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, find_protocol
 from airzoo_bench.results.result import read_result
 
 _OF_BOARD = (BoardError, BenchmarkError, ProtocolError)  # no submitter can put these right

@@ -50,7 +50,7 @@ from airzoo_bench.leaderboard.sealing import (
     load_pyrage,
 )
 from airzoo_bench.leaderboard.submission import Submission
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.results.result import ScoreColumn
 
 FLIPS = 4

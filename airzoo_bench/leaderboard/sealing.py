@@ -24,8 +24,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import SceneFile, SealedTruth, write_benchmark_file
+from airzoo_bench.benchmark.folder import Benchmark, SceneFile, SealedTruth, write_benchmark_file
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
     IDENTITY_COLUMNS,
@@ -48,7 +47,7 @@ from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.raster_files import raster_files
 from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
-from airzoo_bench.protocol.lookup import load_protocol
+from airzoo_bench.protocol.model import load_protocol
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS
 
 KEY_VARIABLE = "AIRZOO_BENCH_KEY"

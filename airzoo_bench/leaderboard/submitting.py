@@ -29,7 +29,7 @@ from airzoo_bench.leaderboard.submission import (
     Submission,
     submission_text,
 )
-from airzoo_bench.protocol.lookup import find_protocol
+from airzoo_bench.protocol.model import find_protocol
 
 _OPTIONS = {"authors": "--author", "training_data": "--training-data"}
 

@@ -1,4 +1,4 @@
-"""The model of protocol files, which people read, write and cite.
+"""Protocol files, which people read, write and cite: their model, and how they are found.
 
 A protocol file states every value that can change a score; the models have no defaults, so nothing
 is decided in code. Its fingerprint covers all of that and nothing else: a title may be reworded
@@ -7,12 +7,24 @@ without changing it.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationError, field_validator
 
-from airzoo_bench.core.files import fingerprint
-from airzoo_bench.core.validation import Name, Strict
+from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.core.files import DATA_VARIABLE, fingerprint
+from airzoo_bench.core.registry import TRACKS, load_track
+from airzoo_bench.core.validation import (
+    Name,
+    Strict,
+    nearest,
+    read_toml,
+    validated,
+    validation_message,
+)
 
 
 class ProtocolScene(Strict):
@@ -61,3 +73,100 @@ class Protocol(Strict):
     def fingerprint(self) -> str:
         """SHA-256 over `settings`."""
         return fingerprint(self.settings())
+
+
+P = TypeVar("P", bound=Protocol)
+
+
+def load_protocol(path: Path) -> Protocol:
+    """Read and check a protocol file."""
+    data = read_toml(path, ProtocolError, "protocol file")
+    track = data.get("track")
+    if not isinstance(track, str) or track not in TRACKS:
+        raise ProtocolError(
+            "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
+            where=path,
+            expected="one of " + ", ".join(TRACKS.names()),
+            fix="correct the protocol file",
+        )
+    model: type[Protocol] = load_track(track).protocol
+    return validated(data, model, ProtocolError, path, "protocol file")
+
+
+def shipped_protocols() -> dict[str, Path]:
+    """Return the protocol files that travel with the package, by name."""
+    package = Path(__file__).parents[1]
+    inside = package / "protocols"  # in the wheel; in a checkout they lie beside the package
+    folder = inside if inside.is_dir() else package.parent / "protocols"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def _prepared_files(data: Path) -> list[Path]:
+    return sorted([*data.glob("protocols/*.toml"), *data.glob("*/protocols/*.toml")])
+
+
+def protocol_files(data: Path) -> dict[str, Path]:
+    """Return every protocol that can be named: shipped, and of prepared benchmark folders."""
+    return {path.stem: path for path in _prepared_files(data)} | shipped_protocols()
+
+
+def prepared_protocols(track: str, data: Path) -> list[str]:
+    """Return the names of a track's protocols in prepared benchmark folders."""
+    found = []
+    for path in _prepared_files(data):
+        with suppress(ProtocolError):  # a damaged one is named when it is asked for
+            if load_protocol(path).track == track:
+                found.append(path.stem)
+    return found
+
+
+def find_protocol(name: str, data: Path) -> Protocol:
+    """Find a protocol by name or by path."""
+    if name.endswith(".toml"):
+        return load_protocol(Path(name))
+    known = protocol_files(data)
+    if name in known:
+        return load_protocol(known[name])
+    raise ProtocolError(
+        f"unknown protocol {name[:80]!r}{nearest(name[:80], list(known))}",
+        expected="a .toml file or one of: " + ", ".join(known),
+        fix="`airzoo-bench protocols` lists what is known; those of prepared benchmarks were "
+        f"sought in {data}: set {DATA_VARIABLE} to their folder, or name it with --data",
+    )
+
+
+def protocol_of_track(name: str, data: Path, model: type[P]) -> P:
+    """Find a protocol that must be of one track."""
+    chosen = find_protocol(name, data)
+    if not isinstance(chosen, model):
+        (wanted,) = get_args(model.model_fields["track"].annotation)
+        raise ProtocolError(
+            f"protocol {chosen.name} is of the {chosen.track} track",
+            expected=f"one of the {wanted} track",
+            fix="`airzoo-bench protocols` lists them with their tracks",
+        )
+    return chosen
+
+
+def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -> P:
+    """Derive the protocol of own data from another one."""
+    values = base.model_dump(by_alias=True)
+    values |= {"name": f"{name}-{base.track}", "benchmark": name}
+    values |= {"title": f"{name}, {base.track}", "scenes": ({"id": name, "title": name},)}
+    if values["name"] in shipped_protocols():
+        raise ProtocolError(
+            f"the name {name!r} would make a second protocol {values['name']}",
+            expected="a name that no shipped protocol has",
+            fix="choose another --name",
+        )
+    for section, keys in changes.items():
+        values[section] |= keys
+    model = type(base)
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise ProtocolError(
+            validation_message(error, model),
+            where=f"the protocol for {name[:80]!r}",
+            fix="correct the option, or the protocol that --protocol names",
+        ) from error

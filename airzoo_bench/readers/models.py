@@ -18,8 +18,8 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.evaluation.reader import refuse_option
-from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud
+from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.scenes import Layout, SceneOutput
 from airzoo_bench.readers.trajectories import rotations_of

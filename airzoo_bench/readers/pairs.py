@@ -13,8 +13,7 @@ from airzoo_bench.core.errors import PredictionError, UnreadableError, counted
 from airzoo_bench.core.files import first_bytes, npz_fields
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import Arrays, numbers
-from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.npz import NpzFile, map_numbers, read_header
+from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers, read_header
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels
 

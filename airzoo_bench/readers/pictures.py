@@ -11,7 +11,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reading
-from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions
 from airzoo_bench.readers.names import ImageNames, names_in, truths_of

@@ -13,7 +13,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
-from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, counted, first_of, readable
 from airzoo_bench.core.files import first_bytes, npz_fields
 from airzoo_bench.formats.arrays import numbers
-from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.npz import NpzFile, map_numbers
+from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import unit_quaternion_to_matrix
 from airzoo_bench.readers.models import (

@@ -10,9 +10,9 @@ import numpy as np
 
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError
 from airzoo_bench.core.files import first_bytes, read_text
-from airzoo_bench.formats.budget import Budget
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import quaternion_to_matrix
 from airzoo_bench.readers.scenes import Layout, SceneOutput, ViewNames

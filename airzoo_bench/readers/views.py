@@ -13,8 +13,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import npz_fields
 from airzoo_bench.formats.arrays import check_fields, texts
-from airzoo_bench.formats.budget import Budget
-from airzoo_bench.formats.npz import NpzFile
+from airzoo_bench.formats.npz import Budget, NpzFile
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.scenes import Layout, SceneOutput, ViewNames
 from airzoo_bench.reconstruction.fusion import LazyMaps

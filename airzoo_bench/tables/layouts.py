@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.comparable import find_scene
 from airzoo_bench.results.comparison import FLOOR_MARK, floor_note, notes_of
 from airzoo_bench.results.result import Result, ScoreColumn

@@ -22,7 +22,7 @@ from pydantic import Field
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import Name, Strict, nearest, read_toml, validated
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 S = TypeVar("S")
 T = TypeVar("T")

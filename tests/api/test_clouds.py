@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import airzoo_bench as ab
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment import RansacSettings
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from tests.api.support import refused

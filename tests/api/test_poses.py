@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import airzoo_bench as ab
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.api.support import refused
 from tests.matching.world import World, make_world
 

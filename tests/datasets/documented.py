@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmarks.md"
 MARKER = "<!-- overview: made by tests/datasets/documented.py -->\n"

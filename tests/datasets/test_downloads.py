@@ -14,7 +14,7 @@ import pytest
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.downloads import others_patterns
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.support import run_main
 
 SCENES = {"01": ("01/*", "map/*"), "02": ("02/*", "map/*")}

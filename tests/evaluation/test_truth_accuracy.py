@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from airzoo_bench.evaluation.evaluate import accuracy_notes
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
 
 
 def protocol(track: str) -> Protocol:

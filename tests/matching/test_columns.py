@@ -10,7 +10,7 @@ import pytest
 
 from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
 from airzoo_bench.matching.settings import MatchingScores
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 INF = math.inf
 # Four queries; the last has failed. The third is as far off as its limits, which are strict.

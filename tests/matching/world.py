@@ -13,8 +13,7 @@ import tomli_w
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.folder import Benchmark, BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table, write_queries
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import sha256_of
@@ -28,7 +27,7 @@ from airzoo_bench.matching.predictions import ScenePredictions, read_matching
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.geometry.support import looking_down
 from tests.support import PLACE_CRS, write_raster
 

@@ -23,7 +23,7 @@ from airzoo_bench.matching.lifting import Lifted, lift
 from airzoo_bench.matching.metrics import within
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.solving import solve_pose
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.support import write_raster
 
 THEIRS = json.loads((Path(__file__).parent / "aerialextrematch.json").read_text())

@@ -18,7 +18,7 @@ import pytest
 
 from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.scores import Score
 from airzoo_bench.retrieval.scoring import retrieval_scores

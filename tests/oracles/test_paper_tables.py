@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from typer.testing import Result
 
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.support import PUBLISHED, MadeScene, write_benchmark, write_predictions
 
 METHODS = ("AnyLoc", "SALAD", "Game4Loc", "MegaLoc", "MegaLoc (Ours)")

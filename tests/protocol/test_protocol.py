@@ -11,7 +11,7 @@ import pytest
 import tomli_w
 
 from airzoo_bench.core.errors import ProtocolError
-from airzoo_bench.protocol.lookup import (
+from airzoo_bench.protocol.model import (
     find_protocol,
     load_protocol,
     protocol_files,

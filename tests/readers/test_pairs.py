@@ -14,7 +14,7 @@ import pytest
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import Reading, find_reader
-from airzoo_bench.formats.budget import Budget
+from airzoo_bench.formats.npz import Budget
 from airzoo_bench.readers.pictures import MatchRows, Picture, Pictures
 from tests.matching.world import World
 from tests.readers.samples import matchers

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scoring
 from airzoo_bench.reconstruction.alignment import PosedCameras
 from airzoo_bench.reconstruction.clouds import InMemoryCloud

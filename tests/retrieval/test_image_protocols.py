@@ -8,7 +8,7 @@ import pytest
 
 from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.core.validation import validated
-from airzoo_bench.protocol.lookup import shipped_protocols
+from airzoo_bench.protocol.model import shipped_protocols
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 

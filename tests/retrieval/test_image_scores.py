@@ -13,7 +13,7 @@ import pytest
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions, Rows
 from airzoo_bench.retrieval.ranking import rank_scene

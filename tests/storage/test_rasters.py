@@ -15,8 +15,7 @@ import rasterio
 import rasterio.shutil
 from rasterio import Affine
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import write_benchmark_file
+from airzoo_bench.benchmark.folder import Benchmark, write_benchmark_file
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.raster_files import raster_sha256

@@ -9,7 +9,7 @@ import pytest
 
 from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.results.comparison import is_hit

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.manifest import SceneFile
+from airzoo_bench.benchmark.folder import Benchmark, SceneFile
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
     POSE_COLUMNS,

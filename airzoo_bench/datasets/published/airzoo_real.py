@@ -64,7 +64,7 @@ from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.rasters import gsd_m, open_info, pixel_to_world
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.protocol.lookup import protocol_of_track
+from airzoo_bench.protocol.model import protocol_of_track
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
 _CRS = "EPSG:4547"

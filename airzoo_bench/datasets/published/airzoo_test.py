@@ -45,8 +45,7 @@ from airzoo_bench.geometry.poses import (
     depth_to_points,
     quaternion_to_matrix,
 )
-from airzoo_bench.protocol.lookup import protocol_for, protocol_of_track
-from airzoo_bench.protocol.model import ProtocolScene
+from airzoo_bench.protocol.model import ProtocolScene, protocol_for, protocol_of_track
 from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 

@@ -21,7 +21,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 T = TypeVar("T")
 

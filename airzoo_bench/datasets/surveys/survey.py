@@ -31,7 +31,7 @@ from airzoo_bench.geometry.vertical import (
     stated_heights_crs,
     vertical_m,
 )
-from airzoo_bench.protocol.lookup import find_protocol, protocol_for
+from airzoo_bench.protocol.model import find_protocol, protocol_for
 
 _LONGEST_NAME = 48  # of which more names are made
 _SAME_M = 1e-6  # one vertical datum in two units

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark.manifest import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import photo_table, write_queries
 from tests.support import BRIGHTON, run_main
 

@@ -113,7 +113,7 @@ def sealed_again(folder: Path, key: str) -> Path:
 
 
 def rewritten_checksums(folder: Path) -> None:
-    from airzoo_bench.benchmark.manifest import BenchmarkFile, write_benchmark_file
+    from airzoo_bench.benchmark.folder import BenchmarkFile, write_benchmark_file
     from airzoo_bench.core.validation import read_toml
 
     values = read_toml(folder / "benchmark.toml", BenchmarkError, "benchmark file")
