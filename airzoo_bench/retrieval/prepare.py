@@ -187,6 +187,8 @@ def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
     clauses = []
     for kind, count in counts.items():
         most = best[parts[0] == kind].max()
-        clauses.append(f"{counted(count, 'photo')}: {kind}{f'{_BEST}{most:g}' * (most == most)}")
+        clauses.append(
+            f"{counted(count, 'photo')}: {kind}{'' if np.isnan(most) else f'{_BEST}{most:g}'}"
+        )
     fixes = [next(fix for text, fix in _FIXES if text in kind) for kind in counts.index]
     return clauses, list(dict.fromkeys(filter(None, fixes)))
