@@ -35,8 +35,7 @@ from airzoo_bench.leaderboard.measured import (
     load_arrays,
     store_arrays,
 )
-from airzoo_bench.protocol.lookup import load_protocol, shipped_protocols
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.statistics.pair_tests import (

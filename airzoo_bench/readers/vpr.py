@@ -34,7 +34,7 @@ from airzoo_bench.readers.descriptors import (
 )
 from airzoo_bench.readers.names import names_in, read_names
 from airzoo_bench.readers.ranks import ranked_lists, tile_ids
-from airzoo_bench.retrieval.descriptors import Rows
+from airzoo_bench.retrieval.predictions import Rows
 
 _QUERIES, _DATABASE, _LISTS = "queries_descriptors.npy", "database_descriptors.npy", "preds"
 _DEEPEST = 3  # logs/NAME/TIME, above which a folder of logs may stand
