@@ -144,11 +144,40 @@ class Run:
 
 
 class Track(ABC):
-    """What a track does; where ``Any`` is written it has types of its own.
+    """A track.
 
-    `protocol` is the class of its protocols, `recorded` the columns of the records that are neither
-    scores nor conditions of the queries (patterns as of `fnmatch`). `truths` are of all scenes in
-    the protocol's order, `part` is one of `Assignment.parts`, `kind` one of `TrackInfo.templates`.
+    Attributes
+    ----------
+    info : TrackInfo
+    protocol : type
+        The class of its protocols.
+    recorded : frozenset of str
+        Columns of the records that are neither scores nor conditions of the queries; patterns as
+        of `fnmatch`.
+
+    Notes
+    -----
+    Its methods take these; where ``Any`` stands a track has types of its own:
+
+    path, out : Path
+        Predictions; the template to write.
+    memory_bytes : int
+        The most that reading may hold.
+    benchmark, scene : Benchmark, str
+        A benchmark folder, opened, and the id of a scene in it.
+    protocol : Protocol
+        Of the class `protocol`.
+    predictions : Predictions
+        From `open`.
+    truth, truths : Truth, sequence of Truth
+        From `truth`; of all scenes in the protocol's order.
+    part : object
+        Of `Assignment.parts`.
+    run : Run
+    scored : sequence of Scored
+        From `score` or `check`, of all scenes.
+    kind, seed : str, int
+        One of `TrackInfo.templates`, and what random answers come from.
     """
 
     info: ClassVar[TrackInfo]
