@@ -53,8 +53,8 @@ class Pictures:
         photos, crops, maps = [], [], []
         scenes = truths_of(reading, where)
         for scene in scenes:
-            if scene.scene_map is not None:
-                dom = scene.scene_map.dom
+            if not scene.own_maps:
+                dom = scene.maps[0].dom
                 name, size = dom.path.name, (dom.width, dom.height)
                 maps.append((scene.scene, name))
                 self._known["map", scene.scene] = Picture(name, scene.scene, None, size, whole=True)

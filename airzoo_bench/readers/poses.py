@@ -87,7 +87,7 @@ class PoseReader(Reader):
     def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
         """Refuse cameras that all stand far from every map."""
         centres = content.poses.centres[content.found]
-        maps = {one.scene: one.scene_map for one in truths_of(reading, path) if one.scene_map}
+        maps = {one.scene: one.maps[0] for one in truths_of(reading, path) if not one.own_maps}
         if not len(centres) or not maps:
             return
         middle = np.median(centres[:, :2], axis=0)
