@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Floats
 
-_LEVEL = 6
 _DIGITS = 4
 _FEW, _MANY = 256, 65_536
 # What could end a script element, begin a comment in it, or end a line of it.
@@ -35,7 +35,7 @@ class Blobs:
 
     def add(self, content: bytes, kind: str) -> dict[str, Any]:
         """Pack bytes, and return what the script unpacks them by."""
-        self.texts.append(base64.b64encode(zlib.compress(content, _LEVEL)).decode())
+        self.texts.append(base64.b64encode(zlib.compress(content, 6)).decode())
         return {"blob": len(self.texts) - 1, "type": kind}
 
     def picture(self, address: str) -> int:
@@ -74,7 +74,7 @@ class Blobs:
 
     def words(self, values: Iterable[str]) -> dict[str, Any]:
         """Pack words as codes into the different ones."""
-        different, codes = np.unique(np.array(list(values), dtype=object), return_inverse=True)
+        codes, different = pd.factorize(np.array(list(values), dtype=object), sort=True)
         return {"texts": self.json(different), "codes": self.array(codes), "missing": -1}
 
 
