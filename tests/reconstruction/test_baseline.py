@@ -24,7 +24,7 @@ UTM = np.array((576600.0, 5188100.0, 160.0))
 SIZE = (320, 240)
 
 SETTINGS = SfmSettings(
-    doubled=False,
+    doubled=True,
     long_side_px=320,
     max_features=800,
     peak_threshold=0.005,
@@ -112,8 +112,8 @@ def test_poses_and_points_are_right(flight: Flight, made: Model) -> None:
     assert len(points) > 200
     on_roof = (np.abs(points[:, :2] - 30) < 9).all(axis=1)
     off_roof = (np.abs(points[:, :2] - 30) > 11).any(axis=1)
-    assert np.median(np.abs(points[on_roof, 2] - 6)) < 0.08
-    assert np.median(np.abs(points[off_roof, 2])) < 0.08
+    assert np.median(np.abs(points[on_roof, 2] - 6)) < 0.05
+    assert np.median(np.abs(points[off_roof, 2])) < 0.05
     # The roof is blue, the ground is grey.
     assert np.median(result.colours[on_roof, 2]) == 255
     ground = result.colours[off_roof].astype(int)
