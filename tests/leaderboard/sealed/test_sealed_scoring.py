@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +22,7 @@ from airzoo_bench.leaderboard.sealed_scoring import round_score, score_sealed
 from airzoo_bench.results.result import ScoreColumn
 from tests.api.place import NAME
 from tests.leaderboard.sealed.conftest import SALT, SealedField
-from tests.support import run_main
+from tests.support import HANGS_S, run_main
 
 TRACKS = ("retrieval", "matching", "reconstruction")
 SHARE, MEDIAN, MEAN = (
@@ -87,6 +91,44 @@ def test_no_error_tells_of_the_truth(
         scored(sealed, "retrieval", predictions["retrieval"])
     assert "45.1" not in str(caught.value)
     assert caught.value.__cause__ is None
+
+
+_SCRIPT = """
+import sys, time
+from pathlib import Path
+from airzoo_bench.__main__ import main
+from airzoo_bench.leaderboard import sealed_scoring
+sealed_scoring._truth_home = lambda folder=Path(sys.argv.pop(1)): folder
+def wait(*_, **__):
+    print("open", flush=True)
+    time.sleep(600)
+sealed_scoring.evaluate = wait
+main()
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_a_stopped_run_leaves_no_truth(
+    how: signal.Signals, sealed: SealedField, predictions: dict[str, Path], tmp_path: Path
+) -> None:
+    memory, key = tmp_path / "memory", tmp_path / "key.txt"
+    memory.mkdir()
+    key.write_text(str(sealed.key))
+    arguments = ("--protocol", f"{NAME}-retrieval", "--data", sealed.public, "--key", key)
+    call = ("seal-score", predictions["retrieval"], "--archive", sealed.archive, *arguments)
+    process = subprocess.Popen(
+        [sys.executable, "-c", _SCRIPT, *map(str, (memory, *call))],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"open\n"
+    assert list(memory.glob(".airzoo-truth.*"))
+    process.send_signal(how)
+    assert process.wait(HANGS_S) in (143, 130)
+    process.stdout.close()
+    assert not list(memory.iterdir())
 
 
 # --- how coarse ---
