@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from airzoo_bench.benchmark.queries import conditions_of
 from airzoo_bench.core.errors import counted
 from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.track import Run, Scored
@@ -183,4 +182,4 @@ def _records(
         **of_matches,
         **pose_columns(errors, settings),
     }
-    return pd.concat([pd.DataFrame(columns), conditions_of(truth.queries)], axis=1)
+    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)

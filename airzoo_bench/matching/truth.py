@@ -19,6 +19,7 @@ from airzoo_bench.benchmark.queries import (
     POSE_COLUMNS,
     PRIOR_COLUMNS,
     cameras_of,
+    conditions_of,
     poses_of,
     read_excluded,
     read_queries,
@@ -71,6 +72,11 @@ class MatchingTruth:
     def map_of(self, query: int) -> ReferenceMap:
         """Return the map that a query is matched to."""
         return self.maps[query if self.own_maps else 0]
+
+    @property
+    def conditions(self) -> pd.DataFrame:
+        """Columns of the queries that records repeat, such as weather."""
+        return conditions_of(self.queries)
 
     @cached_property
     def cameras(self) -> Cameras:
