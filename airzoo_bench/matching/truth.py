@@ -170,8 +170,7 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
         dsm, grid = benchmark.resolve(entry.dsm or ""), _read_grid(home / "map.json")
         maps = (_checked_map(dom, dsm, entry.dsm_sha256, grid),)
     crops = _read_crops(home / "crops.csv", ids, maps)
-    own_maps = entry.maps is not None
-    return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=own_maps)
+    return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=entry.maps is not None)
 
 
 def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFrame:
@@ -219,14 +218,12 @@ def _checked_map(
     found = ReferenceMap(open_info(dom), dsm, dsm_sha256 or "")
     if prepared | {"crs": found.grid["crs"]} != found.grid:  # one CRS has several spellings
         raise BenchmarkError(
-            "the map's grid is not the one that the benchmark was prepared with: "
-            f"{json.dumps(found.grid)}",
+            f"the map has another grid than the prepared one: {json.dumps(found.grid)}",
             where=dom,
             expected=json.dumps(prepared),
             fix=f"put the map back, or {_ANEW}",
         )
-    what = f"{dom} and the map that was prepared"
-    check_same_crs(found.dom.crs, prepared.get("crs"), what)
+    check_same_crs(found.dom.crs, prepared.get("crs"), f"{dom} and the map that was prepared")
     checked_dsm(dsm, dsm_sha256)
     return found
 
@@ -237,7 +234,6 @@ def checked_dsm(dsm: Path, prepared: str | None) -> str:
         raise BenchmarkError(
             "the surface model is not there",
             where=dsm,
-            expected="the DSM that matches are lifted by",
             fix="put it back where benchmark.toml says, or prepare with --copy",
         )
     found = raster_sha256(dsm)
@@ -246,7 +242,6 @@ def checked_dsm(dsm: Path, prepared: str | None) -> str:
             "the surface model is not the one that the benchmark was prepared with",
             where=dsm,
             expected=f"SHA-256 {(prepared or 'none')[:12]}…",
-            fix="put it back, and what lies beside it and changes its heights (.aux.xml, .msk, "
-            f"world files); or {_ANEW}",
+            fix=f"put it back with its side files (.aux.xml, .msk, world file); or {_ANEW}",
         )
     return found
