@@ -109,13 +109,3 @@ def test_the_papers_findings_by_check(command: Command, paper: Path) -> None:
         (r["Check"], r["Table"], r["Method"], r["Score"], r["Scene"]) for r in rows
     }
     assert not any(r["Grade"] == "impossible" for r in alone)
-
-
-def test_the_example_of_the_page(command: Command, tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "audit.md").read_text(encoding="utf-8")
-    blocks = [block.split("\n", 1)[1] for block in page.split("```")[1::2]]
-    shown = next(block for block in blocks if block.startswith("$ airzoo-bench audit "))
-    table = next(block for block in blocks if block.startswith("method,scene,"))
-    (tmp_path / "table.csv").write_text(table, encoding="utf-8")
-    run = command("audit", tmp_path / "table.csv", "--counts", "City=161,Rural=190")
-    assert shown.split("\n", 1)[1] == run.stdout
