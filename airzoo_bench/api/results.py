@@ -239,7 +239,7 @@ def check(
     names: str | Path | None = None,
     max_memory: int = 2 << 30,
 ) -> Check:
-    """Find all errors of predictions, without scoring them.
+    """Find errors of predictions, the first in each file or scene, without scoring them.
 
     Parameters
     ----------

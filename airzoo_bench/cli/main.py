@@ -30,7 +30,7 @@ _COMMANDS: dict[str, dict[str, tuple[str, ...]]] = {
     "Score": {
         "eval": ("evaluate:app", "Score predictions and print the per-scene table."),
         "check": (
-            *("predictions:check", "List every error of predictions.", "check preds.npz"),
+            *("predictions:check", "Find errors of predictions.", "check preds.npz"),
             "check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval",
         ),
         "readers": (

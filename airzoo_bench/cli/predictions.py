@@ -48,13 +48,13 @@ def check(
     max_memory: MemoryOption = "2G",
     untrusted: UntrustedOption = False,
 ) -> None:
-    """List every error in predictions, their reader, and how many queries they answer.
+    """Find errors in predictions, name their reader and how many queries they answer.
 
     Exit code 0: eval would take them; 1: it would refuse them; 2: there is nothing to check, as
     with no file or an unknown protocol.
 
     Needs no truth. With the benchmark folder, ids are checked and reconstructions are aligned, so
-    that every error of eval is found.
+    that whatever eval would refuse is found: in each file or scene, the first error.
     """
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import check as find_errors

@@ -214,7 +214,7 @@ def check(
     run: Run = _HERE,
     read_by: ReadBy = _AS_FOUND,
 ) -> Checked:
-    """Find all errors of predictions, scene by scene, without scoring them."""
+    """Find errors of predictions, the first in each file or scene, without scoring them."""
     try:
         given = open_predictions(path, data=data, protocol=protocol, run=run, read_by=read_by)
     except UnreadableError:
