@@ -319,7 +319,7 @@ def check_output_folder(folder: Path, names: Iterable[str]) -> None:
         _check_replaceable(folder / name, "name another --out")
 
 
-def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
+def check_output_file(path: Path) -> None:
     """Refuse a file that cannot be written, before the work that it is to hold."""
     _refuse_url(path)
     with _writing(path):
@@ -331,12 +331,6 @@ def check_output_file(path: Path, inputs: Iterable[Path] = ()) -> None:
     if not os.access(place, os.W_OK | os.X_OK):
         fix = "name another one"
         raise UsageError("nothing may be written into this folder", where=place, fix=fix)
-    if any(one.exists() and path.exists() and path.samefile(one) for one in inputs):
-        raise UsageError(
-            "is read to make what would be written here, and would be lost",
-            where=path,
-            fix="name another file to write",
-        )
 
 
 def check_new_folder(path: Path, *, replace: bool, mark: str = MARK) -> None:

@@ -84,7 +84,6 @@ def make_report(
     *,
     data: Path,
     data_was_named: bool = False,
-    title: str = "Results",
     pictures: int = 12,
     progress: Progress = silent,
 ) -> Report:
@@ -101,7 +100,7 @@ def make_report(
             enumerate(together, 1), "sections", len(sections)
         )
     ]
-    return Report(_render(title, parts, blobs), notes)
+    return Report(_render(parts, blobs), notes)
 
 
 def _places(section: Section, data: Path, notes: list[str], faults: list[UserError]) -> list[Place]:
@@ -262,7 +261,7 @@ def _read(name: str) -> str:
     return (resources.files("airzoo_bench.report") / "html" / name).read_text(encoding="utf-8")
 
 
-def _render(title: str, parts: list[dict[str, Any]], blobs: Blobs) -> str:
+def _render(parts: list[dict[str, Any]], blobs: Blobs) -> str:
     style = "\n".join(map(_read, _STYLES))
     code = "\n".join(map(_read, _SCRIPTS))
     script = f'(function () {{\n"use strict";\n{code}}})();\n'
@@ -280,7 +279,6 @@ def _render(title: str, parts: list[dict[str, Any]], blobs: Blobs) -> str:
         "palette": error_palette(),
     }
     return env.get_template("report.html").render(
-        title=title,
         version=__version__,
         policy=content_policy(script, style),
         style=style,

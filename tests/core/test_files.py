@@ -18,7 +18,6 @@ from airzoo_bench.core.files import (
     atomic_folder,
     atomic_write,
     canonical_json,
-    check_output_file,
     check_output_folder,
     clear_abandoned,
     files_below,
@@ -109,19 +108,6 @@ def test_a_read_only_file_stays(tmp_path: Path) -> None:
     path.chmod(0o644)
     write_to(path)
     assert path.read_text() == "new"
-
-
-def test_what_is_read_is_not_written(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    one, other = tmp_path / "in" / "a.csv", tmp_path / "b.csv"
-    one.touch()
-    os.link(one, tmp_path / "c.csv")
-    (tmp_path / "d.csv").symlink_to(one)
-    for path in (one, tmp_path / "in" / ".." / "in" / "a.csv", tmp_path / "d.csv"):
-        with pytest.raises(UsageError, match=r"csv: is read to make what would be written"):
-            check_output_file(path, [other, one])
-    check_output_file(other, [other, one])
-    check_output_file(one, [other])
 
 
 def test_a_full_disk_is_the_user_s_to_fix(tmp_path: Path) -> None:
