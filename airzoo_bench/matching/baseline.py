@@ -71,7 +71,7 @@ def predict(
         ids += truth.queries["id"].tolist()
         tasks = _tasks(benchmark, truth)
         matched = run.processes.map(
-            _match_task, tasks, shared=settings, stage="photos", name=lambda task: str(task.photo)
+            match_task, tasks, shared=settings, stage="photos", name=lambda task: str(task.photo)
         )
         matches += Headed(scene.id, run.progress)(matched, "photos", len(tasks))
     query_xy, map_xy = zip(*matches, strict=True)
@@ -85,16 +85,14 @@ def predict(
 
 
 def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
-    scene, cameras = benchmark.scene(truth.scene), truth.cameras
-    images = benchmark.resolve(scene.images)
-    tasks = []
+    scene, tasks = benchmark.scene(truth.scene), []
     for row, (name, crop) in enumerate(zip(truth.queries["image"], truth.crops, strict=True)):
-        dom, camera, lie = truth.map_of(row).dom, cameras.take(row), (0.0, 1.0)
+        dom, camera, lie = truth.map_of(row).dom, truth.cameras.take(row), (0.0, 1.0)
         if not truth.own_maps:
             ground = needed(scene.plane_height_m, "height of the ground", scene.id)
             lie = lie_on_map(camera, truth.priors.take(row), scene.crs, dom, ground)
-        x, y, width, height = crop.tolist()
-        tasks.append(Task(images / name, camera, dom.path, (x, y, width, height), *lie))
+        photo = benchmark.resolve(scene.images) / name
+        tasks.append(Task(photo, camera, dom.path, tuple(crop.tolist()), *lie))
     return tasks
 
 
@@ -112,16 +110,20 @@ def lie_on_map(
     return turn if np.isfinite(turn) else 0.0, ratio if ratio > 0.0 else 1.0
 
 
-def _match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
+def match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
+    """Match a photo with its part of the map, in pixels of both at their full size."""
     size = np.array((task.camera.width[0], task.camera.height[0]))
     photo_scale, crop_scale = min(1.0, task.gsd_ratio), min(1.0, 1.0 / task.gsd_ratio)
     largest = max(size.max() * photo_scale, max(task.window[2:]) * crop_scale)
     fit = min(1.0, settings.long_side_px / largest)
     wanted = np.maximum(np.round(size * photo_scale * fit), 1).astype(int)
+    colours = read_rgb(task.dom, task.window)
+    # Black is where a map has no data; what is nearly black is not.
+    crop = np.maximum(np.round(colours @ _GREY).astype(np.uint8), colours.any(axis=-1))
     query_xy, crop_xy = match(
         _read_photo(task.photo, size, wanted),
         task.camera,
-        _read_crop(task.dom, task.window),
+        crop,
         turn_deg=task.turn_deg,
         crop_scale=crop_scale * fit,
         settings=settings,
@@ -129,17 +131,8 @@ def _match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
     return query_xy, crop_xy + task.window[:2]
 
 
-def _read_crop(dom: Path, window: tuple[int, int, int, int]) -> Grey:
-    colours = read_rgb(dom, window)
-    grey = np.round(colours @ _GREY).astype(np.uint8)
-    # Black is where a map has no data; what is nearly black is not.
-    data: Grey = np.maximum(grey, colours.any(axis=-1))
-    return data
-
-
 def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
-    fix = "put the photos back where benchmark.toml says, or prepare with --copy"
-    with opened_photo(path, fix) as image:
+    with opened_photo(path, "put the photos back where benchmark.toml says") as image:
         if image.size != tuple(size.tolist()):
             raise BenchmarkError(
                 f"the photo is {image.size[0]} x {image.size[1]} px",
@@ -151,8 +144,7 @@ def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
         # so the box says where that is.
         reduced = image.draft("L", target)
         box = reduced[1] if reduced else (0, 0, *image.size)
-        grey: Grey = np.asarray(image.convert("L").resize(target, Image.Resampling.LANCZOS, box))
-    return grey
+        return np.asarray(image.convert("L").resize(target, Image.Resampling.LANCZOS, box))
 
 
 def match(

@@ -38,7 +38,6 @@ INFO = TrackInfo(
             files=r"errors\.png|matches\.npz|.+_(map|matches)\.png",
         ),
     ),
-    files={"timings.csv": "airzoo_bench.matching.track:write_timings"},
     baseline=Baseline(
         method="SIFT",
         summary="Match photos to their crops by SIFT, mutual neighbours and ratio test.",

@@ -9,7 +9,6 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from enum import IntEnum
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,8 +53,7 @@ class Lifted(NamedTuple):
     @property
     def valid(self) -> Bools:
         """Matches (M,) that are lifted."""
-        lifted: Bools = self.status == LiftStatus.LIFTED
-        return lifted
+        return np.asarray(self.status == LiftStatus.LIFTED)
 
 
 def lift(
@@ -68,104 +66,77 @@ def lift(
 ) -> Lifted:
     """Lift pixels (M, 2) of the map onto the surface model in `jobs` threads."""
     ground = dsm if isinstance(dsm, RasterInfo) else open_info(dsm)
-    task = _Task(np.asarray(map_xy, dtype=np.float64), dom, ground, heights_above_m)
-    with ExitStack() as stack, ThreadPoolExecutor(jobs) as pool:
-        stack.enter_context(small_cache())
-        datasets = [stack.enter_context(opened(ground.path))]
-        task.choose_blocks(datasets[0])
-        list(pool.map(task.locate, range(0, len(task.xy), _POINTS)))
-        order, runs = task.sort_by_block()
-        shares = [share for share in np.array_split(runs, jobs) if share.size]
-        # Opened here and not by the threads, which share the warnings that `opened` sets.
-        datasets += [stack.enter_context(opened(ground.path)) for _ in shares[1:]]
-        list(pool.map(partial(task.sample, order), datasets, shares))
-    return Lifted(task.points, task.status)
+    xy, to_dsm = np.asarray(map_xy, dtype=np.float64), change_of_plane(dom.crs, ground.crs)
+    points, status = np.empty((len(xy), 3)), np.empty(len(xy), np.uint8)
 
-
-class _Task:
-    """The arrays that threads fill, each in rows of its own."""
-
-    def __init__(
-        self, xy: Floats, dom: RasterInfo, dsm: RasterInfo, heights_above_m: float | None
-    ) -> None:
-        self.xy, self.dom, self.dsm, self.heights_above_m = xy, dom, dsm, heights_above_m
-        self.to_dsm = change_of_plane(dom.crs, dsm.crs)
-        self.points = np.empty((len(xy), 3))
-        self.status = np.empty(len(xy), np.uint8)
-
-    def choose_blocks(self, dataset: Any) -> None:
-        """Cut the raster into whole blocks of its file."""
-        self.block = window_shape(dataset, _BLOCK_PIXELS)
-        self.blocks_across = -(-self.dsm.width // self.block[0])
-        self.blocks = self.blocks_across * -(-self.dsm.height // self.block[1])
-        # NumPy sorts keys of 16 bits by counting.
-        self.key = np.empty(len(self.xy), np.min_scalar_type(self.blocks))
-
-    def locate(self, start: int) -> None:
+    # Threads fill rows of their own.
+    def locate(start: int) -> None:
         """Find X and Y, the status except for the height, and the block of the raster."""
         part = slice(start, start + _POINTS)
-        xy, points, status = self.xy[part], self.points[part], self.status[part]
-        on_map = _inside(xy, self.dom)
-        usable = xy if on_map.all() else np.where(on_map[:, None], xy, np.nan)
-        world = self.to_dsm(pixel_to_world(self.dom.transform, usable))
-        pixel = world_to_pixel(self.dsm.transform, world)
-        on_dsm = _inside(pixel, self.dsm)
-        points[:, :2], points[:, 2] = world, np.nan
-        status[:] = LiftStatus.LIFTED
+        on_map = _inside(xy[part], dom)
+        usable = xy[part] if on_map.all() else np.where(on_map[:, None], xy[part], np.nan)
+        world = to_dsm(pixel_to_world(dom.transform, usable))
+        pixel = world_to_pixel(ground.transform, world)
+        on_dsm = _inside(pixel, ground)
+        points[part, :2], points[part, 2], status[part] = world, np.nan, LiftStatus.LIFTED
         if not on_dsm.all():
-            points[~on_dsm], pixel[~on_dsm] = np.nan, 0.0
-            status[~on_dsm] = LiftStatus.OUTSIDE_DSM
-            status[~on_map] = LiftStatus.OUTSIDE_MAP
+            points[part][~on_dsm], pixel[~on_dsm] = np.nan, 0.0
+            status[part][~on_dsm] = LiftStatus.OUTSIDE_DSM
+            status[part][~on_map] = LiftStatus.OUTSIDE_MAP
         column, row = _first_neighbour(pixel)
-        key = row // self.block[1] * self.blocks_across + column // self.block[0]
-        self.key[part] = np.where(on_dsm, key, self.blocks)
+        block[part] = np.where(on_dsm, row // height * across + column // width, blocks)
 
-    def sort_by_block(self) -> tuple[Ints, Ints]:
-        """Return the matches in the order of blocks, and runs (R, 2) in it, each in one block."""
-        order = np.argsort(self.key, kind="stable")
-        blocks = np.arange(self.blocks + 1, dtype=self.key.dtype)
-        borders = np.searchsorted(self.key, blocks, sorter=order)
-        starts = np.union1d(borders, np.arange(0, borders[-1] + 1, _POINTS))
-        return order, np.stack((starts[:-1], starts[1:]), axis=-1)
-
-    def sample(self, order: Ints, dataset: Any, runs: Ints) -> None:
-        """Find the heights of some runs."""
+    def sample(dataset: Any, runs: Ints) -> None:
+        """Find the heights of runs of points, each in one block."""
         for start, stop in runs.tolist():
             rows = order[start:stop]
             # take() on rows is some times faster than an index.
-            world = self.points.take(rows, axis=0)[:, :2]
-            height = self._heights(dataset, world_to_pixel(self.dsm.transform, world))
-            self.points.reshape(-1)[3 * rows + 2] = height
-            lost = rows[np.isnan(height)]
-            self.status[lost], self.points[lost] = LiftStatus.NO_HEIGHT, np.nan
+            world = points.take(rows, axis=0)[:, :2]
+            pixel = world_to_pixel(ground.transform, world)
+            found = _sample_block(dataset, ground, pixel, heights_above_m)
+            points.reshape(-1)[3 * rows + 2] = found
+            lost = rows[np.isnan(found)]
+            status[lost], points[lost] = LiftStatus.NO_HEIGHT, np.nan
 
-    def _heights(self, dataset: Any, pixel: Floats) -> Floats:
-        """Return heights at pixel coordinates that lie in one block."""
-        column, row = _first_neighbour(pixel)
-        left, top = int(column.min()), int(row.min())
-        # The neighbours of the last cell, where the raster has them.
-        right = min(int(column.max()) + 2, self.dsm.width)
-        bottom = min(int(row.max()) + 2, self.dsm.height)
-        heights = read_metres(dataset, Window(left, top, right - left, bottom - top))
-        # Whole pixels are taken off without rounding.
-        local = np.stack((pixel[:, 0] - left, pixel[:, 1] - top), axis=-1)
-        field = HeightField(heights, self.dsm.transform, self.dsm.crs)
-        sampled = field.sample_pixels(local)
-        if self.heights_above_m is not None:
-            sampled[~_all_above(field, local - 0.5, self.heights_above_m)] = np.nan
-        return sampled
+    with ExitStack() as stack, ThreadPoolExecutor(jobs) as pool:
+        stack.enter_context(small_cache())
+        datasets = [stack.enter_context(opened(ground.path))]
+        width, height = window_shape(datasets[0], _BLOCK_PIXELS)
+        across = -(-ground.width // width)
+        blocks = across * -(-ground.height // height)
+        block = np.empty(len(xy), np.min_scalar_type(blocks))  # 16 bits are sorted by counting
+        list(pool.map(locate, range(0, len(xy), _POINTS)))
+        order = np.argsort(block, kind="stable")
+        every = np.arange(blocks + 1, dtype=block.dtype)
+        borders = np.searchsorted(block, every, sorter=order)
+        starts = np.union1d(borders, np.arange(0, borders[-1] + 1, _POINTS))
+        runs = np.stack((starts[:-1], starts[1:]), axis=-1)
+        shares = [share for share in np.array_split(runs, jobs) if share.size]
+        # Opened here and not by the threads, which share the warnings that `opened` sets.
+        datasets += [stack.enter_context(opened(ground.path)) for _ in shares[1:]]
+        list(pool.map(sample, datasets, shares))
+    return Lifted(points, status)
 
 
-def _all_above(field: HeightField, grid: Floats, limit: float) -> Bools:
-    """Tell where all neighbours that have a weight have a height above the limit."""
-    last = np.array(field.heights.shape[::-1]) - 1
-    low = np.clip(np.floor(grid), 0, last).astype(np.int64)
-    high = np.clip(np.ceil(grid), 0, last).astype(np.int64)
-    above = np.ones(len(grid), np.bool_)
-    for column in (low[:, 0], high[:, 0]):
-        for row in (low[:, 1], high[:, 1]):
-            above &= field.heights_at(column, row) > limit
-    return above
+def _sample_block(
+    dataset: Any, ground: RasterInfo, pixel: Floats, heights_above_m: float | None
+) -> Floats:
+    """Return heights at pixel coordinates that lie in one block."""
+    column, row = _first_neighbour(pixel)
+    left, top = int(column.min()), int(row.min())
+    # The neighbours of the last cell, where the raster has them.
+    right, bottom = min(int(column.max()) + 2, ground.width), min(int(row.max()) + 2, ground.height)
+    heights = read_metres(dataset, Window(left, top, right - left, bottom - top))
+    local = pixel - (left, top)  # whole pixels are taken off without rounding
+    field = HeightField(heights, ground.transform, ground.crs)
+    sampled = field.sample_pixels(local)
+    if heights_above_m is not None:
+        last = np.array(heights.shape[::-1]) - 1
+        ends = [np.clip(end(local - 0.5), 0, last).astype(np.int64) for end in (np.floor, np.ceil)]
+        # All neighbours that have a weight.
+        for columns, rows in ((x[:, 0], y[:, 1]) for x in ends for y in ends):
+            sampled[~(field.heights_at(columns, rows) > heights_above_m)] = np.nan
+    return sampled
 
 
 def _first_neighbour(pixel: Floats) -> tuple[Ints, Ints]:
@@ -177,7 +148,5 @@ def _first_neighbour(pixel: Floats) -> tuple[Ints, Ints]:
 def _inside(pixel: Floats, raster: RasterInfo) -> Bools:
     # By columns: NumPy reduces an axis of two some ten times slower.
     column, row = pixel.T
-    inside: Bools = column >= 0.0
-    for condition in (column <= raster.width, row >= 0.0, row <= raster.height):
-        inside &= condition
-    return inside
+    inside = (column >= 0.0) & (column <= raster.width) & (row >= 0.0)
+    return np.asarray(inside & (row <= raster.height))

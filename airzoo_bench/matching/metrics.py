@@ -39,14 +39,11 @@ class PoseErrors(Shown):
     rotation_deg: Floats | None
 
     def _display_fields(self) -> Mapping[str, object]:
-        errors = {"median_m": self.translation_m, "median_deg": self.rotation_deg}
-        medians = {
-            name: number(float(np.median(values)))
-            for name, values in errors.items()
-            if values is not None and len(values)
-        }
         failures = int(np.isinf(self.translation_m).sum())
-        return {"poses": len(self.translation_m), "failures": failures, **medians}
+        shown: dict[str, object] = {"poses": len(self.translation_m), "failures": failures}
+        errors = {"median_m": self.translation_m, "median_deg": self.rotation_deg}
+        known = {name: one for name, one in errors.items() if one is not None and len(one)}
+        return shown | {name: number(float(np.median(one))) for name, one in known.items()}
 
 
 def pose_errors(
@@ -58,7 +55,6 @@ def pose_errors(
     not trusted (RTK positions only). Angles are geodesic: Hartley, Trumpf, Dai, Li, Rotation
     averaging, IJCV 103, 2013.
     """
-    _check_poses(rotation, centres, true_rotation, true_centres)
     entries = np.concatenate((rotation.reshape(-1, 9), centres), axis=1)
     failed = np.logical_not(np.isfinite(entries).all(axis=1))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -71,22 +67,12 @@ def pose_errors(
 
 
 def within(
-    translation_m: Floats,
-    rotation_deg: Floats | None,
-    limit_m: float,
-    limit_deg: float | None = None,
+    translation_m: Floats, rotation_deg: Floats | None, limit_m: float, limit_deg: float = np.inf
 ) -> Floats:
-    """Return 1 where the errors are below their limits, strictly, else 0.
-
-    Without `limit_deg` only the translation counts.
-    """
-    near = _checked(translation_m) < limit_m
-    if limit_deg is not None:
-        if rotation_deg is None:
-            raise ValueError("the truth has no orientation, hence no pose recall")
-        if rotation_deg.shape != translation_m.shape:
-            raise ValueError(f"errors of shape {translation_m.shape} and {rotation_deg.shape}")
-        near &= _checked(rotation_deg) < limit_deg
+    """Return 1 where the errors are below their limits, strictly, else 0; None is no rotation."""
+    near = translation_m < limit_m
+    if rotation_deg is not None:
+        near &= rotation_deg < limit_deg
     return near.astype(np.float64)
 
 
@@ -103,28 +89,23 @@ def area_share(errors: Floats, limit: float) -> Floats:
     5.2), exact for the curve as it is, which is a step function. SuperGlue's ``pose_auc`` joins the
     steps' upper ends by straight lines, which gives up to 1 / (2 Q) more.
     """
-    if not 0.0 < limit < np.inf:
-        raise ValueError(f"limit is {limit}, expected above 0 and finite")
-    return 1.0 - np.minimum(_checked(errors), limit) / limit
+    return 1.0 - np.minimum(errors, limit) / limit
 
 
-def _check_poses(
-    rotation: Floats, centres: Floats, true_rotation: Floats | None, true_centres: Floats
-) -> None:
-    count = len(centres)
-    matrices = rotation if true_rotation is None else true_rotation
-    shapes = [array.shape for array in (centres, true_centres, rotation, matrices)]
-    if shapes != [(count, 3)] * 2 + [(count, 3, 3)] * 2:
-        raise ValueError(f"centres and rotations have shapes {shapes}")
-    known = [true_centres] if true_rotation is None else [true_centres, true_rotation]
-    if not all(np.isfinite(array).all() for array in known):
-        raise ValueError("the true poses hold NaN or infinity")
-
-
-def _checked(errors: Floats) -> Floats:
-    if errors.ndim != 1 or not (errors >= 0.0).all():
-        raise ValueError("errors must be (Q,), not NaN and not negative")
-    return errors
+def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
+    """Return the columns of the records that errors of Q poses give: the errors, then scores."""
+    metres, degrees = errors.translation_m, errors.rotation_deg
+    parts = ("error_m", metres), ("horizontal_m", errors.horizontal_m)
+    columns = dict((*parts, ("vertical_m", errors.vertical_m)))
+    if degrees is not None:
+        worst = settings.failed_rotation_deg
+        failed = np.inf if worst == "infinite" else worst
+        columns["rotation_deg"] = np.where(np.isfinite(degrees), degrees, failed)
+    for m in settings.translation_below_m:
+        columns[f"within_{m:g}m"] = within(metres, None, m)
+    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
+        columns[f"within_{m:g}m_{deg:g}deg"] = within(metres, degrees, m, deg)
+    return columns | {f"auc_{m:g}m": area_share(metres, m) for m in settings.auc_up_to_m}
 
 
 def matching_scores(settings: MatchingScores) -> list[Score]:
@@ -133,38 +114,11 @@ def matching_scores(settings: MatchingScores) -> list[Score]:
     share = Score.share
     scores = [error("error_m", "Median", "m", headline=True)]
     for m in settings.translation_below_m:
-        scores.append(share(translation_column(m), f"@{m:g}m", headline=True))
+        scores.append(share(f"within_{m:g}m", f"@{m:g}m", headline=True))
     for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
-        scores.append(share(_pose_column(m, deg), f"@{m:g}m,{deg:g}°", headline=True))
+        column = f"within_{m:g}m_{deg:g}deg"
+        scores.append(share(column, f"@{m:g}m,{deg:g}°", headline=True))
     scores += [error("horizontal_m", "Horizontal", "m"), error("vertical_m", "Vertical", "m")]
     if settings.orientation_is_trusted:
         scores.append(error("rotation_deg", "Rotation", "deg"))
     return scores + [share(f"auc_{m:g}m", f"AUC@{m:g}m") for m in settings.auc_up_to_m]
-
-
-def translation_column(limit_m: float) -> str:
-    """Name the column of translation recall."""
-    return f"within_{limit_m:g}m"
-
-
-def _pose_column(limit_m: float, limit_deg: float) -> str:
-    return f"within_{limit_m:g}m_{limit_deg:g}deg"
-
-
-def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
-    """Return the columns of the records that errors of Q poses give: the errors, then scores."""
-    metres, degrees = errors.translation_m, errors.rotation_deg
-    columns = {
-        "error_m": metres,
-        "horizontal_m": errors.horizontal_m,
-        "vertical_m": errors.vertical_m,
-    }
-    if degrees is not None:
-        worst = settings.failed_rotation_deg
-        failed = np.inf if worst == "infinite" else worst
-        columns["rotation_deg"] = np.where(np.isfinite(degrees), degrees, failed)
-    for m in settings.translation_below_m:
-        columns[translation_column(m)] = within(metres, None, m)
-    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
-        columns[_pose_column(m, deg)] = within(metres, degrees, m, deg)
-    return columns | {f"auc_{m:g}m": area_share(metres, m) for m in settings.auc_up_to_m}

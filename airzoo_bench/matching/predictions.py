@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,19 +20,19 @@ from airzoo_bench.core.errors import (
     first_of,
 )
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
+from airzoo_bench.core.ids import PHOTO_SUFFIXES, check_ids
 from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations, quaternion_to_matrix
+from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
 
-NO_POSE = "write NaN in all of a pose that was not found"
 _EXPECTED = (
     "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "
     "points3d, or poses, or rotations and centres"
 )
 _TEXT_BYTES = 1 << 27
+_NUMBER = re.compile(r"\s[-+]?\.?\d[-+\d.eE]*(\s|$)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +41,10 @@ class Correspondences:
 
     offsets: Ints
     query_xy: Floats  # (M, 2), pixels of the query at its full size; the image's corner is (0, 0)
-    map_xy: Floats | None  # (M, 2), pixels of the map or of the query's crop
-    map_frame: str | None  # "map" or "crop", where the file states it
-    points3d: Floats | None  # (M, 3) in the scene's CRS, instead of `map_xy`
-    image_size: Ints | None  # (Q, 2), width and height that pixels belong to, where it is stated
+    map_xy: Floats | None = None  # (M, 2), pixels of the map or of the query's crop
+    map_frame: str | None = None  # "map" or "crop", where the file states it
+    points3d: Floats | None = None  # (M, 3) in the scene's CRS, instead of `map_xy`
+    image_size: Ints | None = None  # (Q, 2), width and height that pixels belong to, if stated
 
     @property
     def kind(self) -> str:
@@ -64,34 +65,39 @@ class Correspondences:
         counts = np.where(rows >= 0, np.diff(self.offsets)[rows], 0)
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         chosen = np.repeat(self.offsets[rows] - offsets[:-1], counts) + np.arange(offsets[-1])
-        map_xy = None if self.map_xy is None else self.map_xy[chosen]
-        points = None if self.points3d is None else self.points3d[chosen]
-        size = None if self.image_size is None else self.image_size[rows]
-        return Correspondences(offsets, self.query_xy[chosen], map_xy, self.map_frame, points, size)
+        return Correspondences(
+            offsets,
+            self.query_xy[chosen],
+            None if self.map_xy is None else self.map_xy[chosen],
+            self.map_frame,
+            None if self.points3d is None else self.points3d[chosen],
+            None if self.image_size is None else self.image_size[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class GivenPoses:
     """World-to-camera poses of Q queries, in the scene's CRS, that the method computed itself."""
 
-    found: Bools  # (Q,), whether there is a pose; the others are meaningless
-    poses: Poses
-    errors_m: Floats  # (Q,), how far rounding in the file may have moved the cameras
-    quaternions: bool = False  # the file has rotations as quaternions, and not as matrices
-    centred: bool = False  # the file has centres, and not translations
+    poses: Poses  # NaN where there is none
+    errors_m: Floats  # (Q,), how far rounding in the file may have moved the cameras; else NaN
+    quaternions: bool  # the file has rotations as quaternions, and not as matrices
+    centred: bool  # the file has centres, and not translations
+    kind = "poses"
 
     @property
-    def kind(self) -> str:
-        """The name of this kind of prediction in results."""
-        return "poses"
+    def found(self) -> Bools:
+        """Which queries (Q,) have a pose."""
+        return np.asarray(np.isfinite(self.poses.centres).all(axis=1))
 
     def take(self, rows: Ints) -> GivenPoses:
-        """Return the poses of some queries, NaN where there is none; a row of -1 has none."""
-        found = (rows >= 0) & self.found[rows]
-        rotation = np.where(found[:, None, None], self.poses.rotation[rows], np.nan)
-        centres = np.where(found[:, None], self.poses.centres[rows], np.nan)
-        poses = Poses(rotation=rotation, centres=centres)
-        return replace(self, found=found, poses=poses, errors_m=self.errors_m[rows] * found)
+        """Return the poses of some queries, in this order; a row of -1 has none."""
+        there = rows >= 0
+        rotation = np.where(there[:, None, None], self.poses.rotation[rows], np.nan)
+        poses = Poses(
+            rotation=rotation, centres=np.where(there[:, None], self.poses.centres[rows], np.nan)
+        )
+        return replace(self, poses=poses, errors_m=np.where(there, self.errors_m[rows], np.nan))
 
 
 MatchingPredictions = QueryPredictions[Correspondences | GivenPoses]
@@ -99,92 +105,113 @@ MatchingPredictions = QueryPredictions[Correspondences | GivenPoses]
 
 
 @dataclass(frozen=True, eq=False)
-class ScenePredictions:
+class ScenePart:
     """The predictions for the Q queries of a scene, in their order, in pixels of the whole map."""
 
     answered: Bools  # (Q,), which queries the file has
     content: Correspondences | GivenPoses
-    notes: tuple[str, ...] = ()  # on what looks wrong
+    notes: tuple[str, ...]  # on what looks wrong
 
 
 def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
     """Read a prediction file of the matching track."""
     if path.suffix == ".txt":
-        return _read_pose_list(path)
-    return read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
+        found = _read_pose_list(path)
+    else:
+        found = read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
+    check_ids(found.query_ids, f"{path}, field 'query_ids'")
+    if isinstance(found.content, Correspondences):
+        _check_offsets(path, found.content, found.query_ids)
+        _check_finite(path, found.content, found.query_ids)
+    return found
 
 
 def _read_correspondences(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences:
-    offsets = _integers(arrays, "offsets", 1)
-    query_xy, map_xy, points, size = _pixels(arrays, "query_xy"), None, None, None
-    if "map_xy" in arrays.names():
-        name, other = "map_xy", (map_xy := _pixels(arrays, "map_xy"))
-    else:
-        name, other = "points3d", (points := _precise(arrays, "points3d", (None, 3)))
-    if len(other) != len(query_xy):
+    there, name = arrays.names(), "map_xy"
+    offsets, query_xy = _integers(arrays, "offsets", ()), _pixels(arrays, "query_xy")
+    map_xy = _pixels(arrays, name) if name in there else None
+    points = None if name in there else _coordinates(arrays, "points3d")
+    name, other = ("points3d", points) if map_xy is None else (name, map_xy)
+    if other is not None and len(other) != len(query_xy):
         raise PredictionError(
             f"field '{name}' has {counted(len(other), 'row')}, 'query_xy' has {len(query_xy):,}",
             where=arrays.path,
             expected="a row a match in both",
-            fix="write the two together",
         )
-    if "image_size" in arrays.names():
-        size = _integers(arrays, "image_size", 2)
+    frame = str(arrays.read("map_frame")) if "map_frame" in there else None
+    if frame not in (None, "map", "crop"):
+        raise PredictionError(
+            f"field 'map_frame' is {str(frame)[:80]!r}",
+            where=arrays.path,
+            expected="'map' (pixels of the whole map) or 'crop' (of the query's crop)",
+        )
+    size = None
+    if "image_size" in there:
+        size = _integers(arrays, "image_size", (2,))
         check_length(arrays, "image_size", size, len(query_ids))
-    return Correspondences(offsets, query_xy, map_xy, _map_frame(arrays), points, size)
+    return Correspondences(offsets, query_xy, map_xy, frame, points, size)
+
+
+def _check_offsets(path: Path, content: Correspondences, ids: NDArray[np.str_]) -> None:
+    offsets, rows = content.offsets, len(content.query_xy)
+    # Compared, not subtracted: the difference of two large integers may wrap around.
+    falling = np.flatnonzero(offsets[1:] < offsets[:-1])
+    if len(offsets) != len(ids) + 1 or falling.size or offsets[0] != 0 or offsets[-1] != rows:
+        said = f"they are {len(offsets):,} for {counted(len(ids), 'query')}"
+        if len(offsets) == len(ids) + 1:
+            said = f"from {offsets[0]} to {offsets[-1]}"
+            said += f", falling first at query {ids[falling[0]]}" if falling.size else ""
+        raise PredictionError(
+            f"the offsets do not add up: {said}",
+            where=f"{path}, field 'offsets'",
+            expected=f"{len(ids) + 1:,} numbers that rise from 0 to {rows}, the rows of query_xy",
+            fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
+        )
+
+
+def _check_finite(path: Path, content: Correspondences, ids: NDArray[np.str_]) -> None:
+    for name in ("query_xy", "map_xy", "points3d"):
+        values = getattr(content, name)
+        bad = np.zeros(0) if values is None else ~np.isfinite(values).all(axis=1)
+        if bad.any():
+            whose = first_of(ids[np.unique(content.query[bad])], len(ids), noun="query")
+            raise PredictionError(
+                f"{counted(int(bad.sum()), 'row is', 'rows are')} NaN or infinite, in {whose}",
+                where=f"{path}, field '{name}'",
+                expected="finite coordinates",
+                fix="leave out what has no match",
+            )
 
 
 def _pixels(arrays: Arrays, name: str) -> Floats:
-    """Read pixels, whole ones of any width among them."""
-    values = arrays.read(name)
-    if values.dtype.kind in "iu" and values.shape[1:] == (2,):
-        return values.astype(np.float64)
     return numbers(arrays, name, (None, 2)).astype(np.float64)
 
 
-def _map_frame(arrays: Arrays) -> str | None:
-    if "map_frame" not in arrays.names():
-        return None
-    value = arrays.read("map_frame")
-    if value.dtype.kind == "U" and value.size == 1 and value.item() in ("map", "crop"):
-        return str(value.item())
-    raise PredictionError(
-        f"field 'map_frame' is {str(value)[:80]!r}",
-        where=arrays.path,
-        expected="'map' (pixels of the whole map) or 'crop' (of the query's crop)",
-    )
-
-
-def _integers(arrays: Arrays, name: str, ndim: int) -> Ints:
-    """Read integers, one a row, or two a row where `ndim` is 2."""
+def _integers(arrays: Arrays, name: str, shape: tuple[int, ...]) -> Ints:
+    """Read integers of this shape for each row."""
     values = arrays.read(name)
-    if values.dtype.kind in "iu" and values.ndim == ndim and values.shape[1:] in ((), (2,)):
+    if values.dtype.kind in "iu" and values.ndim == len(shape) + 1 and values.shape[1:] == shape:
         return values.astype(np.int64)
-    raise wrong_type(
-        arrays.path,
-        name,
-        values,
-        expected=f"integers of shape ({'any' if ndim == 1 else 'any, 2'})",
-        fix=f"np.asarray({name}, dtype=np.int64)",
-    )
+    expected = f"integers of shape ({', '.join(map(str, ('any', *shape)))})"
+    fix = f"np.asarray({name}, dtype=np.int64)"
+    raise wrong_type(arrays.path, name, values, expected=expected, fix=fix)
 
 
-def _precise(arrays: Arrays, name: str, shape: tuple[int | None, ...]) -> Floats:
+def _coordinates(arrays: Arrays, name: str) -> Floats:
     """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
 
     Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
     """
-    given = numbers(arrays, name, shape)
+    given = numbers(arrays, name, (None, 3))
     values = given.astype(np.float64)
     finite = values[np.isfinite(values).all(axis=1)]
-    is_narrow = given.dtype.itemsize < 8
-    narrow = given.dtype.type if is_narrow else narrow_type(finite[:, :2])
+    narrow = given.dtype.type if given.dtype.itemsize < 8 else narrow_type(finite[:, :2])
     largest = float(np.abs(finite).max(initial=0.0))
     step = 0.0 if narrow is None else float(np.spacing(narrow(largest)))
     if step > COARSEST_M:
         raise PredictionError(
-            f"field '{name}' {'is' if is_narrow else 'went through'} {np.dtype(narrow)}, which "
-            f"keeps coordinates such as {largest:.0f} to {step:.2g} m only",
+            f"field '{name}' is {np.dtype(narrow)} or was once, which keeps coordinates such as "
+            f"{largest:.0f} to {step:.2g} m only",
             where=arrays.path,
             expected="float64",
             fix=f"compute and write {name} as float64",
@@ -201,7 +228,7 @@ def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
 
 def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
     rotations = numbers(arrays, "rotations", (None, 3, 3)).astype(np.float64)
-    centres = _precise(arrays, "centres", (None, 3))
+    centres = _coordinates(arrays, "centres")
     for name, values in (("rotations", rotations), ("centres", centres)):
         check_length(arrays, name, values, len(query_ids))
     where = f"{arrays.path}, field 'rotations'"
@@ -221,44 +248,42 @@ def given_poses(
     A row is NaN where there is no pose.
     """
     values = np.column_stack((rotation.reshape(len(place), -1), place))
-    found: Bools = np.asarray(np.isfinite(values).all(axis=1))
-    listed = [str(name) for name in names]
-    half = np.flatnonzero(~found & ~np.isnan(values).all(axis=1))
+    found = np.asarray(np.isfinite(values).all(axis=1))
+    half = np.array(names)[~found & ~np.isnan(values).all(axis=1)]
     if half.size:
         raise PredictionError(
-            "poses that are NaN or infinite in part: "
-            f"{first_of([listed[row] for row in half.tolist()], len(listed))}",
+            f"poses that are NaN or infinite in part: {first_of(half, len(names))}",
             where=where,
             expected="a whole pose, or NaN in all of it where there is none",
         )
-    quaternions = rotation.ndim == 2
-    identity = np.array((1.0, 0.0, 0.0, 0.0)) if quaternions else np.eye(3)
-    rotation = np.where(found.reshape(-1, *[1] * identity.ndim), rotation, identity)
-    place = np.where(found[:, None], place, 0.0)
+    listed = np.array(names)[found].tolist()
+    rotation, place = rotation[found], place[found]
+    quaternions = rotation if rotation.ndim == 2 else None
+    make = Poses.from_centres if centred else Poses.from_translations
     try:
-        matrices = (quaternion_to_matrix if quaternions else check_rotations)(rotation, listed)
-        poses = Poses(rotation=matrices, centres=place)
-        if not centred:
-            poses = Poses.from_translations(matrices, place, listed)
+        matrices = rotation if quaternions is None else quaternion_to_matrix(quaternions, listed)
+        known = make(matrices, place, listed)
     except CameraError as error:
-        fix = error.fix or f"{NO_POSE}, and world-to-camera rotations elsewhere"
+        fix = error.fix or "write world-to-camera rotations, and NaN in all of a missing pose"
         raise PredictionError(error.what, where=where, expected=error.expected, fix=fix) from error
-    errors = np.zeros(len(found))
-    if centred:  # beside a centre, what the rotation has lost does not move the camera
-        near = found & (np.abs(place) <= FARTHEST).all(axis=1)
-        errors[near] = centre_errors_m(place[near])
-    else:
-        stored = matrices if quaternions else rotation
-        quaternion = rotation[found] if quaternions else None
-        errors[found] = pose_errors_m(stored[found], place[found], quaternion)
-    return GivenPoses(found, poses, errors, quaternions, centred)
+    # Beside a centre, what the rotation has lost does not move the camera.
+    moved = centre_errors_m(place) if centred else pose_errors_m(matrices, place, quaternions)
+
+    def spread(of_found: Floats) -> Floats:
+        every = np.full((len(found), *of_found.shape[1:]), np.nan)
+        every[found] = of_found
+        return every
+
+    poses = Poses(rotation=spread(known.rotation), centres=spread(known.centres))
+    return GivenPoses(poses, spread(moved), quaternions is not None, centred)
 
 
 def _read_pose_list(path: Path) -> MatchingPredictions:
     """Read ``name qw qx qy qz tx ty tz``, as hloc and AerialExtreMatch write poses."""
     text = read_text(path, UnreadableError, "pose file", _TEXT_BYTES)
-    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
-    rows = [_name_and_pose(line) for line in lines]
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line and line[0] != "#"]
+    rows = [_split_name(line) for line in lines]
     wrong = [f"row {n + 1}, {lines[n].split()[0][:80]!r}" for n, row in enumerate(rows) if not row]
     if wrong or not rows:
         raise PredictionError(
@@ -275,24 +300,18 @@ def _read_pose_list(path: Path) -> MatchingPredictions:
     return QueryPredictions(path, None, names, given)
 
 
-def _name_and_pose(line: str) -> tuple[str, list[float]] | None:
+def _split_name(line: str) -> tuple[str, list[float]] | None:
     """Split a line; a name may have spaces, and its later words are no numbers: DJI 0001.JPG."""
-    name, *columns = line.strip().rsplit(None, 7)
-    pose = [number for number in map(_number, columns) if number is not None]
-    if len(pose) < 7 or any(_number(word) is not None for word in name.split()[1:]):
-        return None
-    if not name.isprintable() or len(name) > 256:  # no id, and no line of a message
-        return None
-    stem, dot, ending = name.rpartition(".")
-    is_photo = dot + ending.lower() in PHOTO_SUFFIXES
-    return (stem if is_photo else name, pose)
-
-
-def _number(text: str) -> float | None:
+    name, *columns = line.rsplit(None, 7)
     try:
-        return float(text)
+        pose = [float(word) for word in columns]
     except ValueError:
         return None
+    # What does not print, or is long, is no id and no line of a message.
+    if len(pose) < 7 or _NUMBER.search(name) or not name.isprintable() or len(name) > 256:
+        return None
+    ending = Path(name).suffix
+    return name.removesuffix(ending) if ending.lower() in PHOTO_SUFFIXES else name, pose
 
 
 _MATCHES, _PAIRS = ("offsets", "query_xy", "map_xy"), ("offsets", "query_xy", "points3d")

@@ -15,7 +15,6 @@ from rasterio.io import MemoryFile
 
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import (
-    POSE_COLUMNS,
     PRIOR_COLUMNS,
     SceneInputs,
     cameras_of,
@@ -24,7 +23,7 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
@@ -38,12 +37,7 @@ from airzoo_bench.geometry.rasters import (
     to_map_pixels,
     world_to_pixel,
 )
-from airzoo_bench.geometry.rays import (
-    HeightAt,
-    intersect_heightfield,
-    meet_missing,
-    nearest_heights,
-)
+from airzoo_bench.geometry.rays import intersect_heightfield, meet_missing, nearest_heights
 from airzoo_bench.matching.checks import count_near
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap, own_map, with_truth_as_prior
@@ -77,18 +71,16 @@ class CropStatus(StrEnum):
 
 def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
     """Match each photo to the whole of its own map; those without one are left out."""
-    photos = inputs.photos
-    files = [own_map(maps, photo) for photo in photos["id"]]
+    files = [own_map(maps, photo) for photo in inputs.photos["id"]]
     there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
     found = tuple(
         ReferenceMap(open_info(dom), dsm, raster_sha256(dsm))
         for (dom, dsm), has_map in zip(files, there, strict=True)
         if has_map
     )
-    windows = np.array([(0, 0, one.dom.width, one.dom.height) for one in found], np.int64)
-    queries = with_truth_as_prior(photos[there].reset_index(drop=True))
-    excluded = _excluded(inputs, np.where(there, CropStatus.CROPPED, CropStatus.NO_MAP))
-    windows = windows.reshape(-1, 4)
+    windows = np.array([(0, 0, *one.size) for one in found], np.int64).reshape(-1, 4)
+    queries = with_truth_as_prior(inputs.photos[there].reset_index(drop=True))
+    excluded = _excluded(inputs, ~there, np.full((~there).sum(), CropStatus.NO_MAP))
     return MatchingTruth(inputs.scene, queries, windows, found, excluded, own_maps=True)
 
 
@@ -96,23 +88,22 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     """Find the crop of each photo that has a prior; the others are left out, with the reason."""
     photos, scene = inputs.photos, inputs.scene
     dom, dsm = needed(inputs.dom, "map", scene), needed(inputs.dsm, "surface model", scene)
-    height = needed(inputs.plane_height_m, "height of the ground", scene)
-    columns = PRIOR_COLUMNS if prior.is_measured else POSE_COLUMNS
-    there = np.isfinite(photos[list(columns)].to_numpy(np.float64)).all(axis=1)
-    queries = photos[there].reset_index(drop=True)
     if not prior.is_measured:
-        queries = with_truth_as_prior(queries)
+        photos = with_truth_as_prior(photos)
+    there = np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
+    queries = photos[there].reset_index(drop=True)
     cameras, priors = cameras_of(queries), poses_of(queries, PRIOR_COLUMNS)
     if prior.is_measured:
         _refuse_truth_as_prior(priors, poses_of(queries))
     with blocked_heights(dsm) as field:
-        windows, of_queries = crop_windows(cameras, priors, dom, field, crop, height)
+        windows, of_queries = crop_windows(cameras, priors, dom, field, crop)
     kept = of_queries == CropStatus.CROPPED
     status = np.full(len(photos), CropStatus.NO_PRIOR, object)
     status[there] = of_queries
+    left_out = status != CropStatus.CROPPED
+    excluded = _excluded(inputs, left_out, status[left_out])
     maps = (ReferenceMap(dom, dsm, raster_sha256(dsm)),)
-    queries = queries[kept].reset_index(drop=True)
-    return MatchingTruth(scene, queries, windows[kept], maps, _excluded(inputs, status))
+    return MatchingTruth(scene, queries[kept].reset_index(drop=True), windows[kept], maps, excluded)
 
 
 def _refuse_truth_as_prior(priors: Poses, poses: Poses) -> None:
@@ -128,27 +119,21 @@ def _refuse_truth_as_prior(priors: Poses, poses: Poses) -> None:
         )
 
 
-def _excluded(inputs: SceneInputs, status: NDArray[Any]) -> pd.DataFrame:
-    left_out = status != CropStatus.CROPPED
+def _excluded(inputs: SceneInputs, left_out: Bools, reasons: NDArray[Any]) -> pd.DataFrame:
     photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
-    reasons = np.array([str(one) for one in status[left_out]], object)
-    return with_unposed(photos.assign(reason=reasons), inputs)
+    texts = np.array([str(reason) for reason in reasons], object)
+    return with_unposed(photos.assign(reason=texts), inputs)
 
 
 def crop_windows(
-    cameras: Cameras,
-    priors: Poses,
-    dom: RasterInfo,
-    field: HeightField,
-    crop: Crop,
-    plane_height_m: float,
+    cameras: Cameras, priors: Poses, dom: RasterInfo, field: HeightField, crop: Crop
 ) -> tuple[Ints, NDArray[np.str_]]:
     """Find the reference crops of N queries (PROTOCOLS.md, track 2, "Crop").
 
     Returns windows (N, 4) in whole pixels of the map, x, y, width and height, zero where there is
     no crop; and the CropStatus (N,) of each.
     """
-    ends = _ends_of_corner_rays(cameras, priors, field, crop, plane_height_m)
+    ends = _ends_of_corner_rays(cameras, priors, field, crop)
     pixels = to_map_pixels(field.crs, dom)(ends)
     low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
     grown = crop.margin * (high - low)
@@ -164,24 +149,16 @@ def crop_windows(
     return windows, status
 
 
-def _ends_of_corner_rays(
-    cameras: Cameras, priors: Poses, field: HeightField, crop: Crop, plane_height_m: float
-) -> Floats:
+def _ends_of_corner_rays(cameras: Cameras, priors: Poses, field: HeightField, crop: Crop) -> Floats:
     """Return where the rays (N, 4) of the image's corners end: on the ground, or at the range."""
     directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
     centres, far = priors.centres, crop.max_range_m
     ends = centres[:, None] + far * directions
-    stand_ins: dict[str, HeightAt] = {
-        "nearest": nearest_heights(field, crop.nearest_of_px),
-        "plane": lambda places: np.full(places.shape[:-1], plane_height_m),
-    }
-    height_at = stand_ins.get(crop.missing_heights)
+    height_at = nearest_heights(field, crop.nearest_of_px)
     for start in range(0, len(cameras), _CAMERAS):
         part = slice(start, start + _CAMERAS)
         hits = intersect_heightfield(centres[part], directions[part], field, far)
-        points = hits.points
-        if height_at is not None:
-            points = meet_missing(centres[part], directions[part], hits, field, height_at, far)
+        points = meet_missing(centres[part], directions[part], hits, field, height_at, far)
         ends[part] = np.where(np.isnan(points), ends[part], points)
     return ends[..., :2]
 

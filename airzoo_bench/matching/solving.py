@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -66,8 +65,6 @@ class PoseEstimate(Shown):
         A failure is anything but ``SOLVED``, or ``GIVEN`` where a method computed it itself.
     left_out : int
         Matches beyond `max_matches`, which were not used.
-    seconds : float
-        Spent on it; the one thing that differs from run to run.
     """
 
     rotation: Floats
@@ -75,7 +72,6 @@ class PoseEstimate(Shown):
     inliers: Bools
     status: Status
     left_out: int = 0
-    seconds: float = 0.0
 
     @property
     def matrix(self) -> Floats:
@@ -98,29 +94,17 @@ class PoseQueries:
     query_xy: Floats
     points: Floats
 
-    def __len__(self) -> int:
-        return len(self.offsets) - 1
-
-    def solve(self, query: int, solver: Solver) -> PoseEstimate:
-        """Solve one query, and measure how long it takes."""
-        begin = perf_counter()
-        rows = slice(*self.offsets[query : query + 2].tolist())
-        camera = self.cameras.take(query)
-        estimate = solve_pose(camera, self.query_xy[rows], self.points[rows], solver)
-        return replace(estimate, seconds=perf_counter() - begin)
-
 
 def solve_queries(queries: PoseQueries, solver: Solver, run: Run) -> list[PoseEstimate]:
     """Solve for the poses of queries in blocks, wherever the engine has it done."""
-    jobs, engine = run.jobs, run.engine
-    size = min(_QUERIES_A_BLOCK, max(1, len(queries) // _BLOCKS))
-    blocks = engine.cut(len(queries), size if jobs == 1 else max(size, _QUERIES_A_THREAD * jobs))
-    # Where all is one block, it shows how far it is; several are shown by the engine.
-    progress = run.progress if len(blocks) == 1 else silent
+    jobs, engine, count = run.jobs, run.engine, len(queries.offsets) - 1
+    size = min(_QUERIES_A_BLOCK, max(1, count // _BLOCKS))
+    blocks = engine.cut(count, size if jobs == 1 else max(size, _QUERIES_A_THREAD * jobs))
     found = engine.map(
         _solve_block,
         blocks,
-        shared=(queries, solver, jobs, progress),
+        # Where all is one block, it shows how far it is; several are shown by the engine.
+        shared=(queries, solver, jobs, run.progress if len(blocks) == 1 else silent),
         stage="blocks of queries",
         name=lambda block: f"queries {block.start + 1:,} to {block.stop:,} of {queries.name}",
     )
@@ -133,11 +117,16 @@ def _solve_block(
     """Solve some queries by threads, one a query, as long as nothing fails."""
     queries, solver, jobs, progress = shared
     load_pycolmap()  # here, since signals that it takes are given back in the main thread only
-    rows = range(block.start, block.stop)
+
+    def solve(query: int) -> PoseEstimate:
+        rows = slice(*queries.offsets[query : query + 2].tolist())
+        camera = queries.cameras.take(query)
+        return solve_pose(camera, queries.query_xy[rows], queries.points[rows], solver)
+
     pool = ThreadPoolExecutor(jobs)
     try:
-        found = pool.map(lambda row: queries.solve(row, solver), rows)
-        return list(progress(found, "poses", len(rows)))
+        rows = range(block.start, block.stop)
+        return list(progress(pool.map(solve, rows), "poses", len(rows)))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -209,9 +198,7 @@ def _find_by_colmap(
         "max_num_trials": trials[1],
         "confidence": solver.confidence,
         "dyn_num_trials_multiplier": _TRIALS_MULTIPLIER,
-        # Random numbers are a thread's own; with a seed every call starts them anew, whatever
-        # `pycolmap.set_random_seed` or earlier calls of the thread have done.
-        "random_seed": solver.seed,
+        "random_seed": solver.seed,  # every call starts its random numbers anew
         "num_threads": 1,
     }
     options = pycolmap.AbsolutePoseEstimationOptions(estimate_focal_length=False, ransac=ransac)
@@ -240,10 +227,8 @@ def _find_by_poselib(
     try:
         poselib: Any = importlib.import_module("poselib")
     except ImportError as error:
-        raise UsageError(
-            "the solver 'poselib' needs PoseLib, which is not installed",
-            fix="pip install poselib, or choose the solver 'colmap' or 'colmap+refine'",
-        ) from error
+        fix = "pip install poselib, or choose the solver 'colmap' or 'colmap+refine'"
+        raise UsageError("the solver 'poselib' needs PoseLib, not installed", fix=fix) from error
     options = {
         "max_reproj_error": solver.max_error_px,
         "min_iterations": trials[0],
@@ -260,8 +245,7 @@ def _find_by_poselib(
 
 def _camera_fields(camera: Cameras) -> dict[str, Any]:
     """Return the camera as both libraries take it; a pinhole is twice as fast as zeros."""
-    parameters = [*camera.focal[0], *camera.principal_point[0]]
-    lens = camera.distortion[0]
+    parameters, lens = [*camera.focal[0], *camera.principal_point[0]], camera.distortion[0]
     return {
         "model": "FULL_OPENCV" if lens.any() else "PINHOLE",
         "width": int(camera.width[0]),

@@ -1,37 +1,47 @@
-"""The matching track: a UAV photo is matched to an orthophoto and posed."""
+"""The matching track: matches are lifted, poses are solved for, and their errors recorded."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.core.files import atomic_write
-from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.core.errors import PredictionError, counted
+from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.queries import assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
-from airzoo_bench.matching.checks import check_file, open_scene
+from airzoo_bench.geometry.arrays import Bools, Ints
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, check_digits, count_near, open_scene
 from airzoo_bench.matching.info import INFO
-from airzoo_bench.matching.metrics import matching_scores
+from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
+from airzoo_bench.matching.metrics import matching_scores, pose_columns, pose_errors
 from airzoo_bench.matching.predictions import (
+    Correspondences,
+    GivenPoses,
     MatchingPredictions,
-    ScenePredictions,
+    ScenePart,
     read_matching,
 )
-from airzoo_bench.matching.scoring import RECORDED, score_priors, score_scene
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
+from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, Status, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score, concatenate, summarise
 
-PRIOR_ITSELF = "Prior itself"
-"""The reference of every result of the track."""
-
-_MATCHES = 20  # of each query, in a template
+_STATUSES = [status.name.lower() for status in LiftStatus]
+_NOT_LIFTED = {
+    "outside_map": "outside the map",
+    "outside_dsm": "outside the surface model",
+    "no_height": "where the surface model has no height",
+}
+_SAME_M, _SAME_DEG = 1e-3, 1e-3  # a prior that was copied went through a file at most
+_TEMPLATE_MATCHES = 20  # of each query
 
 
 class MatchingTrack(Track):
@@ -39,7 +49,9 @@ class MatchingTrack(Track):
 
     info = INFO
     protocol = MatchingProtocol
-    recorded = RECORDED
+    recorded = frozenset(
+        ("scene", "query", "answered", "status", "failed", "matches", "inliers", "beyond_limit")
+    ) | {*_STATUSES}
 
     def open(self, path: Path, memory_bytes: int) -> MatchingPredictions:
         """See `Track.open`."""
@@ -56,32 +68,57 @@ class MatchingTrack(Track):
         protocol: MatchingProtocol,
     ) -> Assignment:
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
-        check_file(predictions, None if truths else protocol.scores.finest_m)
+        content, finest_m = predictions.content, protocol.scores.finest_m
+        if not truths and isinstance(content, GivenPoses):
+            try:
+                check_digits(content, predictions.query_ids, np.zeros((0, 3)), finest_m)
+            except PredictionError as error:
+                raise error.inside(predictions.path) from None
         assignment = assign_queries(predictions, truths, protocol)
         for place, truth in enumerate(truths):
             rows, assignment.parts[place] = assignment.parts[place].rows, None
             try:
-                assignment.parts[place] = open_scene(predictions, truth, rows, protocol.scores)
+                assignment.parts[place] = open_scene(predictions, truth, rows, finest_m)
             except PredictionError as error:
                 assignment.errors.append(error.inside(predictions.path))
         return assignment
 
     def score(
-        self, part: ScenePredictions, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
+        self, part: ScenePart, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
     ) -> Scored:
         """See `Track.score`."""
-        return score_scene(truth, part, protocol, run)
+        content, of_matches = part.content, dict[str, Ints]()
+        if isinstance(content, GivenPoses):
+            estimates = _as_estimates(content.poses)
+        else:
+            estimates, of_matches = _solve(truth, content, protocol, run)
+        poses, is_given = _poses_of(estimates), isinstance(content, GivenPoses)
+        records = _records(truth, part.answered, estimates, of_matches, protocol.scores)
+        counts = {
+            "queries": len(records),
+            "missing": int((~records["answered"]).sum()),
+            "failed": int(records["failed"].sum()),
+            "left_out": len(truth.excluded),
+            **{name: int(column.sum()) for name, column in of_matches.items() if name != "inliers"},
+            "equal_to_prior": is_given * count_near(poses, truth.priors, _SAME_M, _SAME_DEG),
+        }
+        if protocol.prior.is_measured:
+            counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
+        notes = [f"scene {truth.scene}: {note}" for note in _notes(records, counts)]
+        details = (content, estimates) if run.keep else None
+        return Scored(records, counts, content.kind, (*part.notes, *notes), details=details)
 
     def check(
         self,
-        part: ScenePredictions,
+        part: ScenePart,
         truth: MatchingTruth | None,
         protocol: MatchingProtocol,
         run: Run,
     ) -> Scored:
         """See `Track.check`."""
-        counts = {} if truth is None else {"queries": len(truth.queries)}
-        return Scored(counts=counts, notes=() if truth is None else part.notes)
+        if truth is None:
+            return Scored()
+        return Scored(counts={"queries": len(truth.queries)}, notes=part.notes)
 
     def scores(self, protocol: MatchingProtocol) -> list[Score]:
         """See `Track.scores`."""
@@ -103,11 +140,13 @@ class MatchingTrack(Track):
         """Score the priors as if they were a method's poses; where none are measured, nothing."""
         if not protocol.prior.is_measured:
             return {}
-        records = concatenate([score_priors(truth, protocol.scores) for truth in truths])
-        scenes = [truth.scene for truth in truths]
-        summary = summarise(records, matching_scores(protocol.scores), scenes)
+        scenes, records = [truth.scene for truth in truths], []
+        for truth in truths:
+            answered, given = np.ones(len(truth.queries), np.bool_), _as_estimates(truth.priors)
+            records.append(_records(truth, answered, given, {}, protocol.scores))
+        summary = summarise(concatenate(records), matching_scores(protocol.scores), scenes)
         meaning = "what the photos' own GPS and gimbal angles score, without any matching"
-        return {PRIOR_ITSELF: Reference(meaning=meaning, **asdict(summary))}
+        return {"Prior itself": Reference(meaning=meaning, **asdict(summary))}
 
     def template(
         self,
@@ -120,12 +159,12 @@ class MatchingTrack(Track):
         """Match random pixels of every query to random pixels of its crop."""
         random = np.random.default_rng(seed)
         sizes = [np.stack([t.cameras.width, t.cameras.height], axis=1) for t in truths]
-        size = np.repeat(np.concatenate(sizes), _MATCHES, axis=0)
-        crop = np.repeat(np.concatenate([t.crops for t in truths]), _MATCHES, axis=0)
+        size = np.repeat(np.concatenate(sizes), _TEMPLATE_MATCHES, axis=0)
+        crop = np.repeat(np.concatenate([t.crops for t in truths]), _TEMPLATE_MATCHES, axis=0)
         ids = np.concatenate([t.queries["id"].to_numpy(str) for t in truths])
         arrays = {
             "query_ids": ids,
-            "offsets": np.arange(len(ids) + 1) * _MATCHES,
+            "offsets": np.arange(len(ids) + 1) * _TEMPLATE_MATCHES,
             "query_xy": random.uniform(0, size),
             "map_xy": crop[:, :2] + random.uniform(0, crop[:, 2:]),
         }
@@ -133,14 +172,108 @@ class MatchingTrack(Track):
         return None
 
 
-def write_timings(evaluation: Evaluation, path: Path) -> None:
-    """Write seconds of the solver for each query, which differ by run."""
-    parts = [
-        scene.records[["scene", "query"]].assign(seconds=scene.facts["seconds"])
-        for scene in evaluation.scored.values()
+def _as_estimates(poses: Poses) -> list[PoseEstimate]:
+    """Return poses that need no solving, NaN where there is none."""
+    found = np.asarray(np.isfinite(poses.centres).all(axis=1))
+    rows = zip(poses.rotation, poses.centres, found, strict=True)
+    status, none = (Status.NOT_GIVEN, Status.GIVEN), np.zeros(0, np.bool_)
+    return [
+        PoseEstimate(rotation, centre, none, status[int(there)]) for rotation, centre, there in rows
     ]
-    with atomic_write(path, "w") as stream:
-        concatenate(parts).to_csv(stream, index=False, lineterminator="\n")
+
+
+def _poses_of(estimates: Sequence[PoseEstimate]) -> Poses:
+    return Poses(
+        rotation=np.array([one.rotation for one in estimates]).reshape(-1, 3, 3),
+        centres=np.array([one.centre for one in estimates]).reshape(-1, 3),
+    )
+
+
+def _solve(
+    truth: MatchingTruth, matches: Correspondences, protocol: MatchingProtocol, run: Run
+) -> tuple[list[PoseEstimate], dict[str, Ints]]:
+    """Lift matches and solve for poses; return these, and counts of each query's matches."""
+    points, status = _lift_matches(truth, matches, protocol.lift, run.jobs)
+    given = np.diff(matches.offsets)
+    enough = (given >= protocol.solver.least_matches)[matches.query]
+    lifted = (status == LiftStatus.LIFTED) & enough
+    offsets = np.concatenate([[0], np.cumsum(lifted)])[matches.offsets]
+    name = f"scene {truth.scene}"
+    queries = PoseQueries(name, truth.cameras, offsets, matches.query_xy[lifted], points[lifted])
+    progress = Headed(truth.scene, run.progress)
+    solved = solve_queries(queries, protocol.solver, replace(run, progress=progress))
+    inliers = np.zeros(len(lifted), np.bool_)
+    inliers[lifted] = np.concatenate([np.zeros(0, np.bool_), *(one.inliers for one in solved)])
+    pairs = zip(solved, matches.parts(), strict=True)
+    estimates = [replace(one, inliers=inliers[part]) for one, part in pairs]
+
+    def count(chosen: Bools) -> Ints:
+        return np.bincount(matches.query[chosen], minlength=len(given))
+
+    counts = {"matches": given}
+    counts |= {name: count(status == code) for code, name in enumerate(_STATUSES)}
+    counts["beyond_limit"] = np.array([one.left_out for one in estimates], np.int64)
+    return estimates, counts | {"inliers": count(inliers)}
+
+
+def _lift_matches(
+    truth: MatchingTruth, matches: Correspondences, lifting: Lift, jobs: int
+) -> Lifted:
+    """Lift the matches of a scene; points that were given need no lifting."""
+    if matches.map_xy is None:
+        assert matches.points3d is not None
+        lifted = np.full(len(matches.points3d), LiftStatus.LIFTED, np.uint8)
+        return Lifted(matches.points3d, lifted)
+    heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
+    map_xy = matches.map_xy + (0.5 if lifting.map_pixel_centres == "integer" else 0.0)
+    parts: Sequence[slice] = matches.parts() if truth.own_maps else [slice(None)]
+    found = [
+        lift(map_xy[part], one.dom, one.dsm, heights_above_m=heights, jobs=jobs)
+        for part, one in zip(parts, truth.maps, strict=True)
+    ]
+    return Lifted(*map(np.concatenate, zip(*found, strict=True)))
+
+
+def _records(
+    truth: MatchingTruth,
+    answered: Bools,
+    estimates: Sequence[PoseEstimate],
+    of_matches: dict[str, Ints],
+    settings: MatchingScores,
+) -> pd.DataFrame:
+    true, poses = truth.poses, _poses_of(estimates)
+    rotation = true.rotation if settings.orientation_is_trusted else None
+    errors = pose_errors(poses.rotation, poses.centres, rotation, true.centres)
+    status = [one.status.value for one in estimates]
+    columns = {
+        "scene": truth.scene,
+        "query": truth.queries["id"].to_numpy(),
+        "answered": answered,
+        "status": np.where(answered, status, Status.MISSING.value),
+        "failed": ~np.isfinite(errors.translation_m),
+        **of_matches,
+        **pose_columns(errors, settings),
+    }
+    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+
+
+def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:
+    """Yield notes on failures by their reason, and on matches that were not used."""
+    failures = Counter(records["status"][records["failed"] & records["answered"]])
+    if failures:
+        who = counted(failures.total(), "answered query has", "answered queries have")
+        yield f"{who} no pose ({_listed(failures)}): infinite errors"
+    lost = {reason: counts.get(name, 0) for name, reason in _NOT_LIFTED.items()}
+    if dropped := sum(lost.values()):
+        what = f"{dropped:,} of {counts['matches']:,} matches could not be lifted"
+        yield f"{what} and were dropped: {_listed(lost)}"
+    if beyond := counts.get("beyond_limit"):
+        what = f"{beyond:,} of {counted(counts['matches'], 'match')}"
+        yield f"{what} are more than the protocol solves of a query: left out by a seeded choice"
+
+
+def _listed(reasons: Mapping[str, int]) -> str:
+    return ", ".join(f"{count:,} {reason}" for reason, count in sorted(reasons.items()) if count)
 
 
 TRACK = MatchingTrack()

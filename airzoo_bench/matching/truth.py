@@ -36,8 +36,7 @@ from airzoo_bench.geometry.rasters import RasterInfo, open_info
 from airzoo_bench.storage.mirror import pointed
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
-_TRANSFORM = ("a", "b", "c", "d", "e", "f")
-_GRID = ("width", "height", *_TRANSFORM)
+_GRID = ("width", "height", "a", "b", "c", "d", "e", "f")
 _MAP_LIMIT_BYTES = 1 << 20
 _ANEW = "prepare the benchmark again"
 
@@ -49,6 +48,11 @@ class ReferenceMap:
     dom: RasterInfo
     dsm: Path
     dsm_sha256: str
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.dom.width, self.dom.height
 
     @property
     def grid(self) -> dict[str, Any]:
@@ -127,27 +131,22 @@ def own_map(folder: Path, photo: str) -> tuple[Path, Path]:
 
 def write_truth(folder: Path, truth: MatchingTruth) -> None:
     """Write a scene's truth below its folder, next to ``queries.csv``."""
-    home = folder / "matching"
+    home, ids = folder / "matching", truth.queries[["id"]]
     home.mkdir(parents=True, exist_ok=True)
     crops = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
-    tables = {"crops.csv": truth.queries[["id"]].assign(**crops), "excluded.csv": truth.excluded}
+    tables = {"crops.csv": ids.assign(**crops), "excluded.csv": truth.excluded}
     if truth.own_maps:
-        tables["maps.csv"] = _table_of_maps(truth)
+        rows = [
+            (*one.size, *map(repr, one.grid["transform"]), one.grid["crs"], one.dsm_sha256)
+            for one in truth.maps
+        ]
+        grids = pd.DataFrame(rows, columns=[*_GRID, "crs", "dsm_sha256"])
+        tables["maps.csv"] = pd.concat((ids.reset_index(drop=True), grids), axis=1)
     else:
         text = json.dumps(truth.maps[0].grid, indent=1)
         (home / "map.json").write_text(text + "\n", encoding="utf-8")
     for name, table in tables.items():
         table.to_csv(home / name, index=False, lineterminator="\n")
-
-
-def _table_of_maps(truth: MatchingTruth) -> pd.DataFrame:
-    """Lay out the grid of each query's map, and the checksum of its surface model."""
-    rows = []
-    for query, one in zip(truth.queries["id"], truth.maps, strict=True):
-        grid = one.grid
-        size, transform = (grid["width"], grid["height"]), map(repr, grid["transform"])
-        rows.append((query, *size, *transform, grid["crs"], one.dsm_sha256))
-    return pd.DataFrame(rows, columns=["id", *_GRID, "crs", "dsm_sha256"])
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
@@ -169,7 +168,11 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
         dom = benchmark.resolve(needed(entry.dom, "map", scene))
         dsm, grid = benchmark.resolve(entry.dsm or ""), _read_grid(home / "map.json")
         maps = (_checked_map(dom, dsm, entry.dsm_sha256, grid),)
-    crops = _read_crops(home / "crops.csv", ids, maps)
+    table = _read_rows(home / "crops.csv", CROP_COLUMNS, ids)
+    crops = table[list(CROP_COLUMNS)].to_numpy(np.int64)
+    sizes = np.broadcast_to([one.size for one in maps], (len(ids), 2))
+    outside = (crops < (0, 0, 1, 1)).any(axis=1) | (crops[:, :2] + crops[:, 2:] > sizes).any(axis=1)
+    refuse_cells(home / "crops.csv", "id", ids, outside, "windows inside the map")
     return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=entry.maps is not None)
 
 
@@ -181,24 +184,12 @@ def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFra
     return table
 
 
-def _read_crops(path: Path, ids: list[str], maps: Sequence[ReferenceMap]) -> Ints:
-    """Read the windows (Q, 4) of the queries, each inside its map."""
-    table = _read_rows(path, CROP_COLUMNS, ids)
-    windows = table[list(CROP_COLUMNS)].to_numpy(np.int64)
-    sizes = np.broadcast_to([(one.dom.width, one.dom.height) for one in maps], (len(ids), 2))
-    beyond = windows[:, :2] + windows[:, 2:] > sizes
-    wrong = np.hstack((windows[:, :2] < 0, (windows[:, 2:] < 1) | beyond))
-    for name, rows in zip(CROP_COLUMNS, wrong.T, strict=True):
-        refuse_cells(path, name, table[name], rows, "a window inside the map", ids)
-    return windows
-
-
 def _read_own_maps(path: Path, folder: Path, ids: list[str]) -> tuple[ReferenceMap, ...]:
     """Read the queries' maps, and check that they are the prepared ones."""
     maps = []
     for row in _read_rows(path, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
         size = {"width": int(row["width"]), "height": int(row["height"])}
-        grid = size | {"transform": [float(row[name]) for name in _TRANSFORM], "crs": row["crs"]}
+        grid = size | {"transform": [float(row[one]) for one in _GRID[2:]], "crs": row["crs"]}
         maps.append(_checked_map(*own_map(folder, row["id"]), str(row["dsm_sha256"]), grid))
     return tuple(maps)
 
@@ -224,24 +215,20 @@ def _checked_map(
             fix=f"put the map back, or {_ANEW}",
         )
     check_same_crs(found.dom.crs, prepared.get("crs"), f"{dom} and the map that was prepared")
-    checked_dsm(dsm, dsm_sha256)
+    check_dsm(dsm, dsm_sha256)
     return found
 
 
-def checked_dsm(dsm: Path, prepared: str | None) -> str:
-    """Return the SHA-256 of a surface model, which must be the one that was prepared."""
-    if not pointed(dsm).is_file():
+def check_dsm(dsm: Path, prepared: str | None) -> None:
+    """Refuse a surface model that is not the one that was prepared."""
+    there = pointed(dsm).is_file()
+    if not there or raster_sha256(dsm) != prepared:
         raise BenchmarkError(
-            "the surface model is not there",
+            "the surface model is not the one that the benchmark was prepared with"
+            if there
+            else "the surface model is not there",
             where=dsm,
-            fix="put it back where benchmark.toml says, or prepare with --copy",
+            expected=f"a raster with the SHA-256 {(prepared or 'none')[:12]}…",
+            fix="put it back where benchmark.toml says, with its side files (.aux.xml, .msk, world "
+            f"file), or prepare with --copy; or {_ANEW}",
         )
-    found = raster_sha256(dsm)
-    if found != prepared:
-        raise BenchmarkError(
-            "the surface model is not the one that the benchmark was prepared with",
-            where=dsm,
-            expected=f"SHA-256 {(prepared or 'none')[:12]}…",
-            fix=f"put it back with its side files (.aux.xml, .msk, world file); or {_ANEW}",
-        )
-    return found

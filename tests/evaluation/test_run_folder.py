@@ -21,7 +21,7 @@ def out(tmp_path: Path, perfect: dict[str, Any]) -> Path:
     for name in ("clouds/deep", "figures"):
         (folder / name).mkdir(parents=True)
     path = write_predictions(folder / "clouds" / "deep" / "p.npz", "made-retrieval", **perfect)
-    for name in ("figures/p.npz", "timings.csv", "result.json", "mine.npz"):
+    for name in ("figures/p.npz", "alignment.json", "result.json", "mine.npz"):
         shutil.copy(path, folder / name)
     (tmp_path / "link").symlink_to(folder, target_is_directory=True)
     (tmp_path / "p.npz").symlink_to(path)
@@ -38,7 +38,7 @@ def out(tmp_path: Path, perfect: dict[str, Any]) -> Path:
         "out/clouds",
         "out/clouds/away.npz",
         "out/figures/p.npz",
-        "out/timings.csv",
+        "out/alignment.json",
         "out/result.json",
         "link/clouds/deep/p.npz",
         "p.npz",

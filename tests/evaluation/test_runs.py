@@ -121,7 +121,7 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
     before = write_method(out, made_method({"east": {"recall@1": [1.0]}}))
     left = json.loads(before.read_text()) | {"track": "matching"}
     write_result(before, Result.model_validate(left).with_checksum())
-    for name in ("timings.csv", "notes.txt"):
+    for name in ("alignment.json", "notes.txt"):
         (out / name).touch()
     (out / "figures").mkdir()
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
@@ -133,7 +133,7 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
     said = capsys.readouterr().err
     assert "holds a run, Method by " in said
-    assert "this one takes the place of result.json, records.csv, timings.csv, figures\n" in said
+    assert "this one takes the place of result.json, records.csv, alignment.json, figures\n" in said
     assert f"wrote {out / 'result.json'}, {out / 'records.csv'} of method mymethod" in said
     assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
     assert read_result(out / "result.json").predictions.method == "mymethod"

@@ -15,7 +15,7 @@ from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.datasets.folder import copy_map
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import opened
-from airzoo_bench.matching.truth import checked_dsm
+from airzoo_bench.matching.truth import check_dsm
 from tests.support import write_raster
 
 BAND = "<PAMDataset><PAMRasterBand band='1'>{}</PAMRasterBand></PAMDataset>"
@@ -44,7 +44,7 @@ def test_side_files_that_change_heights_or_places_change_it(surface: Path, what:
     changed = raster_sha256(surface)
     assert changed != plain
     with pytest.raises(BenchmarkError, match="surface model"):
-        checked_dsm(surface, plain)
+        check_dsm(surface, plain)
     Path(f"{surface}.aux.xml").write_text(SIDE_FILES[what].replace("7", "8").replace("10,", "11,"))
     assert (raster_sha256(surface) == changed) == (what not in ("offset", "grid"))
 

@@ -12,7 +12,7 @@ from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.baseline import Task, _match_task, lie_on_map, match, resample
+from airzoo_bench.matching.baseline import Task, lie_on_map, match, match_task, resample
 from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
 
@@ -121,7 +121,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
 def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
     corners = ((110.0, 60.0), (200.0, 150.0))
     for corner, task in zip(corners, made, strict=True):
-        query_xy, map_xy = _match_task(SETTINGS, task)
+        query_xy, map_xy = match_task(SETTINGS, task)
         off = query_xy - 3.1 * (map_xy - corner)
         assert len(off) > 100
         assert np.abs(np.median(off, axis=0)).max() < 0.3

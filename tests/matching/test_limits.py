@@ -44,7 +44,6 @@ def with_solver(world: World, path: Path, changes: dict[str, Any]) -> Path:
     [
         ({"max_trials": 999}, "max_trials is 999, below min_trials, 1000"),
         ({"max_matches": 10**9}, "max_matches"),
-        ({"max_trials_times_matches": 10_000_000}, "are 20000000 already"),
         ({"confidence": 1.0}, "confidence"),
     ],
 )

@@ -1,6 +1,9 @@
+"""Errors of poses, the scores of each query and the columns of both, by hand and by other code."""
+
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import matrix_to_quaternion, quaternion_to_matrix
 from airzoo_bench.matching import metrics
+from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
+from airzoo_bench.matching.settings import MatchingScores
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.geometry.support import quick, seeds
 
 INF, NAN = math.inf, math.nan
@@ -33,7 +39,7 @@ errors = hnp.arrays(
 )
 
 
-def table_poses():
+def table_poses() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(0)
     truth = Rotation.random(len(TABLE), random_state=rng)
     axes = rng.normal(size=(len(TABLE), 3))
@@ -49,56 +55,51 @@ def table_poses():
 # --- errors of each query -----------------------------------------------------------------------
 
 
-def test_errors_by_hand():
-    found = metrics.pose_errors(*table_poses())
+def test_errors_by_hand() -> None:
+    rotation, centres, true_rotation, true_centres = table_poses()
+    found = metrics.pose_errors(rotation, centres, true_rotation, true_centres)
     np.testing.assert_allclose(found.translation_m, T, atol=1e-8)
     np.testing.assert_allclose(found.horizontal_m, [row[5] for row in TABLE], atol=1e-8)
     np.testing.assert_allclose(found.vertical_m, [row[6] for row in TABLE], atol=1e-8)
     np.testing.assert_allclose(found.rotation_deg, R, atol=1e-9)
-
-
-def test_truth_without_orientation():
-    rotation, centres, _, true_centres = table_poses()
-    found = metrics.pose_errors(rotation, centres, None, true_centres)
-    assert found.rotation_deg is None
-    np.testing.assert_allclose(found.translation_m, T, atol=1e-8)
-    assert metrics.within(found.translation_m, None, 6.0).mean() == 2 / 6
-    with pytest.raises(ValueError, match="no orientation"):
-        metrics.within(found.translation_m, None, 5.0, 1.0)
+    of_places = metrics.pose_errors(rotation, centres, None, true_centres)
+    assert of_places.rotation_deg is None
+    assert of_places.translation_m.tolist() == found.translation_m.tolist()
 
 
 @pytest.mark.parametrize("value", [NAN, INF, -INF])
 @pytest.mark.parametrize("where", ["rotation", "centre"])
-def test_one_bad_entry_is_a_failure_of_the_query(where, value):
+def test_one_bad_entry_is_a_failure_of_the_query(where: str, value: float) -> None:
     rotation, centres, true_rotation, true_centres = (array[:2] for array in table_poses())
     (rotation if where == "rotation" else centres)[1].flat[2] = value
     found = metrics.pose_errors(rotation, centres, true_rotation, true_centres)
     for array in (found.translation_m, found.horizontal_m, found.vertical_m, found.rotation_deg):
+        assert array is not None
         assert array[1] == INF
         assert array[0] < 6.0
 
 
-def test_huge_errors_are_infinite_not_nan():
+def test_huge_errors_are_infinite_not_nan() -> None:
     truth = np.eye(3)[None]
     found = metrics.pose_errors(truth, np.full((1, 3), 1.7e308), truth, np.full((1, 3), -1.7e308))
     assert found.translation_m.tolist() == [INF]
+    assert found.rotation_deg is not None
     assert found.rotation_deg.tolist() == [0.0]
 
 
 @quick
 @given(seeds, st.floats(-12.0, 0.0))
-def test_rotation_error_is_scipys(seed, magnitude):
+def test_rotation_error_is_scipys(seed: int, magnitude: float) -> None:
     rng = np.random.default_rng(seed)
     truth = Rotation.random(20, random_state=rng)
     turn = Rotation.from_rotvec(rng.normal(size=(20, 3)) * 10.0**magnitude)
     centres = np.zeros((20, 3))
-    found = metrics.pose_errors(
-        (turn * truth).as_matrix(), centres, truth.as_matrix(), centres
-    ).rotation_deg
+    turned = (turn * truth).as_matrix()
+    found = metrics.pose_errors(turned, centres, truth.as_matrix(), centres).rotation_deg
     np.testing.assert_allclose(found, np.degrees(turn.magnitude()), rtol=1e-9, atol=1e-13)
 
 
-def test_wrong_conventions_have_large_errors():
+def test_wrong_conventions_have_large_errors() -> None:
     _, _, truth, centres = table_poses()
     translations = -(truth @ centres[..., None])[..., 0]
     xyzw = quaternion_to_matrix(np.roll(matrix_to_quaternion(truth), -1, axis=1))
@@ -109,21 +110,6 @@ def test_wrong_conventions_have_large_errors():
     ]:
         found = metrics.pose_errors(rotation, given_centres, truth, centres)
         assert not metrics.within(found.translation_m, found.rotation_deg, 20.0, 2.0).any()
-
-
-def test_errors_refuse():
-    rotation, centres, true_rotation, true_centres = table_poses()
-    for bad in [
-        (rotation[1:], centres, true_rotation, true_centres),
-        (rotation, centres[:, :2], true_rotation, true_centres),
-        (rotation, centres, true_rotation[1:], true_centres),
-        (rotation, centres, true_rotation, true_centres[:1]),
-    ]:
-        with pytest.raises(ValueError, match=r"^centres and rotations have shapes"):
-            metrics.pose_errors(*bad)
-    for truth in [(true_rotation * NAN, true_centres), (None, true_centres + INF)]:
-        with pytest.raises(ValueError, match=r"^the true poses hold NaN or infinity$"):
-            metrics.pose_errors(rotation, centres, *truth)
 
 
 # --- scores -------------------------------------------------------------------------------------
@@ -138,33 +124,27 @@ def test_errors_refuse():
         (20.0, 2.5, [1, 1, 1, 0, 1, 0]),
         (20.0, 0.1, [0, 1, 0, 0, 0, 0]),
         (INF, INF, [1, 1, 1, 0, 1, 0]),  # a failure is in no limit
+        (5.0, None, [0, 1, 0, 0, 0, 0]),
+        (7.5, None, [1, 1, 0, 0, 1, 0]),
     ],
 )
-def test_pose_recall(limit_m, limit_deg, expected):
-    found = metrics.within(T, R, limit_m, limit_deg)
+def test_recall(limit_m: float, limit_deg: float | None, expected: list[int]) -> None:
+    limits = (R, limit_m, limit_deg) if limit_deg else (None, limit_m)
+    found = metrics.within(T, *limits)  # type: ignore[arg-type]
     assert found.dtype == np.float64
     assert found.tolist() == expected
-
-
-@pytest.mark.parametrize(
-    ("limit_m", "expected"),
-    [(5.0, [0, 1, 0, 0, 0, 0]), (7.5, [1, 1, 0, 0, 1, 0]), (INF, [1, 1, 1, 0, 1, 0])],
-)
-def test_translation_recall(limit_m, expected):
-    assert metrics.within(T, None, limit_m).tolist() == expected
-    assert metrics.within(T, R, limit_m).tolist() == expected
 
 
 @pytest.mark.parametrize(
     ("limit", "shares"),
     [(10.0, [0.5, 1, 0, 0, 0.3, 0]), (5.0, [0, 1, 0, 0, 0, 0]), (20.0, [0.75, 1, 0.5, 0, 0.65, 0])],
 )
-def test_auc_by_hand(limit, shares):
+def test_auc_by_hand(limit: float, shares: list[float]) -> None:
     np.testing.assert_allclose(metrics.area_share(T, limit), shares, rtol=1e-15)
 
 
 @given(errors, st.floats(0.5, 40.0))
-def test_auc_is_the_area_under_recall(values, limit):
+def test_auc_is_the_area_under_recall(values: np.ndarray, limit: float) -> None:
     edges = np.unique(np.append(values[values < limit], (0.0, limit)))
     recall = [(values <= edge).mean() for edge in edges[:-1]]
     area = float(np.sum(np.diff(edges) * recall)) / limit
@@ -172,7 +152,7 @@ def test_auc_is_the_area_under_recall(values, limit):
 
 
 @given(errors, st.floats(0.5, 40.0))
-def test_auc_is_at_most_half_a_step_below_superglues(values, limit):
+def test_auc_is_at_most_half_a_step_below_superglues(values: np.ndarray, limit: float) -> None:
     below = np.sort(values[values < limit])
     recall = np.arange(len(below) + 1) / len(values)
     curve = np.append(recall, recall[-1]), np.concatenate(([0.0], below, [limit]))
@@ -181,31 +161,63 @@ def test_auc_is_at_most_half_a_step_below_superglues(values, limit):
     assert -1e-12 <= excess <= 0.5 / len(values) + 1e-12
 
 
-@given(errors)
-def test_scores_are_numbers_whatever_fails(values):
-    with_failure = np.append(values, INF)
-    assert metrics.within(with_failure, None, 5.0).tolist() == [*(values < 5.0), False]
-    assert metrics.area_share(with_failure, 5.0)[-1] == 0.0
+# --- columns ------------------------------------------------------------------------------------
+
+# Four queries; the last has failed. The third is as far off as its limits, which are strict.
+METRES = np.array([0.5, 2.0, 3.0, INF])
+ERRORS = PoseErrors(METRES, METRES / 2, METRES / 4, np.array([1.0, 4.0, 2.0, INF]))
+# By column: its values, then the score's title, unit, and whether it is in the foreground.
+COLUMNS: dict[str, tuple[list[float], str, str, bool]] = {
+    "error_m": ([0.5, 2.0, 3.0, INF], "Median", "m", True),
+    "within_1m": ([1.0, 0.0, 0.0, 0.0], "@1m", "share", True),
+    "within_3m": ([1.0, 1.0, 0.0, 0.0], "@3m", "share", True),
+    "within_3m_3deg": ([1.0, 0.0, 0.0, 0.0], "@3m,3°", "share", True),
+    "horizontal_m": ([0.25, 1.0, 1.5, INF], "Horizontal", "m", False),
+    "vertical_m": ([0.125, 0.5, 0.75, INF], "Vertical", "m", False),
+    "rotation_deg": ([1.0, 4.0, 2.0, INF], "Rotation", "deg", False),
+    "auc_4m": ([0.875, 0.5, 0.25, 0.0], "AUC@4m", "share", False),
+}
 
 
-@pytest.mark.parametrize("bad", [[1.0, NAN], [-1.0, 2.0], [[1.0]]])
-def test_errors_must_be_errors(bad):
-    values = np.array(bad)
-    for score in (
-        lambda: metrics.area_share(values, 5.0),
-        lambda: metrics.within(values, None, 5.0),
-        lambda: metrics.within(np.zeros(values.shape), values, 5.0, 1.0),
-    ):
-        with pytest.raises(ValueError, match=r"^errors must be \(Q,\), not NaN and not negative$"):
-            score()
+def settings(**changes: Any) -> MatchingScores:
+    shipped: Any = load_protocol(shipped_protocols()["airzoo-demo-matching"])
+    given = {
+        "translation_below_m": (1.0, 3.0),
+        "pose_below_m_deg": ((3.0, 3.0),),
+        "auc_up_to_m": (4.0,),
+        "failed_rotation_deg": "infinite",
+        "orientation_is_trusted": True,
+    }
+    return shipped.scores.model_copy(update=given | changes)
 
 
-def test_errors_must_fit_together():
-    with pytest.raises(ValueError, match="shape"):
-        metrics.within(T, R[:1], 5.0, 1.0)
+def test_columns_and_scores_by_hand() -> None:
+    found = pose_columns(ERRORS, settings())
+    assert {k: v.tolist() for k, v in found.items()} == {k: v[0] for k, v in COLUMNS.items()}
+    scores = matching_scores(settings())
+    assert [one.column for one in scores] == [*COLUMNS]
+    for one in scores:
+        assert (one.title, one.unit, one.headline) == COLUMNS[one.column][1:]
+        is_share = one.unit == "share"
+        assert one.higher_is_better == is_share
+        assert one.average == ("mean" if is_share else "median")
 
 
-@pytest.mark.parametrize("limit", [0.0, -1.0, INF, NAN])
-def test_auc_limit_must_be_possible(limit):
-    with pytest.raises(ValueError, match="limit"):
-        metrics.area_share(T, limit)
+def test_a_failure_may_have_a_stated_rotation() -> None:
+    found = pose_columns(ERRORS, settings(failed_rotation_deg=180.0))
+    assert found["rotation_deg"].tolist() == [1.0, 4.0, 2.0, 180.0]
+
+
+def test_without_a_trusted_orientation_only_positions_count() -> None:
+    alone = PoseErrors(METRES, METRES, METRES, None)
+    found = pose_columns(alone, settings(orientation_is_trusted=False))
+    assert not {name for name in found if "deg" in name}
+    listed = matching_scores(settings(orientation_is_trusted=False))
+    assert {score.column for score in listed} == set(found)
+
+
+def test_errors_show_their_medians() -> None:
+    shown = repr(ERRORS)
+    for part in ("poses", "4", "failures", "1", "median_m", "2.5000", "median_deg", "3.0000"):
+        assert part in shown
+    assert "median" not in repr(PoseErrors(METRES[:0], METRES[:0], METRES[:0], None))

@@ -39,9 +39,9 @@ GRID = Affine(2.0, 0.0, X - 500, 0.0, -2.0, Y + 1000)
 METADATA, TRUTH = Prior(source="metadata"), Prior(source="truth")
 
 
-def rule(margin: float, max_range_m: float, missing: str = "nearest") -> Crop:
+def rule(margin: float, max_range_m: float) -> Crop:
     return Crop(
-        margin=margin, max_range_m=max_range_m, missing_heights=missing, nearest_of_px=10_000
+        margin=margin, max_range_m=max_range_m, missing_heights="nearest", nearest_of_px=10_000
     )
 
 
@@ -70,7 +70,7 @@ def cut(
 ) -> tuple[int, ...]:
     """The crop of one photo on a map of 1000 m by 2000 m; rays are along (+-3, +-2, -6) / 7."""
     pose = Poses.from_centres(looking_down(tilt), [at])
-    windows, _ = crop_windows(camera(f), pose, map_of(500, 1000), field, crop, -20.0)
+    windows, _ = crop_windows(camera(f), pose, map_of(500, 1000), field, crop)
     return tuple(windows[0].tolist())
 
 
@@ -117,7 +117,7 @@ def test_cut_to_the_map_and_off_it_and_without_a_ray() -> None:
     lens[3, 0] = -9.0  # a barrel that folds back before the corners
     cameras = Cameras.from_matrices(K, 600, 400, lens)
     crop = rule(0.0, 300.0)
-    windows, status = crop_windows(cameras, poses, map_of(500, 600), LEVEL, crop, 0.0)
+    windows, status = crop_windows(cameras, poses, map_of(500, 600), LEVEL, crop)
     assert windows.tolist() == [[0, 0, 20, 13], [0] * 4, [480, 585, 20, 15], [0] * 4]
     cropped = CropStatus.CROPPED
     assert status.tolist() == [cropped, CropStatus.OFF_MAP, cropped, CropStatus.NO_RAY]
@@ -128,9 +128,6 @@ def test_a_hole_meets_the_nearest_height() -> None:
     heights = np.full((200, 200), 40.0)
     heights[75:125, 75:125] = NAN
     assert cut(ground(heights, 4.0), rule(0.0, 700.0)) == (235, 490, 30, 20)
-    # The plane of -20 m by name: 120 m down; and cut, as version 1 had it.
-    assert cut(ground(heights, 4.0), rule(0.0, 700.0, "plane")) == (220, 480, 60, 40)
-    assert cut(ground(heights, 4.0), rule(0.0, 700.0, "cut")) == (100, 400, 300, 200)
     # Without any height all rays are cut at the range.
     assert cut(ground(np.full((9, 9), NAN), 250.0), rule(0.0, 350.0)) == (175, 450, 150, 100)
 

@@ -159,12 +159,6 @@ def test_failures(case: str, name: str, capfd: pytest.CaptureFixture[str]) -> No
 # --- many queries -------------------------------------------------------------------------------
 
 
-@pytest.fixture(autouse=True)
-def _still_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tasks are done twice to compare what they give, and seconds would differ."""
-    monkeypatch.setattr(solving, "perf_counter", lambda: 0.0)
-
-
 @pytest.mark.parametrize("jobs", [1, 3])
 @pytest.mark.parametrize("size", [1, 2, 4, None])
 def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> None:

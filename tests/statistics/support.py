@@ -122,9 +122,7 @@ def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
     """Write result and records as `eval` does."""
     track = SimpleNamespace(files={})
     given = SimpleNamespace(track=track, predictions=SimpleNamespace(path=folder.parent / "p.npz"))
-    timed = SimpleNamespace(records=records, facts={"seconds": [0.0] * len(records)})
-    scored = {"all": timed} if result.track == "matching" else {}
-    run: Any = SimpleNamespace(result=result, records=records, given=given, scored=scored)
+    run: Any = SimpleNamespace(result=result, records=records, given=given, scored={})
     save(run, folder)
 
 
