@@ -87,7 +87,7 @@ class GivenPoses:
 
     @property
     def found(self) -> Bools:
-        """Which queries (Q,) have a pose."""
+        """A mask (Q,) of the queries with a pose."""
         return np.asarray(np.isfinite(self.poses.centres).all(axis=1))
 
     def take(self, rows: Ints) -> GivenPoses:
