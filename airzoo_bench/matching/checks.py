@@ -79,7 +79,7 @@ def _check_matches(
 def _check_poses(
     content: GivenPoses, truth: MatchingTruth, finest_m: float
 ) -> Iterator[str | None]:
-    given, priors = content.poses.take(content.found), truth.priors.take(content.found)
+    given, priors = content.poses.take(content.has_pose), truth.priors.take(content.has_pose)
     if not len(given):
         return
     true = truth.poses if truth.has_poses else truth.priors
@@ -91,7 +91,7 @@ def _check_poses(
     yield _doubt_crs(given.centres, priors.centres, "pose", 1_000.0)
     yield _doubt_copies(given, priors)
     if truth.has_poses:
-        yield _check_heights(given.centres, true.centres[content.found])
+        yield _check_heights(given.centres, true.centres[content.has_pose])
 
 
 # --- matches ---

@@ -86,7 +86,7 @@ class GivenPoses:
     kind = "poses"
 
     @property
-    def found(self) -> Bools:
+    def has_pose(self) -> Bools:
         """A mask (Q,) of the queries with a pose."""
         return np.asarray(np.isfinite(self.poses.centres).all(axis=1))
 

@@ -86,7 +86,7 @@ class PoseReader(Reader):
 
     def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
         """Refuse cameras that all stand far from every map."""
-        centres = content.poses.centres[content.found]
+        centres = content.poses.centres[content.has_pose]
         maps = {one.scene: one.maps[0] for one in truths_of(reading, path) if not one.own_maps}
         if not len(centres) or not maps:
             return
@@ -138,7 +138,7 @@ class _HlocPoses(PoseReader):
         return NamedPoses(names, values[:, :4], values[:, 4:])
 
     def notes(self, found: GivenPoses) -> tuple[str, ...]:
-        failed = int((~found.found).sum())
+        failed = int((~found.has_pose).sum())
         if failed:
             return (f"{counted(failed, 'photo')} at the identity or NaN count as not found",)
         return (

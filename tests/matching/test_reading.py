@@ -74,7 +74,7 @@ def test_poses_are_world_to_camera_and_nan_is_none(tmp_path: Path) -> None:
         content = read(tmp_path, fields).content
         assert isinstance(content, GivenPoses)
         assert content.kind == "poses"
-        assert content.found.tolist() == [True, "centres" in fields]
+        assert content.has_pose.tolist() == [True, "centres" in fields]
         np.testing.assert_allclose(content.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
 
 
@@ -142,7 +142,7 @@ def test_lines_become_poses(tmp_path: Path) -> None:
     assert isinstance(found.content, GivenPoses)
     names = ["hills/a.b", "hills/DJI  (1)", "hills/2024.10.02", "hills/c"]
     assert found.query_ids.tolist() == names
-    assert found.content.found.tolist() == [True, True, False, False]
+    assert found.content.has_pose.tolist() == [True, True, False, False]
     centres, rotation = found.content.poses.centres, found.content.poses.rotation[0]
     np.testing.assert_allclose(centres[:2], [[-1, -3, 2], [-4, -5, -6]], atol=1e-12)
     np.testing.assert_allclose(rotation, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
