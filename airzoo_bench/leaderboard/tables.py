@@ -39,9 +39,8 @@ from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protoco
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.statistics.pair_tests import (
+    compare_all,
     correct_pairs,
-    pair_limits,
-    pair_p_values,
     rank_ranges,
     resamples_for,
     told_apart,
@@ -349,7 +348,7 @@ def _rank(entries: Sequence[Entry], column: ScoreColumn, cache: Path | None) -> 
         p_values = unpaired_p_values(values, errors)
     elif cache is None:
         resampling = ResamplingConfig(resamples_for(len(methods)))
-        p_values = pair_p_values(_sample_of(methods, column), resampling)
+        _, _, p_values = compare_all(_sample_of(methods, column), resampling)
     else:
         *limits, p_values = _compare_pairs(entries, column, cache)
     corrected = correct_pairs(p_values)
@@ -406,9 +405,7 @@ def _compare_pairs(entries: Sequence[Entry], column: ScoreColumn, cache: Path) -
     wanted[np.ix_(known, known)] = False
     found = np.ones((3, *wanted.shape))
     if np.triu(wanted, 1).any():
-        sample = _sample_of(methods, column)
-        found[:2] = pair_limits(sample, resampling, wanted)
-        found[2] = pair_p_values(sample, resampling, wanted)
+        found = compare_all(_sample_of(methods, column), resampling, wanted)
     for matrix, stored in zip(found, before["pairs"], strict=True):
         matrix[np.ix_(known, known)] = stored[np.ix_(then, then)]
     store_arrays(path, {"names": np.array(names), "pairs": found})

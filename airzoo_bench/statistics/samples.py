@@ -9,22 +9,20 @@ units, steps of less than n * 2**-51 of the largest value.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats
 
-Method = Literal["bca", "percentile"]
 Places = NDArray[np.intp] | int
 
 TIE = 1e-9
 """Closer values of a unit, as a share of their size above 1, may differ by the processor alone."""
 
-EXACT_BITS = 52
+_EXACT_BITS = 52
 _CELLS = 1 << 22
 _WORDS_A_STEP = 4  # Philox-4x64 makes four words of 64 bits a step of its counter
 _LOW_BITS, _HALF_WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
@@ -32,14 +30,13 @@ _LOW_BITS, _HALF_WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
 
 @dataclass(frozen=True)
 class ResamplingConfig:
-    """How intervals and tests are made: draws, their seed, kind and confidence of intervals.
+    """How intervals and tests are made: number and seed of draws, confidence of intervals.
 
     `resamples` is also the number of patterns of a permutation test that cannot try all of them.
     """
 
     resamples: int = 10_000
     seed: int = 0
-    interval: Method = "bca"
     confidence: float = 0.95
 
     @property
@@ -100,7 +97,7 @@ def paired_difference(first: Floats, second: Floats) -> Floats:
     """
     found = difference(first, second)
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
-    tied = np.isfinite(found) & (np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes))
+    tied = np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes)
     return np.where(tied, 0.0, found)
 
 
@@ -115,7 +112,7 @@ def stream_key(seed: int, purpose: str, group: str) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
 
 
-def blocks(units: int, draws: int) -> Iterator[tuple[int, int]]:
+def _blocks(units: int, draws: int) -> Iterator[tuple[int, int]]:
     """Cut draws into blocks of bounded memory: yield the first of each, and how many."""
     size = max(1, _CELLS // max(units, 1))
     for first in range(0, draws, size):
@@ -155,87 +152,93 @@ def resampled_averages(
     """Average resamples of a group's units, (V, B), all variables by the same draws."""
     units, key = values.shape[1], stream_key(resampling.seed, "bootstrap", group)
     found = np.empty((len(values), resampling.resamples))
-    for first, count in blocks(units, resampling.resamples):
+    for first, count in _blocks(units, resampling.resamples):
         counts = resample_counts(units, first, count, key)
         found[:, first : first + count] = weighted_averages(values, medians, counts)
     return found
 
 
-def weighted_averages(values: Floats, medians: Bools, weights: NDArray[np.integer]) -> Floats:
-    """Average values (V, N) by integer weights (N, B) with equal column sums, (V, B).
+def signed_sums(
+    groups: Sequence[str], parts: Sequence[Floats], resampling: ResamplingConfig
+) -> Floats:
+    """Sum the groups' means of finite values (V, N) under random signs of the units, (V, B)."""
+    sums = np.zeros((len(parts[0]), resampling.resamples))
+    for group, part in zip(groups, parts, strict=True):
+        units, key = part.shape[1], stream_key(resampling.seed, "permutation", group)
+        whole, exponents = _on_grid(part, units)
+        total = whole.sum(axis=1, keepdims=True)
+        for first, count in _blocks(units, resampling.resamples):
+            kept = sign_flips(units, first, count, key).astype(np.float64)
+            signed = np.ldexp(2 * (whole @ kept) - total, -exponents)
+            sums[:, first : first + count] += signed / units
+    return sums
+
+
+def weighted_averages(values: Floats, medians: Bools, counts: NDArray[np.integer]) -> Floats:
+    """Average values (V, N) that resamples hold so many times (N, B), (V, B).
 
     The averages are the same to the last bit whatever the number of threads and columns; +inf is a
     value like any other.
     """
-    total = int(weights[:, 0].sum())
-    factors = weights.astype(np.float64)
-    averages = np.empty((len(values), weights.shape[1]))
-    averages[~medians] = _weighted_means(values[~medians], factors, total)
-    if medians.any():
-        counts = weights.astype(np.int32)
-        averages[medians] = _weighted_medians(values[medians], factors, counts, total)
+    units, factors = int(counts[:, 0].sum()), counts.astype(np.float64)
+    averages = np.empty((len(values), counts.shape[1]))
+    averages[~medians] = _weighted_means(values[~medians], factors, units)
+    averages[medians] = _weighted_medians(values[medians], factors, units)
     return averages
 
 
-def _weighted_means(values: Floats, factors: Floats, total: int) -> Floats:
-    means = exact_products(without_infinite(values), factors, total) / total
+def _weighted_means(values: Floats, factors: Floats, units: int) -> Floats:
+    whole, exponents = _on_grid(without_infinite(values), units)
+    means = np.ldexp(whole @ factors, -exponents) / units
     failing = np.isinf(values).any(axis=1)
     drawn = np.isinf(values[failing]).astype(np.float64) @ factors
     means[failing] = np.where(drawn > 0, np.inf, means[failing])
     return np.asarray(means)
 
 
-def exact_products(values: Floats, factors: Floats, total: int) -> Floats:
-    """Multiply finite values (V, N), rounded to a grid on which no sum is rounded, by (N, B).
+def _on_grid(values: Floats, units: int) -> tuple[Floats, NDArray[np.intp]]:
+    """Return values as whole numbers, and the exponents (V, 1) of 2 that these are multiplied by.
 
-    Factors are whole numbers, and no column of them has a larger sum of sizes than `total`.
+    No sum of so many of them is rounded.
     """
-    whole, one, other = on_grid(values, total)
-    return np.asarray((whole @ factors) / one / other)
-
-
-def on_grid(values: Floats, total: int) -> tuple[Floats, Floats, Floats]:
-    """Return values as whole numbers of the grid's steps, and the two factors (V, 1) of each."""
     largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
-    exponents = EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(total))
-    # Two factors: one power of two for tiny values would be infinite.
-    one, other = (np.exp2(half(exponents / 2))[:, None] for half in (np.floor, np.ceil))
-    return np.rint(values * one * other), one, other
+    bits = _EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(units))
+    exponents = bits.astype(np.intp)[:, None]
+    return np.rint(np.ldexp(values, exponents)), exponents
 
 
-def _weighted_medians(
-    values: Floats, factors: Floats, counts: NDArray[np.int32], total: int
-) -> Floats:
+def _weighted_medians(values: Floats, factors: Floats, units: int) -> Floats:
     """Return the median of each resample; only units near the middle are looked at one by one."""
-    units = values.shape[1]
-    order = np.argsort(values, axis=1, kind="stable")
-    reach = int(2.5 * units**0.5) + 2  # five standard deviations of how many are drawn from a half
-    first, last = max(0, units // 2 - reach), min(units, units // 2 + reach)
+    if not len(values):
+        return np.empty((0, factors.shape[1]))
+    order, counts = np.argsort(values, axis=1, kind="stable"), factors.astype(np.int32)
+    reach = int(2.5 * values.shape[1] ** 0.5) + 2  # 5 standard deviations of the draws of a half
+    middle = values.shape[1] // 2
+    first, last = max(0, middle - reach), min(values.shape[1], middle + reach)
     below = np.zeros_like(values)
     np.put_along_axis(below, order[:, :first], 1.0, axis=1)
     bases = (below @ factors).astype(np.int32)
     found = np.empty((len(values), factors.shape[1]))
     for row, (places, base) in enumerate(zip(order, bases, strict=True)):
         start, sums = first, base + np.cumsum(counts[places[first:last]], axis=0, dtype=np.int32)
-        if (base > (total - 1) // 2).any() or (sums[-1] <= total // 2).any():
+        if (base > (units - 1) // 2).any() or (sums[-1] <= units // 2).any():
             start, sums = 0, np.cumsum(counts[places], axis=0, dtype=np.int32)
-        low, high = (start + (sums <= n).sum(axis=0) for n in ((total - 1) // 2, total // 2))
+        low, high = (start + (sums <= n).sum(axis=0) for n in ((units - 1) // 2, units // 2))
         found[row] = (values[row, places[low]] + values[row, places[high]]) / 2.0
     return found
 
 
 def leave_one_out(values: Floats, medians: Bools) -> Floats:
     """Average all units but one, for each one of at least 2: the jackknife, (V, N)."""
-    averages = np.empty_like(values)
-    failing = np.isinf(values[~medians])
-    finite = without_infinite(values[~medians])
-    rest = (finite.sum(axis=1, keepdims=True) - finite) / (values.shape[1] - 1)
+    units, averages = values.shape[1], np.empty_like(values)
+    failing, finite = np.isinf(values[~medians]), without_infinite(values[~medians])
+    rest = (finite.sum(axis=1, keepdims=True) - finite) / (units - 1)
     others_fail = failing.sum(axis=1, keepdims=True) - failing > 0
     averages[~medians] = np.where(others_fail, np.inf, rest)
     order = np.argsort(values[medians], axis=1, kind="stable")
     ranked = np.take_along_axis(values[medians], order, axis=1)
-    left, gone = values.shape[1] - 1, np.arange(values.shape[1])
-    low, high = (rank + (rank >= gone) for rank in ((left - 1) // 2, left // 2))
+    middle = [(units - 2) // 2, (units - 1) // 2]
+    low, high = (rank + (rank >= np.arange(units)) for rank in middle)
     without = np.empty_like(ranked)
     np.put_along_axis(without, order, (ranked[:, low] + ranked[:, high]) / 2.0, axis=1)
     averages[medians] = without

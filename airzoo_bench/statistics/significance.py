@@ -1,38 +1,48 @@
-"""Paired tests of methods on the same units: permutation, bootstrap, McNemar; Holm's correction."""
+"""Paired differences of methods on the same units: intervals, tests, and Holm's correction.
+
+Means are tested by permutation, medians by the percentile interval of their bootstrap, and where
+scenes are the units by Student's t. A change of places turns the sign of a unit's difference, and
+the sum of differences under given signs is the difference of two sums, one of each variable; so the
+sums of N variables hold the draws of all N (N - 1) / 2 pairs, as their resamples do.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Literal
+from functools import cached_property, lru_cache
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtr
+from scipy.special import bdtr, ndtr
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.statistics.intervals import Interval, Pairs, sample_intervals
+from airzoo_bench.statistics.intervals import (
+    Interval,
+    few_units,
+    percentile_p_values,
+    quantiles,
+    student,
+)
 from airzoo_bench.statistics.samples import (
     TIE,
     ResamplingConfig,
     Sample,
-    blocks,
-    difference,
-    on_grid,
     paired_difference,
-    sign_flips,
-    stream_key,
-    weighted_averages,
-    without_infinite,
+    resampled_averages,
+    signed_sums,
 )
+from airzoo_bench.statistics.shares import difference_limits
 
 LEVEL = 0.05
 """A p-value up to here is a finding."""
 
 _P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
-_Flips = Callable[[int, int, int], NDArray[np.uint8]]
-"""Group, first pattern, count of patterns -> (N, count): 0 where two values change places."""
+_RESOLVED = 25
+_CELLS = 1 << 18
+
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -49,95 +59,194 @@ class PairedTest:
     kind: Literal["permutation", "bootstrap", "student"] = "permutation"
 
 
+class PairNumbers(NamedTuple):
+    """Of C differences: limits (C, 2), NaN where there are none, p, and how that was found (C,)."""
+
+    limits: Floats
+    p_values: Floats
+    exact: Bools
+    patterns: NDArray[np.int64]
+
+
 def paired_tests(
-    sample: Sample, resampling: ResamplingConfig, places: Pairs
+    sample: Sample, resampling: ResamplingConfig, places: Sequence[tuple[int, int]] | Places
 ) -> tuple[list[Interval], list[PairedTest]]:
-    """Take the interval of each pair's difference, and test whether it is 0.
+    """Take the interval of each pair's difference, the first minus the second, and test it.
 
-    Means are tested by permutation. p of a median is that of its percentile interval, but never
-    below what any test could find on as many units as differ. Where scenes are the units p is that
-    of the interval's t, and by permutation without an interval.
+    Where there is no interval, a median has no finding, and scenes are tested by permutation.
     """
-    found = sample_intervals(sample, resampling, places, groups=False)
-    known = list(zip(places, found.p_values, strict=True))
-    means = [pair for pair, p_value in known if p_value is None and not sample.medians[pair[0]]]
-    permuted = iter(paired_permutation(sample, resampling, means))
-    tests = []
-    for (one, other), p_value in known:
-        if not sample.medians[one]:
-            units = sample.values[0].shape[1]
-            of_scenes = None if p_value is None else PairedTest(p_value, True, units, "student")
-            tests.append(of_scenes or next(permuted))
-        elif p_value is None:
-            tests.append(PairedTest(1.0, False, 0, "bootstrap"))
-        else:
-            gaps = sample.differences(one, other)
-            p_value = max(p_value, p_floor(sum(int((part != 0).sum()) for part in gaps)))
-            tests.append(PairedTest(p_value, False, resampling.resamples, "bootstrap"))
-    return found.overall[len(sample.medians) :], tests
+    pairs = np.array(places, np.intp).reshape(-1, 2)
+    found, intervals, tests = compare_pairs(sample, resampling, pairs), [], []
+    few, by_scene = few_units(sample), sample.unit == "scene"
+    for one, other, limits, p_value, exact, patterns in zip(*pairs.T, *found, strict=True):
+        gaps = sample.differences(one, other)
+        low, high = limits.tolist()
+        reason = few
+        if not few and by_scene:
+            alike = "the differences of all scenes are alike" if np.isnan(low) else ""
+            reason = alike if np.isfinite(gaps[0]).all() else "a scene failed"
+        elif not few and not sample.are_shares[one] and all((g == g[0]).all() for g in gaps):
+            reason = "the differences of all queries are alike: resamples cannot differ"
+        method = "student" if by_scene else "mover" if sample.are_shares[one] else "percentile"
+        intervals.append(Interval.lacking(reason) if reason else Interval(low, high, method))
+        kind: Literal["permutation", "bootstrap", "student"] = "permutation"
+        if sample.medians[one] or (by_scene and not np.isnan(low)):
+            kind = "student" if by_scene else "bootstrap"
+        tests.append(PairedTest(float(p_value), bool(exact), int(patterns), kind))
+    return intervals, tests
 
 
-def paired_permutation(
-    sample: Sample, resampling: ResamplingConfig, pairs: Pairs
-) -> list[PairedTest]:
-    """Test whether two means differ, for each pair: values change places, unit by unit.
+@dataclass(frozen=True)
+class _Draws:
+    """The draws that all pairs of a sample share, made when they are first needed."""
+
+    sample: Sample
+    resampling: ResamplingConfig
+
+    @cached_property
+    def resampled(self) -> Floats:
+        """Averages of resamples, over groups, (V, B); 0 of shares, which take none."""
+        sample, chosen = self.sample, ~self.sample.are_shares
+        found = np.zeros((len(chosen), self.resampling.resamples))
+        for group, values in zip(sample.groups, sample.values, strict=True):
+            medians = sample.medians[chosen]
+            found[chosen] += resampled_averages(values[chosen], medians, group, self.resampling)
+        return found / len(sample.groups)
+
+    @cached_property
+    def signed(self) -> Floats:
+        """Sums of means under random signs, (V, B); 0 of medians, and of what fails."""
+        sample = self.sample
+        chosen = ~(sample.medians | self.failing)
+        found = np.zeros((len(chosen), self.resampling.resamples))
+        parts = [part[chosen] for part in sample.values]
+        found[chosen] = signed_sums(sample.groups, parts, self.resampling)
+        return found
+
+    @cached_property
+    def failing(self) -> Bools:
+        """Which variables have an infinite value (V,)."""
+        return np.any([np.isinf(part).any(axis=1) for part in self.sample.values], axis=0)
+
+
+def compare_pairs(
+    sample: Sample, resampling: ResamplingConfig, pairs: Places, *, tails: bool = False
+) -> PairNumbers:
+    """Compare pairs (C, 2) of variables, whose numbers do not depend on the other pairs.
+
+    With `tails`, p is resolved far below one draw, for corrections for many pairs. Where fewer than
+    25 draws are as extreme as what was observed, p of a mean is then the normal tail with the exact
+    variance of the signed sum, which sums of random signs hardly exceed (Pinelis 1994); that of a
+    median, where no resample lies beyond 0, is the normal tail with the resamples' spread.
+    """
+    draws = _Draws(sample, resampling)
+    units = sum(part.shape[1] for part in sample.values)
+    step = max(1, _CELLS // max(units, resampling.resamples))
+    starts = range(0, max(1, len(pairs)), step)
+    parts = [_compare(draws, pairs[start : start + step], tails) for start in starts]
+    return PairNumbers(*(np.concatenate(field) for field in zip(*parts, strict=True)))
+
+
+def _compare(draws: _Draws, pairs: Places, tails: bool) -> PairNumbers:
+    sample, plan, (one, other) = draws.sample, draws.resampling, pairs.T
+    gaps = sample.differences(one, other)
+    shares, medians = sample.are_shares[one], sample.medians[one]
+    limits, p_values = np.full((len(pairs), 2), np.nan), np.full(len(pairs), np.nan)
+    exact, patterns = ~medians, np.zeros(len(pairs), np.int64)
+    if sample.unit == "scene":
+        limits, p_values = student(gaps[0], shares, plan.confidence)
+        patterns[:] = gaps[0].shape[1]
+    elif not few_units(sample):
+        limits[shares] = difference_limits([gap[shares] for gap in gaps], plan.confidence)
+        if not shares.all():
+            drawn = pairs[~shares].T
+            resampled = paired_difference(*draws.resampled[drawn])
+            levels = np.broadcast_to(plan.tails, (len(resampled), 2))
+            limits[~shares] = quantiles(np.sort(resampled, axis=1), levels)
+            tested = [gap[medians] for gap in gaps]
+            p_values[medians] = _test_medians(resampled[medians[~shares]], tested, tails)
+            patterns[medians] = plan.resamples
+    permuted = np.isnan(p_values) & ~medians
+    if permuted.any():
+        parts = [gap[permuted] for gap in gaps]
+        p_values[permuted], unlike = _permute(draws, parts, pairs[permuted], tails)
+        exact[permuted] = unlike < plan.resamples.bit_length()
+        patterns[permuted] = np.where(
+            exact[permuted], 1 << np.where(exact[permuted], unlike, 0), plan.resamples
+        )
+    return PairNumbers(limits, np.where(np.isnan(p_values), 1.0, p_values), exact, patterns)
+
+
+def _test_medians(resampled: Floats, gaps: Sequence[Floats], tails: bool) -> Floats:
+    """Return the p of percentile intervals, but never below what so many units could show."""
+    p_values = percentile_p_values(resampled)
+    if tails:
+        beyond = (resampled.min(axis=1, initial=np.inf) > 0) | (
+            resampled.max(axis=1, initial=-np.inf) < 0
+        )
+        known = np.where(np.isfinite(resampled[beyond]).all(axis=1), resampled[beyond].T, 0.0).T
+        spread = known.std(axis=1)
+        wins, losses = (
+            sum((sign * gap[beyond] > 0).sum(axis=1) for gap in gaps) for sign in (1, -1)
+        )
+        scores = np.abs(known.mean(axis=1)) / np.where(spread > 0, spread, 1.0)
+        tail = np.where(spread > 0, normal_tail(scores), mcnemar(wins, losses))
+        p_values[beyond] = np.minimum(p_values[beyond], tail)
+    unlike = np.sum([(gap != 0).sum(axis=1) for gap in gaps], axis=0)
+    return np.maximum(p_values, np.minimum(1.0, 2.0 ** (1.0 - unlike)))
+
+
+def _permute(
+    draws: _Draws, gaps: Sequence[Floats], pairs: Places, tails: bool
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Test whether means differ: values change places, unit by unit; also count unlike units.
 
     The statistic is the difference of the averages over groups. Each of the 2**k patterns of the k
     units that differ is as likely as the one observed; p is the share of patterns that differ at
-    least as much, either way. All are tried where they are no more than `resampling.resamples`;
-    else that many random ones are, the same for all pairs, and p = (b + 1) / (m + 1) (Phipson and
-    Smyth 2010), which is never 0. Where one side's average is infinite, patterns that make it so
-    too are ordered by wins minus losses.
+    least as much, either way. All are tried where they are no more than the resamples; else that
+    many random ones are, the same for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth
+    2010), which is never 0.
     """
-    failing = np.any([np.isinf(values).any(axis=1) for values in sample.values], axis=0)
-    draws: Floats | None = None
-    tests = []
-    for one, other in pairs:
-        gaps = sample.differences(one, other)
-        unlike = [gap != 0 for gap in gaps]
-        patterns = 2 ** sum(int(mask.sum()) for mask in unlike)
-        exact = patterns <= resampling.resamples
-        if failing[one] or failing[other]:
-            patterns = patterns if exact else resampling.resamples
-            flips = _every_pattern(unlike) if exact else _random_patterns(sample, resampling.seed)
-            extreme = _count_by_swaps(sample, one, other, patterns, flips)
-            p_value = (extreme if exact else extreme + 1) / (patterns if exact else patterns + 1)
-        elif exact:
-            scaled = [gap[mask] / len(gap) for gap, mask in zip(gaps, unlike, strict=True)]
-            [p_value] = exact_p_values(np.concatenate(scaled)[None]).tolist()
-        else:
-            patterns = resampling.resamples
-            draws = signed_sums(sample, resampling) if draws is None else draws
-            observed = abs(sum(float(gap.mean()) for gap in gaps))
-            least = observed - TIE * max(float(np.abs(gap).max()) for gap in gaps)
-            extreme = int((np.abs(draws[one] - draws[other]) >= least).sum())
-            p_value = (extreme + 1) / (patterns + 1)
-        tests.append(PairedTest(p_value, exact, patterns))
-    return tests
+    scaled = np.concatenate([gap / gap.shape[1] for gap in gaps], axis=1)
+    unlike, (one, other) = np.count_nonzero(scaled, axis=1), pairs.T
+    exact = unlike < draws.resampling.resamples.bit_length()
+    failing = draws.failing[one] | draws.failing[other]
+    p_values = np.ones(len(pairs))  # also where both averages are infinite under every pattern
+    for row in np.flatnonzero(failing & ~(draws.failing[one] & draws.failing[other])).tolist():
+        p_values[row] = _test_failing(draws, [gap[row] for gap in gaps], exact[row])
+    for row in np.flatnonzero(exact & ~failing & (unlike > 0)).tolist():
+        of_row = scaled[row, scaled[row] != 0]
+        least = abs(of_row.sum()) - TIE * np.abs(of_row).max()
+        p_values[row] = (np.abs(of_row @ _every_sign(len(of_row))) >= least).mean()
+    rest = np.flatnonzero(~exact & ~failing)
+    if len(rest):
+        count, observed = draws.resampling.resamples, np.abs(scaled[rest].sum(axis=1))
+        largest = np.max([np.abs(gap[rest]).max(axis=1) for gap in gaps], axis=0)
+        sums = np.abs(draws.signed[one[rest]] - draws.signed[other[rest]])
+        extreme = (sums >= (observed - TIE * largest)[:, None]).sum(axis=1)
+        p_values[rest] = (extreme + 1) / (count + 1)
+        few = rest[extreme < _RESOLVED]
+        if tails and len(few):
+            scores = np.abs(scaled[few].sum(axis=1)) / np.sqrt((scaled[few] ** 2).sum(axis=1))
+            p_values[few] = np.minimum(normal_tail(scores), (_RESOLVED + 1) / (count + 1))
+    return p_values, unlike
 
 
-def signed_sums(sample: Sample, resampling: ResamplingConfig) -> Floats:
-    """Sum the groups' means under random signs, (V, B); infinite values count as 0."""
-    draws = np.zeros((len(sample.medians), resampling.resamples))
-    flips = _random_patterns(sample, resampling.seed)
-    for group, part in enumerate(sample.values):
-        units = part.shape[1]
-        whole, one, other = on_grid(without_infinite(part), units)
-        total = whole.sum(axis=1, keepdims=True)
-        for first, size in blocks(units, resampling.resamples):
-            kept = flips(group, first, size).astype(np.float64)
-            sums = (2 * (whole @ kept) - total) / one / other
-            draws[:, first : first + size] += sums / units
-    return draws
+def _test_failing(draws: _Draws, gaps: Sequence[Floats], exact: bool) -> float:
+    """Test means of which one is infinite: a pattern is as far that keeps failures on one side.
 
-
-def exact_p_values(gaps: Floats) -> Floats:
-    """Try all patterns of signs of k differences, (C, k): p of each row."""
-    if not gaps.shape[1]:
-        return np.ones(len(gaps))
-    sums = np.abs(gaps @ _every_sign(gaps.shape[1]))
-    least = np.abs(gaps.sum(axis=1)) - TIE * np.abs(gaps).max(axis=1)
-    return np.asarray((sums >= least[:, None]).mean(axis=1))
+    Such patterns are ordered by wins minus losses.
+    """
+    parts = [np.stack([np.sign(gap), np.isinf(gap) * gap.shape[0]]) for gap in gaps]
+    scaled = np.concatenate([part / part.shape[1] for part in parts], axis=1)
+    ahead, failures = np.abs(scaled.sum(axis=1))
+    unlike = scaled[:, scaled[0] != 0]
+    if exact:
+        sums = unlike @ _every_sign(unlike.shape[1])
+    else:
+        sums = signed_sums(draws.sample.groups, parts, draws.resampling)
+    extreme = (np.abs(sums[1]) > failures - 0.5) & (np.abs(sums[0]) >= ahead - TIE)
+    return float(extreme.mean() if exact else (extreme.sum() + 1) / (len(extreme) + 1))
 
 
 @lru_cache(maxsize=2)
@@ -147,56 +256,9 @@ def _every_sign(number: int) -> Floats:
     return np.asarray(1.0 - 2.0 * digits, np.float64)
 
 
-def _every_pattern(unlike: list[Bools]) -> _Flips:
-    """Count in binary: one digit for each unit that differs."""
-    starts = np.cumsum([0, *(int(mask.sum()) for mask in unlike)])
-
-    def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
-        digits = np.arange(starts[group], starts[group + 1])
-        patterns = np.ones((len(unlike[group]), count), np.uint8)
-        patterns[unlike[group]] = 1 - ((np.arange(first, first + count) >> digits[:, None]) & 1)
-        return patterns
-
-    return flips
-
-
-def _random_patterns(sample: Sample, seed: int) -> _Flips:
-    keys = [stream_key(seed, "permutation", group) for group in sample.groups]
-
-    def flips(group: int, first: int, count: int) -> NDArray[np.uint8]:
-        return sign_flips(sample.values[group].shape[1], first, count, keys[group])
-
-    return flips
-
-
-def _count_by_swaps(sample: Sample, one: int, other: int, patterns: int, flips: _Flips) -> int:
-    """Count the patterns that differ at least as much as observed, of means with infinite values.
-
-    Where even the difference as observed is infinite, patterns that make it so are all alike: wins
-    minus losses order them.
-    """
-    sides, before = np.zeros((2, patterns)), np.zeros((2, 1))
-    ahead, observed_ahead = np.zeros(patterns), 0.0
-    for group, values in enumerate(sample.values):
-        units, pooled = values.shape[1], np.concatenate([values[one], values[other]])[None]
-        signs = np.sign(paired_difference(values[one], values[other]))
-        before += _both_sides(pooled, np.ones((units, 1), np.uint8))
-        observed_ahead += signs.sum() / units
-        for first, count in blocks(2 * units, patterns):
-            kept, part = flips(group, first, count), slice(first, first + count)
-            sides[:, part] += _both_sides(pooled, kept)
-            ahead[part] += (2.0 * (signs @ kept) - signs.sum()) / units
-    observed = abs(difference(before[0], before[1])[0])
-    extreme = np.abs(difference(sides[0], sides[1])) >= (1 - TIE) * observed
-    if np.isinf(observed):
-        extreme &= np.abs(ahead) >= abs(observed_ahead) - TIE
-    return int(np.count_nonzero(extreme))
-
-
-def _both_sides(pooled: Floats, kept: NDArray[np.uint8]) -> Floats:
-    """Average what each side (2, B) has of pooled values (1, 2 N) where some change places."""
-    first, mean = np.concatenate([kept, 1 - kept]), np.zeros(1, np.bool_)
-    return np.concatenate([weighted_averages(pooled, mean, side) for side in (first, 1 - first)])
+def normal_tail(scores: Floats) -> Floats:
+    """Return two-sided p of normal scores of at least 0, never 0."""
+    return np.asarray(np.maximum(2 * ndtr(-scores), np.finfo(np.float64).tiny))
 
 
 def p_floor(unlike: int) -> float:

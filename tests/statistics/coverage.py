@@ -13,9 +13,10 @@ from scipy.stats import binom
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.intervals import sample_intervals
-from airzoo_bench.statistics.pair_tests import correct_pairs, pair_p_values, rank_ranges
+from airzoo_bench.statistics.pair_tests import compare_all, correct_pairs, rank_ranges
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.shares import average_limits, difference_limits
+from airzoo_bench.statistics.significance import paired_tests
 
 Scenes = Sequence[tuple[int, float]]
 
@@ -95,11 +96,12 @@ def coverage_over_scenes(kind: str, scenes: int, count: int) -> tuple[float, flo
         true, values = 5 / 7, random.beta(5, 2, shape)
     shares = np.full(2 * count, kind == "beta(5, 2)")
     sample = Sample("scene", ("",), (values,), np.zeros(2 * count, bool), shares)
-    found = sample_intervals(
-        sample, ResamplingConfig(), [(row, count + row) for row in range(count)]
-    ).overall
-    limits = np.array([(one.low, one.high) for one in found])
-    means, differences = limits[:count], limits[2 * count :]
+    plan, pairs = ResamplingConfig(), [(row, count + row) for row in range(count)]
+    found = sample_intervals(sample, plan).overall[:count]
+    means, differences = (
+        np.array([(one.low, one.high) for one in part])
+        for part in (found, paired_tests(sample, plan, pairs)[0])
+    )
     unknown = float(np.isinf(means[:, 1]).mean())
     return _held(means, true), unknown, _held(differences, 0.0)
 
@@ -199,7 +201,7 @@ def coverage_of_ranks(kind: str, count: int) -> tuple[float, float]:
         parts = [_skilled(kind, skills, size, random) for size in (60, 25, 40)]
         sample = Sample("query", ("a", "b", "c"), tuple(parts), medians)
         values = np.mean([average(part, axis=1) for part in parts], axis=0)
-        corrected = correct_pairs(pair_p_values(sample, ResamplingConfig(2_000)))
+        corrected = correct_pairs(compare_all(sample, ResamplingConfig(2_000))[2])
         found = rank_ranges(values, corrected, higher_is_better=higher)
         held += bool(((found[:, 0] <= first) & (found[:, 1] >= last)).all())
         width += float((found[:, 1] - found[:, 0]).mean())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, product
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.special import ndtri
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import PairedTest, paired_permutation, paired_tests
+from airzoo_bench.statistics.significance import PairedTest, paired_tests
 from tests.statistics.coverage import (
     AGREEMENT,
     DESIGNS,
@@ -93,7 +93,9 @@ def findings_of_permutation(
     errors: Errors, count: int, resampling: ResamplingConfig, shift: float = 0.0
 ) -> float:
     """Return the same of the permutation of values, which tests more than the medians."""
-    return _found(paired_permutation(errors.drawn(count, shift, 1), resampling, _pairs(count)))
+    drawn = errors.drawn(count, shift, 1)
+    as_means = replace(drawn, medians=np.zeros(2 * count, bool))
+    return _found(paired_tests(as_means, resampling, _pairs(count))[1])
 
 
 def _pairs(count: int) -> list[tuple[int, int]]:

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from airzoo_bench.results.comparison import compare
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.intervals import interval_limits, percentile_p_values, quantiles
+from airzoo_bench.statistics.intervals import percentile_p_values, quantiles
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison import verdict
 from tests.statistics.coverage import documented, standard_error
@@ -38,9 +38,8 @@ RESAMPLES = hnp.arrays(
 def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
     resamples: np.ndarray, confidence: float
 ) -> None:
-    zeros = np.zeros(len(resamples))
-    resampling = ResamplingConfig(interval="percentile", confidence=confidence)
-    (low, high), _ = interval_limits(resamples, zeros, zeros, zeros, resampling)[0].T, None
+    tails = np.broadcast_to(ResamplingConfig(confidence=confidence).tails, (len(resamples), 2))
+    low, high = quantiles(np.sort(resamples, axis=1), tails).T
     p_values = percentile_p_values(resamples)
     least = 2 / (resamples.shape[1] + 1)
     for p_value, left_out in zip(p_values, (low > 0) | (high < 0), strict=True):
@@ -77,20 +76,6 @@ def test_p_by_hand() -> None:
 def test_p_of_five_resamples_by_hand(resamples: list[float], p_value: float) -> None:
     both = np.array([resamples, [-value for value in resamples[::-1]]])
     assert percentile_p_values(both[:, [3, 0, 4, 1, 2]]) == pytest.approx([p_value] * 2)
-
-
-def test_quantiles_by_hand() -> None:
-    inf = np.inf
-    ranked = np.array([[0.0, 1, inf], [-inf, 1, 4], [-inf, -inf, inf], [-inf, inf, inf]])
-    levels = np.array([[0.0, 0.25, 0.5, 0.75, 1.0]] * 4)
-    # Half way to infinity is infinity; between both, the side of the level.
-    assert quantiles(ranked, levels).tolist() == [
-        [0, 0.5, 1, inf, inf],
-        [-inf, -inf, 1, 2.5, 4],
-        [-inf, -inf, -inf, inf, inf],
-        [-inf, -inf, inf, inf, inf],
-    ]
-    assert quantiles(np.array([[-inf, inf]]), np.array([[0.49, 0.5]])).tolist() == [[-inf, inf]]
 
 
 @pytest.mark.slow

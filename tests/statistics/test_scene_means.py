@@ -12,8 +12,9 @@ from airzoo_bench.results.comparison import Pair, compare, make_sample, score_in
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
-from airzoo_bench.statistics.pair_tests import pair_limits, pair_p_values
+from airzoo_bench.statistics.pair_tests import compare_all
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.significance import paired_tests
 from airzoo_bench.tables.comparison import verdict
 from airzoo_bench.tables.intervals import intervals_made
 from tests.statistics.coverage import coverage_over_scenes, documented, standard_error
@@ -47,8 +48,8 @@ def test_differences_have_students_interval_and_p_on_every_face(score: ScoreColu
     assert (found.interval.low, found.interval.high) == pytest.approx(limits, rel=1e-12)
     assert (found.test.p_value, found.test.kind) == (pytest.approx(expected.pvalue), "student")
     sample = make_sample([method(ONE, score), method(OTHER, score, "theirs")], [score])
-    assert pair_limits(sample, PLAN)[:, 0, 1] == pytest.approx(limits, rel=1e-12)
-    assert pair_p_values(sample, PLAN)[0, 1] == pytest.approx(expected.pvalue, rel=1e-12)
+    numbers = compare_all(sample, PLAN)[:, 0, 1]
+    assert numbers == pytest.approx([*limits, expected.pvalue], rel=1e-12)
 
 
 def test_five_scenes_are_enough_for_a_finding() -> None:
@@ -111,23 +112,25 @@ def test_each_variable_has_an_interval_of_its_own_rows() -> None:
     values = np.array([ONE, OTHER, [3.0, 5.0, 4.0, 8.0, 2.0, 6.0], [0.5] * 5 + [np.inf]])
     shares = np.array([True, True, False, False])
     sample = Sample("scene", ("",), (values,), np.zeros(4, bool), shares)
-    found = sample_intervals(sample, PLAN, [(0, 1), (1, 0)])
-    assert [one.method for one in found.overall] == [
-        *("student", "student", "lognormal", "", "student", "student")
-    ]
+    found, ([one, other], tests) = (
+        sample_intervals(sample, PLAN),
+        paired_tests(sample, PLAN, [(0, 1), (1, 0)]),
+    )
+    assert [one.method for one in found.overall] == ["student", "student", "lognormal", ""]
     for row, expected in ((0, stats.ttest_1samp(ONE, 0)), (1, stats.ttest_1samp(OTHER, 0))):
         limits = found.overall[row].low, found.overall[row].high
         assert limits == pytest.approx(tuple(expected.confidence_interval()), rel=1e-12)
-    low, high = (getattr(found.overall[4], name) for name in ("low", "high"))
-    assert (found.overall[5].low, found.overall[5].high) == pytest.approx((-high, -low))
+    assert one.low is not None
+    assert one.high is not None
+    assert (other.low, other.high) == pytest.approx((-one.high, -one.low))
     assert found.groups[""] == found.overall
-    assert found.p_values == [pytest.approx(stats.ttest_rel(ONE, OTHER).pvalue)] * 2
+    for test in tests:
+        assert test.p_value == pytest.approx(stats.ttest_rel(ONE, OTHER).pvalue)
 
 
 def test_scenes_of_several_groups_have_no_common_interval() -> None:
     parts = tuple(np.array([ONE, OTHER]) for _ in range(2))
     sample = Sample("scene", ("a", "b"), parts, np.zeros(2, bool), np.ones(2, bool))
-    found = sample_intervals(sample, PLAN, [(0, 1)])
+    found = sample_intervals(sample, PLAN)
     assert found.overall == []
     assert found.groups["a"] == found.groups["b"]
-    assert len(found.groups["a"]) == 3
