@@ -143,12 +143,11 @@ def _resample(group: Sample, resampling: ResamplingConfig) -> _Part:
 
 def _jackknife_moments(left_out: Floats) -> Floats:
     """Sum the jackknife's influence values (R, N), cubed and squared, (R, 2)."""
-    units, failing = left_out.shape[1], np.isinf(left_out).any(axis=1)
-    finite = np.where(failing[:, None], 0.0, left_out)
+    units, failing = left_out.shape[1], np.isinf(left_out).any(axis=1, keepdims=True)
+    finite = np.where(failing, 0.0, left_out)
     influence = (units - 1) * (finite.mean(axis=1, keepdims=True) - finite) / units
     moments = np.stack([(influence**3).sum(axis=1), (influence**2).sum(axis=1)], axis=1)
-    moments[failing] = np.inf
-    return np.asarray(moments)
+    return np.where(failing, np.inf, moments)
 
 
 def _bootstrapped(part: _Part, resampling: ResamplingConfig, units: str) -> Iterator[Interval]:

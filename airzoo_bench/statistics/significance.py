@@ -126,7 +126,8 @@ class _Draws:
     @cached_property
     def failing(self) -> Bools:
         """Which variables have an infinite value (V,)."""
-        return np.any([np.isinf(part).any(axis=1) for part in self.sample.values], axis=0)
+        failing = [np.isinf(part).any(axis=1) for part in self.sample.values]
+        return np.asarray(np.any(failing, axis=0))
 
 
 def compare_pairs(
@@ -193,7 +194,7 @@ def _test_medians(resampled: Floats, gaps: Sequence[Floats], tails: bool) -> Flo
         tail = np.where(spread > 0, normal_tail(scores), mcnemar(wins, losses))
         p_values[beyond] = np.minimum(p_values[beyond], tail)
     unlike = np.sum([(gap != 0).sum(axis=1) for gap in gaps], axis=0)
-    return np.maximum(p_values, np.minimum(1.0, 2.0 ** (1.0 - unlike)))
+    return np.asarray(np.maximum(p_values, np.minimum(1.0, 2.0 ** (1.0 - unlike))))
 
 
 def _permute(
