@@ -115,7 +115,7 @@ class _Draws:
 
     @cached_property
     def signed(self) -> Floats:
-        """Sums of means under random signs, (V, B); 0 of medians, and of what fails."""
+        """Sums of means under random signs, (V, B); 0 of medians and of failing ones."""
         sample = self.sample
         chosen = ~(sample.medians | self.failing)
         found = np.zeros((len(chosen), self.resampling.resamples))
@@ -234,9 +234,9 @@ def _permute(
 
 
 def _test_failing(draws: _Draws, gaps: Sequence[Floats], exact: bool) -> float:
-    """Test means of which one is infinite: a pattern is as far that keeps failures on one side.
+    """Test a finite mean against an infinite one by wins minus losses.
 
-    Such patterns are ordered by wins minus losses.
+    Only patterns that keep all failures on one side are as far apart as what was observed.
     """
     parts = [np.stack([np.sign(gap), np.isinf(gap) * gap.shape[0]]) for gap in gaps]
     scaled = np.concatenate([part / part.shape[1] for part in parts], axis=1)
