@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.clouds import InMemoryCloud, finite_rows
+from airzoo_bench.reconstruction.clouds import cloud_of, finite_rows
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
 from airzoo_bench.reconstruction.preparation import box_of, cropped_region, prepare_cloud
@@ -121,8 +121,9 @@ def cloud_scores(
         hidden_beyond_m=1.0,
         voxel_m="none" if plain else limit / 20,
     )
-    given, truth = _cloud("predicted", predicted, limit), _cloud("true", true, limit)
-    if given.count and not finite_rows(given.points).any():
+    points, true_points = _points("predicted", predicted, limit), _points("true", true, limit)
+    given, truth = cloud_of(points), cloud_of(true_points)
+    if given.count and not finite_rows(points).any():
         raise arg.fault("predicted", "no point is finite", "finite numbers")
     threads = min(arg.whole("jobs", jobs), _MOST_THREADS)
     block = max(given.count, truth.count, 1)
@@ -146,9 +147,9 @@ def cloud_scores(
     return CloudComparison(limit, precision, recall, f1, *means, *counts, *left_out, *distances)
 
 
-def _cloud(name: str, values: ArrayLike, limit: float) -> InMemoryCloud:
+def _points(name: str, values: ArrayLike, limit: float) -> Floats:
     """Return points (N, 3), finite or not, whose type keeps a twentieth of the threshold."""
     given = arg.numbers(name, values, (None, 3))
     points = given.astype(np.float64)
     arg.check_digits(name, points[np.isfinite(points)], given.dtype.type, limit / 20)
-    return InMemoryCloud(points)
+    return points

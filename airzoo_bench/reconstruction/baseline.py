@@ -7,11 +7,11 @@ another order on every run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,28 +41,10 @@ _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 Colours = NDArray[np.uint8]
 Lens = tuple[int, int, tuple[float, ...]]
 """Width, height and parameters of COLMAP's model FULL_OPENCV."""
-
-
-class TwoViews(NamedTuple):
-    """Matches (M, 2) of two photos that one motion of the camera, or one plane, explains."""
-
-    first: int
-    second: int
-    config: int
-    matches: Ints
-
-
-@dataclass(frozen=True, eq=False)
-class _Features:
-    """Features of all photos; photo n begins at row ``starts[n]``; places at full size."""
-
-    starts: Ints
-    places: Floats
-    descriptors: NDArray[np.uint8]
-    colours: Colours
-
-    def rows(self, photo: int) -> slice:
-        return slice(int(self.starts[photo]), int(self.starts[photo + 1]))
+Features = list[tuple[Floats, NDArray[np.uint8], Colours]]
+"""Of each photo: pixels at full size (F, 2), descriptors (F, 128) and colours (F, 3)."""
+Pair = tuple[int, int, int, Ints]
+"""Two photos, COLMAP's number of the motion or plane that explains them, and matches (M, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +74,7 @@ def predict(
         names = truth.photos["image"].to_numpy(str)
         paths, positions = [images / name for name in names], None
         if set(PRIOR_COLUMNS) <= set(truth.photos.columns):
-            # Where GPS has the photos, for finding neighbours; never the true positions.
+            # The positions by GPS, for finding neighbours; never the true ones.
             known = truth.photos[list(PRIOR_COLUMNS)].notna().all(axis=1).to_numpy()
             positions = np.full((len(names), 3), np.nan)
             positions[known] = poses_of(truth.photos[known], PRIOR_COLUMNS).centres
@@ -137,15 +119,13 @@ def sparse_reconstruction(
         stage="features",
         name=lambda item: str(item[0]),
     )
-    parts = list(run.progress(extracted, "features", len(photos)))
-    starts = np.cumsum([0, *(len(places) for places, *_ in parts)])
-    features = _Features(starts, *map(np.concatenate, zip(*parts, strict=True)))
+    features = list(run.progress(extracted, "features", len(photos)))
     pairs = photo_pairs(len(photos), positions, settings.neighbours)
     firsts = np.unique(pairs[:, 0]).tolist()
     matched = run.processes.map(
         _match_photo,
         [(first, pairs[pairs[:, 0] == first, 1].tolist()) for first in firsts],
-        shared=(settings, lenses, features),
+        shared=(settings, lenses, [one[:2] for one in features]),
         stage="matches",
         name=lambda item: str(photos[item[0]]),
     )
@@ -156,19 +136,15 @@ def sparse_reconstruction(
 
 def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) -> Ints:
     """List pairs of photos to match, (P, 2): the first below the second; sorted."""
-    first, second = np.triu_indices(count, k=1)
-    if positions is None or neighbours is None or neighbours >= count - 1:
-        return np.stack((first, second), axis=1)
-    known = np.isfinite(positions).all(axis=1)
-    wanted = np.zeros((count, count), np.bool_)
-    wanted[~known] = True
-    rows = np.flatnonzero(known)
-    if len(rows):
-        local = positions[rows] - positions[rows[0]]
-        _, near = cKDTree(local).query(local, k=min(neighbours + 1, len(rows)))
-        wanted[rows[:, None], rows[near.reshape(len(rows), -1)]] = True
-    chosen = (wanted | wanted.T)[first, second]
-    return np.stack((first[chosen], second[chosen]), axis=1)
+    wanted = np.ones((count, count), np.bool_)
+    if positions is not None and neighbours is not None and neighbours < count - 1:
+        rows = np.flatnonzero(np.isfinite(positions).all(axis=1))
+        wanted[rows] = False
+        if len(rows):
+            local = positions[rows] - positions[rows[0]]
+            _, near = cKDTree(local).query(local, k=min(neighbours + 1, len(rows)))
+            wanted[rows[:, None], rows[near.reshape(len(rows), -1)]] = True
+    return np.argwhere(np.triu(wanted | wanted.T, k=1))
 
 
 def _extract_features(
@@ -187,43 +163,38 @@ def _extract_features(
 
 
 def _match_photo(
-    shared: tuple[SfmSettings, list[Lens], _Features], item: tuple[int, list[int]]
-) -> list[TwoViews]:
+    shared: tuple[SfmSettings, list[Lens], list[tuple[Floats, NDArray[np.uint8]]]],
+    item: tuple[int, list[int]],
+) -> list[Pair]:
     """Match a photo with others, and keep what one motion of the camera explains."""
     settings, lenses, features = shared
     pycolmap = load_pycolmap()
     options = pycolmap.TwoViewGeometryOptions(min_num_inliers=settings.least_inliers)
     options.ransac.random_seed = settings.seed
     options.ransac.num_threads = 1
-    first, seconds = item
-    found = []
-    for second in seconds:
-        rows = [features.rows(photo) for photo in (first, second)]
-        a, b = (features.descriptors[one].astype(np.float32) for one in rows)
-        matches = np.stack(mutual_nearest(a, b, settings.ratio), axis=1).astype(np.uint32)
+    first, found = item[0], []
+    for second in item[1]:
+        pair, (here, a), (there, b) = (first, second), features[first], features[second]
+        matched = mutual_nearest(a.astype(np.float32), b.astype(np.float32), settings.ratio)
+        matches = np.stack(matched, axis=1).astype(np.uint32)
         if len(matches) < settings.least_inliers:
             continue
-        pair = [lenses[photo] for photo in (first, second)]
-        options.ransac.max_error = _max_error_px(pair, settings)
+        cameras = [_camera(lenses[photo], 1) for photo in pair]
+        options.ransac.max_error = _max_error_px([lenses[photo] for photo in pair], settings)
         pycolmap.set_random_seed(settings.seed)
-        cameras = [_camera(lens, 1) for lens in pair]
-        here, there = (features.places[one] for one in rows)
         two = pycolmap.estimate_two_view_geometry(
             cameras[0], here, cameras[1], there, matches, options
         )
         inliers = np.asarray(two.inlier_matches, np.int64).reshape(-1, 2)
         if len(inliers):
-            found.append(TwoViews(first, second, int(two.config), inliers))
+            found.append((*pair, int(two.config), inliers))
     return found
 
 
-def _max_error_px(lenses: Iterable[Lens], settings: SfmSettings) -> float:
+def _max_error_px(lenses: Sequence[Lens], settings: SfmSettings) -> float:
     """Return the largest reprojection error in pixels at full size."""
     longest = max(max(width, height) for width, height, _ in lenses)
     return settings.max_error_px * max(1.0, longest / settings.long_side_px)
-
-
-# --- pycolmap ---
 
 
 def _camera(lens: Lens, number: int) -> Any:
@@ -237,8 +208,8 @@ def _camera(lens: Lens, number: int) -> Any:
 
 def _map_photos(
     lenses: list[Lens],
-    features: _Features,
-    pairs: Iterable[TwoViews],
+    features: Features,
+    pairs: Sequence[Pair],
     folder: Path,
     settings: SfmSettings,
 ) -> Model:
@@ -253,18 +224,30 @@ def _map_photos(
             )
             database.write_matches(first + 1, second + 1, matches)
             database.write_two_view_geometry(first + 1, second + 1, geometry)
-    options = _mapper_options(pycolmap, _max_error_px(lenses, settings), settings)
+    error_px = _max_error_px(lenses, settings)
+    options = pycolmap.IncrementalPipelineOptions(
+        min_num_matches=settings.least_inliers,
+        min_model_size=_LEAST_PHOTOS,
+        extract_colors=False,
+        num_threads=1,
+        random_seed=settings.seed,
+        ba_refine_focal_length=False,
+        ba_refine_extra_params=False,
+    )
+    mapper, triangulation = options.mapper, options.triangulation
+    mapper.num_threads = 1
+    mapper.random_seed = triangulation.random_seed = settings.seed
+    mapper.init_max_error = mapper.filter_max_reproj_error = error_px
+    mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = False
+    triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = error_px
     pycolmap.set_random_seed(settings.seed)
     models = pycolmap.incremental_mapping(folder / "database.db", folder, folder, options)
-    if not models:
-        none = Poses(rotation=np.zeros((0, 3, 3)), centres=np.zeros((0, 3)))
-        return Model(np.zeros(0, np.int64), none, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     ordered = [models[key] for key in sorted(models)]
-    best = max(ordered, key=lambda model: (model.num_reg_images(), model.num_points3D()))
-    return _read_model(best, features)
+    size = lambda model: (model.num_reg_images(), model.num_points3D())  # noqa: E731
+    return _read_model(max(ordered, key=size, default=pycolmap.Reconstruction()), features)
 
 
-def _write_photos(pycolmap: Any, database: Any, lenses: list[Lens], features: _Features) -> None:
+def _write_photos(pycolmap: Any, database: Any, lenses: list[Lens], features: Features) -> None:
     # Photos of one lens share its camera. Image n + 1 is photo n.
     numbers = {lens: n for n, lens in enumerate(dict.fromkeys(lenses), start=1)}
     for lens, number in numbers.items():
@@ -272,47 +255,25 @@ def _write_photos(pycolmap: Any, database: Any, lenses: list[Lens], features: _F
         rig = pycolmap.Rig(rig_id=number)
         rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number))
         database.write_rig(rig, use_rig_id=True)
-    for photo, lens in enumerate(lenses):
-        row, number = photo + 1, numbers[lens]
+    for row, (lens, (places, *_)) in enumerate(zip(lenses, features, strict=True), start=1):
+        number = numbers[lens]
         image = pycolmap.Image(name=f"{row}", camera_id=number, image_id=row)
         database.write_image(image, use_image_id=True)
         frame = pycolmap.Frame(frame_id=row, rig_id=number)
         frame.add_data_id(image.data_id)
         database.write_frame(frame, use_frame_id=True)
-        database.write_keypoints(row, features.places[features.rows(photo)].astype(np.float32))
+        database.write_keypoints(row, places.astype(np.float32))
 
 
-def _mapper_options(pycolmap: Any, max_error_px: float, settings: SfmSettings) -> Any:
-    options = pycolmap.IncrementalPipelineOptions(
-        min_num_matches=settings.least_inliers,
-        min_model_size=_LEAST_PHOTOS,
-        extract_colors=False,
-        num_threads=1,
-        random_seed=settings.seed,
-    )
-    options.mapper.num_threads = 1
-    options.mapper.random_seed = options.triangulation.random_seed = settings.seed
-    options.mapper.init_max_error = options.mapper.filter_max_reproj_error = max_error_px
-    options.triangulation.merge_max_reproj_error = max_error_px
-    options.triangulation.complete_max_reproj_error = max_error_px
-    options.ba_refine_focal_length = options.ba_refine_extra_params = False
-    options.mapper.abs_pose_refine_focal_length = False
-    options.mapper.abs_pose_refine_extra_params = False
-    return options
-
-
-def _read_model(model: Any, features: _Features) -> Model:
+def _read_model(model: Any, features: Features) -> Model:
     images = [model.images[key] for key in sorted(model.images) if model.images[key].has_pose]
     poses = [image.cam_from_world() for image in images]
     points = [model.points3D[key] for key in sorted(model.points3D)]
-    rotation = np.array([pose.rotation.matrix() for pose in poses])
-    translation = np.array([pose.translation for pose in poses])
+    rotation = np.array([pose.rotation.matrix() for pose in poses]).reshape(-1, 3, 3)
+    translation = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     colours = np.zeros((len(points), 3), np.uint8)
     for row, point in enumerate(points):
-        seen = [
-            features.colours[features.starts[one.image_id - 1] + one.point2D_idx]
-            for one in point.track.elements
-        ]
+        seen = [features[one.image_id - 1][2][one.point2D_idx] for one in point.track.elements]
         colours[row] = np.round(np.mean(seen, axis=0))
     return Model(
         rows=np.array([image.image_id - 1 for image in images], np.int64),

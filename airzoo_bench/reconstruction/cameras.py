@@ -17,11 +17,10 @@ from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, PosedCameras, partners
 from airzoo_bench.reconstruction.checks import (
-    Inversion,
-    refuse_camera_to_world,
-    refuse_shifted_names,
+    check_inversion,
+    check_names,
+    relative_misfit_deg,
 )
-from airzoo_bench.reconstruction.metrics import pair_errors
 from airzoo_bench.reconstruction.similarity import AlignmentError
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
@@ -29,13 +28,11 @@ CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
 _EXPECTED = "image_names (N,) and extrinsics (N, 3, 4) or (N, 4, 4), world-to-camera"
 _ROW_TOLERANCE = 1e-6
 _ORDER_FITS_DEG = 15.0
-_MOST_CAMERAS = 64
 _LIST = (
     "list the photos in the order in which the method was given them, a line each, and give the "
     "list with --reader NAME --names LIST; or np.savez('SCENE.npz', **np.load('results.npz'), "
-    "image_names=names)"
+    "image_names=names); if the order is right, check that extrinsics are world-to-camera"
 )
-_INVERT = f"invert the extrinsics: R.T and -R.T @ t; or, if they are right, {_LIST}"
 _OTHER_PHOTOS = (
     "give the method the photos of scenes/SCENE/reconstruction/photos.csv, and no others"
 )
@@ -76,8 +73,9 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
     if named:
         names = texts(arrays, "image_names", 1)
         check_count(arrays, "image_names", len(names), count)
-        times = Counter(names.tolist())
-        wrong = [repr(name) for name in sorted(times) if times[name] > 1 or not name]
+        wrong = [
+            repr(name) for name, uses in Counter(names.tolist()).items() if uses > 1 or not name
+        ]
         refuse("image_names", "names that are empty or not unique", wrong)
     values = arrays.read("extrinsics")
     rows = 4 if values.ndim == 3 and values.shape[1] == 4 else 3
@@ -90,8 +88,9 @@ def image_poses(arrays: Arrays, count: int) -> ImagePoses:
     try:
         rotation[found] = check_rotations(matrices[found, :3, :3], names[found].tolist())
     except CameraError as error:
-        what, expected, fix = error.what, error.expected, error.fix
-        raise fault(arrays, what, expected, field="extrinsics", fix=fix) from error
+        raise fault(
+            arrays, error.what, error.expected, field="extrinsics", fix=error.fix
+        ) from error
     last = np.abs(matrices[found, 3:] - (0.0, 0.0, 0.0, 1.0)) <= _ROW_TOLERANCE
     odd = names[found][~last.all(axis=(1, 2))].tolist()
     refuse("extrinsics", "a last row other than 0 0 0 1 (transposed matrices have t there)", odd)
@@ -127,89 +126,68 @@ def fault(
 
 def match_cameras(
     images: ImagePoses | None, truth: ReconstructionTruth, place: str
-) -> PosedCameras | None:
-    """Name the cameras of a prediction as the truth does; NaN where a pose is missing."""
+) -> tuple[PosedCameras | None, list[str]]:
+    """Name the cameras of a prediction as the truth does, NaN without a pose; return notes too."""
     if images is None:
-        return None
+        return None, []
     names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
     rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
     centres = np.where(images.found[:, None], images.poses.centres, np.nan)
     cameras = PosedCameras(tuple(names), centres, rotation)
     rows, true_rows = partners(cameras, truth.posed)
-    refuse_camera_to_world(images.poses.take(rows), truth.poses.take(true_rows), place)
-    refuse_shifted_names(cameras, truth.posed, place)
-    return cameras
+    note = check_inversion(images.poses.take(rows), truth.poses.take(true_rows), place)
+    check_names(cameras, truth.posed, place)
+    return cameras, [note] if note else []
 
 
 def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
     """Take views without names for the photos in the order of their names, where cameras agree."""
-    photos = sorted(truth.photos["image"])
-    if len(images.names) != len(photos):
-        more = len(images.names) == len(photos) + len(truth.excluded) > len(photos)
-        raise _nameless(
-            f"and {counted(len(images.names), 'view')} for {counted(len(photos), 'photo')} of the "
-            "scene",
-            place,
-            _OTHER_PHOTOS if more else _LIST,
-        )
-    rows = np.flatnonzero(images.found)
-    if len(rows) < LEAST_CAMERAS:
+    photos, views = sorted(truth.photos["image"]), len(images.names)
+    rows, why, fix = np.flatnonzero(images.found), "", _LIST
+    if views != len(photos):
+        why = f"{counted(views, 'view')} for {counted(len(photos), 'photo')} of the scene"
+        fix = _OTHER_PHOTOS if views == len(photos) + len(truth.excluded) else _LIST
+    elif len(rows) < LEAST_CAMERAS:
         raise AlignmentError("has no image_names, and too few poses to tell which view is which")
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _MOST_CAMERAS).astype(int))]
-    places = np.argsort(truth.photos["image"].to_numpy(str))
-    given, true = images.poses.take(rows), truth.poses.take(places[rows])
-    off = float(np.median(pair_errors(given, true, least_baseline=0.0).worse_deg))
-    if off > _ORDER_FITS_DEG:
-        inversion = Inversion.between(given, true)
-        turned = inversion is not None and inversion.is_likely
-        raise _nameless(
-            "and its cameras do not fit the photos in the order of their names: between two "
-            f"cameras they are {off:.0f} degrees off" + (f"; {inversion}" if turned else ""),
-            place,
-            _INVERT if turned else _LIST,
+    else:
+        order = np.argsort(truth.photos["image"].to_numpy(str))
+        off = relative_misfit_deg(images.poses.take(rows), truth.poses.take(order[rows]))
+        if off > _ORDER_FITS_DEG:
+            why = (
+                "cameras that do not fit the photos in the order of their names: between two they "
+                f"are {off:.0f} degrees off"
+            )
+    if why:
+        expected = "a field image_names (N,) that says which photo each view is of"
+        raise PredictionError(
+            f"has no image_names, and {why}", where=place, expected=expected, fix=fix
         )
     return photos
-
-
-def _nameless(why: str, place: str, fix: str) -> PredictionError:
-    expected = "a field image_names (N,) that says which photo each view is of"
-    what = f"has no image_names, {why}"
-    return PredictionError(what, where=place, expected=expected, fix=fix)
 
 
 def _true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
     """Return the truth's names of images; an ending may be left out."""
     names, photos = images.names.tolist(), truth.photos["image"].tolist()
-    where = f"{place}, field 'image_names'"
     times = Counter(map(_stem, photos))
     known = {_stem(name): name for name in photos if times[_stem(name)] == 1}
     known |= {name: name for name in photos}
     odd = [name for name in names if name not in known]
-    left_out = truth.excluded["image"].tolist()
-    if odd and {*left_out, *map(_stem, left_out)}.issuperset(odd):
-        raise PredictionError(
-            "views of photos that the reconstruction leaves out (excluded.csv): "
-            f"{first_of(odd, len(names))}",
-            where=where,
-            expected=f"the {len(photos):,} photos that all methods are given, as {photos[0]!r}",
-            fix=_OTHER_PHOTOS,
-        )
     if odd:
-        # What a mistyped name means is no image that is there already.
+        left_out = truth.excluded["image"].tolist()
+        is_left_out = {*left_out, *map(_stem, left_out)}.issuperset(odd)
+        # A mistyped name means no image that is there already.
         missing = sorted(set(photos) - {known[name] for name in names if name in known})
         shown = [repr(name[:80]) + nearest(name, missing, 1) for name in odd[:3]]
+        what = "that the reconstruction leaves out" if is_left_out else "that the benchmark lacks"
         raise PredictionError(
-            f"image names that the benchmark lacks: {first_of([*shown, *odd[3:]], len(names))}",
-            where=where,
+            f"image names {what}: {first_of([*shown, *odd[3:]], len(names))}",
+            where=f"{place}, field 'image_names'",
             expected=f"names such as {photos[0]!r}, with or without their ending",
-            fix="name images as the photos of the scene are named, relative to their folder",
+            fix=_OTHER_PHOTOS
+            if is_left_out
+            else "name images as the photos of the scene are named, relative to their folder",
         )
-    found = [known[name] for name in names]
-    twice = [repr(name) for name, uses in Counter(found).items() if uses > 1]
-    if twice:
-        what = f"images that are named with their ending and without: {first_of(twice, len(names))}"
-        raise PredictionError(what, where=where, expected="each image once")
-    return found
+    return [known[name] for name in names]
 
 
 def _stem(name: str) -> str:

@@ -1,26 +1,24 @@
 """Checks for mistakes that users make and cannot see, a function each.
 
-A check raises an error where the prediction cannot be meant as it stands, or returns a note, a
-sentence for whoever reads the numbers, where it may be. `scene_notes` collects them.
+A check raises an error where the prediction cannot be meant as it is, or returns a note, a
+sentence for whoever reads the numbers, where it may be. `scene_notes` collects those of a scene.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
 from airzoo_bench.formats.clouds.cloud import FileCloud
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, partners
+from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.metrics import angle_deg, relative_poses
 from airzoo_bench.reconstruction.similarity import Similarity, fit_many
@@ -28,7 +26,7 @@ from airzoo_bench.reconstruction.similarity import Similarity, fit_many
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.predictions import ScenePrediction
     from airzoo_bench.reconstruction.scoring import Comparison
-    from airzoo_bench.reconstruction.settings import ReconstructionProtocol, ReconstructionScores
+    from airzoo_bench.reconstruction.settings import ReconstructionProtocol
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 
@@ -39,26 +37,39 @@ _FACTOR = 80.0  # a little below a hundred, so that outliers do not hide centime
 _UNITS = ((1000.0, "millimetres"), (100.0, "centimetres"), (0.001, "kilometres"))
 _FOOT_M = 0.3048
 _UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
-_PIECE, _LOOKED_AT, _TRIED = 1 << 14, 1 << 22, 2000
-_FEWEST_DIGITS = 6  # what C's and C++'s streams write unless told otherwise
+_LOOKED_AT, _TRIED = 1 << 22, 2000
+_STREAM_DIGITS = (6, 7)  # of C's and C++'s streams, where no precision is set
 
 
 def scene_notes(
     prediction: ScenePrediction,
-    cameras: PosedCameras | None,
     truth: ReconstructionTruth,
     found: Comparison,
     protocol: ReconstructionProtocol,
 ) -> list[str]:
     """Collect the notes on a prediction: oddities, points left out, the alignment."""
-    scale = found.alignment.transform.scale
-    notes = [
-        *prediction.notes,
-        *_check_views(prediction, truth, protocol, scale),
-        *_check_cameras(cameras, truth, protocol),
-        *_check_precision(prediction, protocol.scores, scale),
-        *_check_alignment(found.alignment),
-        *_check_cloud(found, protocol.scores),
+    geometry, alignment, method = prediction.geometry, found.alignment, protocol.alignment.method
+    scale, (cloud, true) = alignment.transform.scale, found.clouds
+    finest = protocol.scores.finest_m / 20.0
+    notes: list[str | None] = [*prediction.notes]
+    if prediction.images is None and method != "none":
+        notes.append(f"holds no cameras: taken as it is, without alignment by {method}")
+    if not isinstance(geometry, FileCloud):
+        notes += [check_shape(geometry, truth), check_views(prediction)]
+        if protocol.fusion.least_confidence is not None and geometry.confidence is None:
+            notes.append("has no confidence: all of it was taken")
+    if isinstance(geometry, DepthMaps):
+        depth = _median_depth(geometry) * scale
+        notes.append(check_depth(depth, protocol.fusion.max_depth_m))
+        notes.append(check_pixel_centres(prediction, geometry.cameras, depth, finest))
+    notes += [
+        check_pose_digits(prediction, scale, min(finest, 0.01)),
+        check_digits(*_some_points(geometry), scale, min(finest, 0.01)),
+        *alignment_notes(alignment),
+        check_bounds(cloud.bounds, true.bounds)
+        or check_mirror(cloud.sample, true.sample, alignment.transform, protocol.scores.f1_below_m)
+        or check_datum(cloud.bounds, true.bounds),
+        *left_out_notes(found),
     ]
     return [note for note in notes if note]
 
@@ -66,77 +77,52 @@ def scene_notes(
 # --- cameras ---
 
 
-@dataclass(frozen=True)
-class Inversion:
-    """Degrees between poses and the truth as given and once inverted, perhaps in OpenGL axes."""
-
-    as_given: float
-    inverted: float
-    axes: str
-
-    @classmethod
-    def between(cls, given: Poses, truth: Poses) -> Inversion | None:
-        """Compare cameras with the truth as they are and once inverted; None of fewer than 3."""
-        if len(given) < 3:
-            return None
-        rows = np.unique(np.linspace(0, len(given) - 1, _MOST_CAMERAS).astype(int))
-        chosen, pairs = given.take(rows), np.triu_indices(len(rows), 1)
-        true_turn, true_sight = relative_poses(truth.take(rows), *pairs)
-
-        def misfit(poses: Poses) -> float:
-            turn, sight = relative_poses(poses, *pairs)
-            apart = rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight)
-            return float(np.median(np.maximum(*apart)))
-
-        inverse = Poses.from_centres(np.swapaxes(chosen.rotation, 1, 2), chosen.translation)
-        opengl = Poses.from_centres(_OPENGL @ inverse.rotation, inverse.centres)
-        readings = ((inverse, ""), (opengl, " and in OpenCV's axes, not OpenGL's"))
-        inverted, axes = min((misfit(one), axes) for one, axes in readings)
-        return cls(misfit(chosen), inverted, axes)
-
-    @property
-    def is_likely(self) -> bool:
-        """Whether poses look camera-to-world, read as world-to-camera, or the reverse."""
-        return self.as_given > 5.0 and self.inverted < 0.5 * self.as_given
-
-    def __str__(self) -> str:
-        return (
-            "the extrinsics look inverted (camera-to-world for world-to-camera, or the reverse): "
-            f"between two cameras they are {self.as_given:.1f} degrees off the truth as they "
-            f"stand, {self.inverted:.1f} once inverted{self.axes}"
-        )
+def relative_misfit_deg(given: Poses, truth: Poses) -> float:
+    """Return the median angle by which relative poses of at most 64 cameras are off."""
+    rows = np.unique(np.linspace(0, len(truth) - 1, _MOST_CAMERAS).astype(int))
+    pairs = np.triu_indices(len(rows), 1)
+    turn, sight = relative_poses(given.take(rows), *pairs)
+    true_turn, true_sight = relative_poses(truth.take(rows), *pairs)
+    return float(
+        np.median(np.maximum(rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight)))
+    )
 
 
-def refuse_camera_to_world(given: Poses, truth: Poses, where: str) -> None:
-    """Refuse poses that fit the truth only once they are inverted, if they are off one line.
+def check_inversion(given: Poses, truth: Poses, where: str) -> str | None:
+    """Look for camera-to-world poses, in OpenCV's or OpenGL's axes, read as world-to-camera.
 
-    Along a line, names in reverse order look the same.
+    Names in reverse order look the same along a line: there it is a note.
     """
-    found = Inversion.between(given, truth)
-    if found is None or len(given) < _LEAST_CAMERAS:
-        return
-    is_sure = found.as_given > 20.0 and found.inverted < min(20.0, found.as_given / 3)
+    if len(given) < 3:
+        return None
+    inverse = Poses(rotation=np.swapaxes(given.rotation, 1, 2), centres=given.translation)
+    opengl = Poses(rotation=_OPENGL @ inverse.rotation, centres=inverse.centres)
+    as_given = relative_misfit_deg(given, truth)
+    inverted, axes = min(
+        (relative_misfit_deg(inverse, truth), ""),
+        (relative_misfit_deg(opengl, truth), ", both with diag(1, -1, -1) from the left"),
+    )
+    said = (
+        "the extrinsics look inverted (camera-to-world for world-to-camera, or the reverse): "
+        f"between two cameras they are {as_given:.1f} degrees off the truth, {inverted:.1f} once "
+        "inverted"
+    )
     spread = np.linalg.svd(truth.centres - truth.centres.mean(axis=0), compute_uv=False)
-    if is_sure and spread[1] > _LINE_SHARE * spread[0]:
-        raise PredictionError(
-            str(found),
-            where=where,
-            expected="extrinsics that take points of the world to the camera, x_cam = R X + t, or "
-            "what the reader says that they are",
-            fix="invert them: R.T and -R.T @ t"
-            + (", both with diag(1, -1, -1) from the left" if found.axes else ""),
-        )
+    is_sure = as_given > 20.0 and inverted < min(20.0, as_given / 3)
+    if is_sure and len(given) >= _LEAST_CAMERAS and spread[1] > _LINE_SHARE * spread[0]:
+        expected = "extrinsics that take points of the world to the camera, x_cam = R X + t"
+        fix = f"invert them: R.T and -R.T @ t{axes}"
+        raise PredictionError(said, where=where, expected=expected, fix=fix)
+    return said + axes if as_given > 5.0 and inverted < 0.5 * as_given else None
 
 
-def refuse_shifted_names(given: PosedCameras, truth: PosedCameras, where: str) -> None:
+def check_names(given: PosedCameras, truth: PosedCameras, where: str) -> None:
     """Refuse names of photos that are one off: other photos leave a tenth of the misfit."""
-    if not given.names:
-        return
     true = truth.centres[np.argsort(truth.names)]
-    at = np.searchsorted(sorted(truth.names), given.names)
+    at = np.searchsorted(sorted(truth.names), given.names) if given.names else np.zeros(0, int)
     spacing = float(np.median(np.linalg.norm(np.diff(true, axis=0), axis=1)))
     for aligned in (False, True):
-        here, *others = (_misfit(given.centres, true, at + step, aligned) for step in (0, 1, -1))
+        here, *others = (_misfit_m(given.centres, true, at + step, aligned) for step in (0, 1, -1))
         if 0.2 * spacing < here < np.inf and min(others) < 0.1 * here:
             which = "next" if others[0] < others[1] else "previous"
             raise PredictionError(
@@ -148,7 +134,7 @@ def refuse_shifted_names(given: PosedCameras, truth: PosedCameras, where: str) -
             )
 
 
-def _misfit(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float:
+def _misfit_m(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float:
     """Return the median distance of centres (N, 3) to rows of the truth, infinite for too few."""
     there = (rows >= 0) & (rows < len(true)) & np.isfinite(centres).all(axis=1)
     source, target = centres[there], true[rows[there]]
@@ -159,65 +145,59 @@ def _misfit(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float:
     return float(np.median(np.linalg.norm(source - target, axis=1)))
 
 
-def _check_cameras(
-    cameras: PosedCameras | None, truth: ReconstructionTruth, protocol: ReconstructionProtocol
-) -> Iterator[str]:
-    method = protocol.alignment.method
-    if cameras is None and method != "none":
-        yield f"holds no cameras: taken as it stands, without alignment by {method}"
-    if cameras is None or cameras.rotation is None:
-        return
-    rows, true_rows = partners(cameras, truth.posed)
-    given = Poses(rotation=cameras.rotation[rows], centres=cameras.centres[rows])
-    found = Inversion.between(given, truth.poses.take(true_rows))
-    if found is not None and found.is_likely:
-        yield str(found)
-
-
-def _check_alignment(alignment: Alignment) -> Iterator[str]:
-    turns, agree = alignment.rotations_deg, 2 * alignment.inliers >= alignment.cameras
-    if alignment.used_orientations:
-        yield "camera centres lie on a line: aligned by the cameras' orientations too"
+def alignment_notes(found: Alignment) -> list[str]:
+    """Say how cameras were aligned where it is not the usual way, and how many agree."""
+    turns, agree, notes = found.rotations_deg, 2 * found.inliers >= found.cameras, []
+    if found.used_orientations:
+        notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
     if turns is not None and agree and turns["median"] > 150.0:
-        yield (
+        notes.append(
             f"cameras are turned by {turns['median']:.0f} degrees (median), though their centres "
             "fit: are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along "
             "a straight strip, the image names in reverse order?"
         )
-    if not alignment.robust:
-        yield "fewer than 3 cameras agree: aligned to all of them"
-    elif alignment.method != "none" and not agree:
-        yield (
-            f"only {alignment.inliers} of {counted(alignment.cameras, 'camera')} "
-            f"{agreeing(alignment.inliers, 'agrees', 'agree')} within "
-            f"{alignment.inlier_limit_m:.3g} m: the alignment may be that of a part"
+    if not found.robust:
+        notes.append("fewer than 3 cameras agree: aligned to all of them")
+    elif found.method != "none" and not agree:
+        notes.append(
+            f"only {found.inliers} of {counted(found.cameras, 'camera')} "
+            f"{agreeing(found.inliers, 'agrees', 'agree')} within "
+            f"{found.inlier_limit_m:.3g} m: the alignment may be that of a part"
         )
-    if alignment.icp_failure is not None:
-        yield f"{alignment.icp_failure}: aligned by cameras only"
-    if alignment.method != "none" and alignment.cameras_missing:
-        photos = counted(alignment.cameras + alignment.cameras_missing, "photo")
-        have = agreeing(alignment.cameras_missing, "has", "have")
-        yield f"{alignment.cameras_missing} of {photos} {have} no pose in the prediction"
+    if found.icp_failure is not None:
+        notes.append(f"{found.icp_failure}: aligned by cameras only")
+    if found.method != "none" and found.cameras_missing:
+        photos = counted(found.cameras + found.cameras_missing, "photo")
+        have = agreeing(found.cameras_missing, "has", "have")
+        notes.append(f"{found.cameras_missing} of {photos} {have} no pose in the prediction")
+    return notes
 
 
 # --- views ---
 
 
 def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) -> None:
-    """Refuse intrinsics of images of another size than the maps, which the cameras have."""
+    """Refuse intrinsics of images of another size than the maps, which the cameras have.
+
+    A factor is clear from 1.5 on, or from 1.1 on in all cameras: photos of 640 px and maps of 504.
+    """
     size = np.stack((cameras.width, cameras.height), axis=-1)
-    middle, point = size / 2.0, cameras.principal_point
-    ratio = point / middle
-    normalised = (np.abs(point) <= 1.0).all(axis=1) & (size > 4).all(axis=1)
-    other = np.flatnonzero(_scaled_alike(ratio, np.abs(point - middle)) | normalised)
-    if not len(other):
+    ratio = cameras.principal_point / (size / 2.0)
+    logs = np.log(np.where(ratio > 0.0, ratio, 1.0))
+    apart, factor = np.abs(logs[:, 0] - logs[:, 1]), np.abs(logs).min(axis=1)
+    shift = np.abs(cameras.principal_point - size / 2.0).min(axis=1)
+    slight = (apart <= 0.03) & (factor > np.log(1.1)) & (shift > 1.0)
+    other = (apart <= 0.1) & (factor > np.log(1.5)) | slight.all()
+    normalised = (np.abs(cameras.principal_point) <= 1.0).all(axis=1) & (size > 4).all(axis=1)
+    rows = np.flatnonzero(other | normalised)
+    if not len(rows):
         return
     labels = names or [f"camera {row}" for row in range(len(cameras))]
-    typical = float(np.median(ratio[other].mean(axis=1)))
+    typical = float(np.median(ratio[rows].mean(axis=1)))
     likely = "of images of about {} x {}".format(*np.rint(typical * size[0]).astype(int))
     raise PredictionError(
         f"the principal point is {typical:.3g} times the centre of the maps in "
-        f"{first_of([labels[row] for row in other.tolist()], len(cameras))}: the intrinsics look "
+        f"{first_of([labels[row] for row in rows.tolist()], len(cameras))}: the intrinsics look "
         f"{'normalised to 0..1' if normalised.any() else likely}",
         where=where,
         expected=f"intrinsics of the maps' own size, {size[0, 0]} x {size[0, 1]}",
@@ -225,125 +205,120 @@ def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) 
     )
 
 
-def _scaled_alike(ratio: Floats, shift: Floats) -> Bools:
-    """Say where x and y are off by one clear factor (N,); where all are, a slight one is clear."""
-    positive = np.asarray((ratio > 0.0).all(axis=1))
-    logs = np.log(np.where(positive[:, None], ratio, 1.0))
-    apart, factor = np.abs(logs[:, 0] - logs[:, 1]), np.abs(logs).min(axis=1)
-    clear = (apart <= 0.1) & (factor > np.log(1.5))
-    # Photos of 640 px and maps of 504 px; conventions of pixels differ by half a pixel.
-    slight = (apart <= 0.03) & (factor > np.log(1.1)) & (shift.min(axis=1) > 1.0)
-    return np.asarray(positive & (clear | slight.all()))
-
-
-def check_image_size(size: tuple[int, int], true_width: int, true_height: int) -> str | None:
-    """Say where maps (width, height) have another shape than the photos that they belong to."""
-    change = (size[0] / size[1]) / (true_width / true_height)
-    if abs(np.log(change)) <= 0.05:
-        return None
-    turned = abs(np.log(change * (true_width / true_height) ** 2)) <= 0.05
-    reason = "turned by 90 degrees (EXIF?)" if turned else "cut, padded, or of other photos"
-    return (
-        f"maps of {size[0]} x {size[1]} for photos of {true_width} x {true_height}: the images "
-        f"look {reason}"
-    )
-
-
-def _check_views(
-    prediction: ScenePrediction,
-    truth: ReconstructionTruth,
-    protocol: ReconstructionProtocol,
-    scale: float,
-) -> Iterator[str | None]:
-    maps, images, fusion = prediction.geometry, prediction.images, protocol.fusion
-    if isinstance(maps, FileCloud):
-        return
+def check_shape(maps: DepthMaps | PointMaps, truth: ReconstructionTruth) -> str | None:
+    """Say where maps have another shape than the photos that they belong to."""
     height, width = (maps.depth if isinstance(maps, DepthMaps) else maps.points).shape[1:3]
-    widths, heights = truth.photos["width"], truth.photos["height"]
-    yield check_image_size((width, height), int(widths.median()), int(heights.median()))
-    if images is not None and not images.named:
-        yield (
+    wide, high = (int(truth.photos[side].median()) for side in ("width", "height"))
+    change = np.log(width / height * high / wide)
+    if abs(change) <= 0.05:
+        return None
+    turned = abs(change + 2.0 * np.log(wide / high)) <= 0.05
+    reason = "turned by 90 degrees (EXIF?)" if turned else "cut, padded, or of other photos"
+    return f"maps of {width} x {height} for photos of {wide} x {high}: the images look {reason}"
+
+
+def check_views(prediction: ScenePrediction) -> str | None:
+    """Say which photos views without a name were taken for, and how many have no pose."""
+    images = prediction.images
+    if images is None:
+        return None
+    if not images.named:
+        return (
             "has no image_names: its views were taken for the photos in the order of their names, "
             "which their poses fit"
         )
-    if isinstance(maps, DepthMaps):
-        seen, far = _sample_depths(maps).astype(np.float64) * scale, fusion.max_depth_m
-        if seen.size and (seen > far).mean() > 0.5:
-            yield (
-                f"depths are {float(np.median(seen)):g} m as aligned (median), beyond the "
-                f"protocol's {far:g} m: are they in millimetres?"
-            )
-        if images is not None and not images.found.all():
-            lost, every = int(np.count_nonzero(~images.found)), len(images.found)
-            have = agreeing(lost, "has", "have")
-            yield f"{lost} of {counted(every, 'depth map')} {have} no pose: left out"
-    if fusion.least_confidence is not None and maps.confidence is None:
-        yield "has no confidence: all of it was taken"
+    lost = int(np.count_nonzero(~images.found)) if prediction.kind == "depth" else 0
+    return (
+        f"{lost} of {counted(len(images.found), 'depth map')} left out: no pose" if lost else None
+    )
 
 
-def _sample_depths(maps: DepthMaps) -> NDArray[Any]:
-    """Return the depths of surfaces in the first views."""
+def check_depth(depth_m: float, most_m: float) -> str | None:
+    """Look for millimetres: depths, as aligned, beyond those that are fused."""
+    if not depth_m > most_m:
+        return None
+    return (
+        f"depths are {depth_m:g} m as aligned (median), beyond the protocol's {most_m:g} m: are "
+        "they in millimetres?"
+    )
+
+
+def _median_depth(maps: DepthMaps) -> float:
+    """Return the median depth of surfaces in the first views, 0 where there is none."""
     views = range(min(len(maps.depth), max(1, _LOOKED_AT // max(maps.depth[0].size, 1))))
     some = np.stack([maps.depth[row] for row in views])
-    seen: NDArray[Any] = some[np.isfinite(some) & (some > 0)]
-    return seen
+    seen = some[np.isfinite(some) & (some > 0)]
+    return float(np.median(seen)) if seen.size else 0.0
+
+
+def check_pixel_centres(
+    prediction: ScenePrediction, cameras: Cameras, depth_m: float, tolerance_m: float
+) -> str | None:
+    """Ask for the field `pixel_centres`, which is absent, where it would move points."""
+    error = float(np.hypot(*(0.5 / np.median(cameras.focal, axis=0)))) * depth_m
+    if prediction.pixel_centres is not None or prediction.images is None or error <= tolerance_m:
+        return None
+    half = prediction.images.named
+    return (
+        "does not say where K has its pixel centres, taken as "
+        f"{'half (the first is 0.5, 0.5)' if half else 'integer (the first is 0, 0)'}: if that is "
+        f"wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (Depth Anything 3, "
+        "VGGT, CUT3R, MapAnything, DUSt3R) or 'half'"
+    )
 
 
 # --- digits ---
 
 
-def _check_precision(
-    prediction: ScenePrediction, scores: ReconstructionScores, scale: float
-) -> Iterator[str | None]:
-    """Say where coordinates lost digits, or K may be half a pixel off, by how many metres."""
-    geometry, images, finest = prediction.geometry, prediction.images, scores.finest_m / 20.0
-    tolerance = min(finest, 0.01)
-    if images is not None and images.found.any():
-        error = float(np.median(images.errors[images.found])) * scale
-        if tolerance < error < np.inf:
-            yield (
-                f"extrinsics lost digits: an error of {error:.2g} m is to be expected in the "
-                "cameras (C = -R^T t, and t is long); store float64, or subtract an origin first"
-            )
-    if isinstance(geometry, FileCloud):
-        some = next(iter(geometry.pieces(_PIECE)), None)
-        if some is not None:
-            yield check_digits(some.points, geometry.precision, scale, tolerance)
-    elif isinstance(geometry, PointMaps):
-        points = geometry.points[0].reshape(-1, 3)[:_PIECE].astype(np.float64)
-        yield check_digits(points, geometry.points.dtype, scale, tolerance)
-    elif prediction.pixel_centres is None and images is not None:
-        yield _check_pixel_centres(geometry, images.named, scale, finest)
-
-
-def _check_pixel_centres(
-    maps: DepthMaps, named: bool, scale: float, tolerance: float
-) -> str | None:
-    """Ask for the field `pixel_centres`, which is absent, where it would move points."""
-    seen = _sample_depths(maps)
-    off = float(np.hypot(*(0.5 / np.median(maps.cameras.focal, axis=0))))
-    error = off * float(np.median(seen)) * scale if seen.size else 0.0
-    if not error > tolerance:
+def check_pose_digits(prediction: ScenePrediction, scale: float, tolerance_m: float) -> str | None:
+    """Say where extrinsics of projected coordinates lost digits."""
+    images = prediction.images
+    if images is None or not images.found.any():
         return None
-    taken = "half (the first pixel's is 0.5, 0.5)" if named else "integer (Depth Anything 3)"
+    error = float(np.median(images.errors[images.found])) * scale
+    if not tolerance_m < error < np.inf:
+        return None
     return (
-        f"does not say where K has its pixel centres, taken as {taken}: if that is wrong, points "
-        f"are {error:.2g} m off; add pixel_centres = 'integer' (Depth Anything 3, VGGT, CUT3R, "
-        "MapAnything, DUSt3R) or 'half'"
+        f"extrinsics lost digits: an error of {error:.2g} m is to be expected in the cameras "
+        "(C = -R^T t, and t is long); store float64, or subtract an origin first"
     )
 
 
+def _some_points(geometry: FileCloud | DepthMaps | PointMaps) -> tuple[Floats, np.dtype[Any]]:
+    """Return some points as they are stored, and the type of their numbers."""
+    points, stored = np.zeros((0, 3)), np.dtype("f8")
+    if isinstance(geometry, FileCloud):
+        points, stored = (
+            next((p.points for p in geometry.pieces(_TRIED)), points),
+            geometry.precision,
+        )
+    elif isinstance(geometry, PointMaps):
+        stored = geometry.points.dtype
+        points = geometry.points[0].reshape(-1, 3)[
+            :: max(1, geometry.points[0].size // 3 // _TRIED)
+        ]
+    return points.astype(np.float64), stored
+
+
 def check_digits(
-    points: Floats, stored: np.dtype[Any], scale: float, tolerance: float
+    points: Floats, stored: np.dtype[Any], scale: float, tolerance_m: float
 ) -> str | None:
-    """Say where coordinates lost digits before they came here."""
-    finite = points[np.abs(points).max(axis=1, initial=0.0) < 1e30]
-    if not len(finite):
-        return None
-    largest = np.abs(finite).max(axis=0)
-    step, kept = _stated_step(finite[:_TRIED], largest, stored)
+    """Say where points were rounded, to single precision or to the digits of a stream."""
+    points = points[np.abs(points).max(axis=1, initial=0.0) < 1e30]
+    largest = np.abs(points).max(axis=0, initial=1e-30)
+    narrow = stored if stored.kind == "f" and stored.itemsize < 8 else np.dtype("f4")
+    short = points.astype(narrow)
+    is_short, step, kept = bool((short == points).all()), np.zeros(3), narrow.name
+    if is_short:
+        step = np.spacing(largest.astype(narrow)).astype(np.float64)
+    values = (short if is_short else points).ravel()
+    for digits in _STREAM_DIGITS:
+        if all(values.dtype.type(f"{one:.{digits}g}") == one for one in values.tolist()):
+            step = 10.0 ** (np.floor(np.log10(largest)) + 1 - digits)
+            kept = f"{digits} digits"
+            break
     error = float(np.sqrt((step * step).sum() / 12.0)) * scale
-    if not error > tolerance:
+    if not error > tolerance_m:
         return None
     return (
         f"coordinates such as {float(largest.max()):.0f} are kept to {kept} only, steps of "
@@ -352,45 +327,24 @@ def check_digits(
     )
 
 
-def _stated_step(points: Floats, largest: Floats, stored: np.dtype[Any]) -> tuple[Floats, str]:
-    """Return the step (3,) between values at the largest, and what it comes from."""
-    narrow = stored if stored.kind == "f" and stored.itemsize < 8 else np.dtype("f4")
-    short = points.astype(narrow)
-    fits = narrow == stored or bool((short == points).all())
-    values = (short if fits else points).ravel()
-    for digits in (_FEWEST_DIGITS, _FEWEST_DIGITS + 1):
-        if all(values.dtype.type(f"{one:.{digits}g}") == one for one in values.tolist()):
-            place = np.floor(np.log10(np.maximum(largest, 1e-30))) + 1
-            return 10.0 ** (place - digits), f"{digits} digits"
-    if not fits:
-        return np.zeros(3), ""
-    return np.spacing(largest.astype(narrow)).astype(np.float64), narrow.name
-
-
 # --- the cloud ---
 
 
-def _check_cloud(found: Comparison, scores: ReconstructionScores) -> Iterator[str | None]:
-    """Say what was left out of a cloud, and where it seems to lie elsewhere."""
-    cloud, true = found.clouds
+def left_out_notes(found: Comparison) -> list[str]:
+    """Say how many points were left out of a cloud, and where none is left."""
+    cloud, notes = found.clouds[0], []
     if cloud.distrusted:
-        yield f"left out: {counted(cloud.distrusted, 'point')} of too little confidence"
+        notes.append(f"left out: {counted(cloud.distrusted, 'point')} of too little confidence")
     if cloud.not_finite:
-        what = "with coordinates that are NaN, infinite or too large to compute with"
-        yield f"left out: {counted(cloud.not_finite, 'point')} {what}"
-    yield (
-        check_bounds(cloud.bounds, true.bounds)
-        or check_mirror(cloud.sample, true.sample, found.alignment.transform, scores.f1_below_m)
-        or check_datum(cloud.bounds, true.bounds)
-    )
+        notes.append(f"left out: {counted(cloud.not_finite, 'point')}, NaN, infinite or too large")
     share = cloud.outside / max(cloud.source.count + cloud.thinned + cloud.outside, 1)
     if share >= 0.005:  # less is 0 %
-        mostly = ": precision and F1 tell of the smaller part" if share > 0.5 else ""
-        yield f"{share:.0%} of the prediction lies outside the scored region, uncounted{mostly}"
+        notes.append(f"{share:.0%} of the prediction lies outside the scored region, uncounted")
     if not cloud.source.count:
-        if not cloud.outside and not cloud.not_finite and not cloud.distrusted:
-            yield "the prediction holds no point, or no depth within the protocol's range"
-        yield "no point is left to compare: it scores 0 and infinite distances"
+        if not cloud.outside + cloud.not_finite + cloud.distrusted:
+            notes.append("the prediction holds no point, or no depth within the protocol's range")
+        notes.append("no point is left to compare: it scores 0 and infinite distances")
+    return notes
 
 
 def check_bounds(cloud: Floats, truth: Floats) -> str | None:
@@ -398,39 +352,29 @@ def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
         return None
     span, true_span = np.ptp(cloud, axis=0), np.ptp(truth, axis=0)
+    size, true_size = (max(float(np.linalg.norm(one)), 1e-300) for one in (span, true_span))
+    flat, ratio, overlap = span[:2].max(), size / true_size, _overlap(cloud, truth)
+    away = float(np.linalg.norm(cloud.mean(axis=0) - truth.mean(axis=0)))
+    in_degrees = 0.0 < flat < 5.0 and (np.abs(cloud[:, :2]) <= 180.0).all()
+    upright = 0.1 * true_span[2] < span[2] < 10.0 * true_span[2]
+    unit = next((unit for factor, unit in _UNITS if 0.5 < ratio / factor < 2.0), None)
     spans = "it spans {}, the truth {}".format(
         *(" x ".join(f"{side:.4g}" for side in one) for one in (span, true_span))
     )
-    flat, rise, true_rise = span[:2].max(), span[2], true_span[2]
-    in_degrees = 0.0 < flat < 5.0 and (np.abs(cloud[:, :2]) <= 180.0).all()
-    upright = 0.1 * true_rise < rise < 10.0 * true_rise
     if in_degrees and flat * _FACTOR < true_span[:2].max() and upright:
         return f"the cloud looks like longitude and latitude in degrees: {spans}"
-    overlap = _overlap(cloud, truth)
     if not overlap and (np.abs(cloud[:, :2] * _FOOT_M - truth[:, :2]) < true_span[:2]).all():
         return "the cloud looks like feet: in metres it would lie on the truth"
-    size, true_size = float(np.linalg.norm(span)), float(np.linalg.norm(true_span))
-    if min(size, true_size) > 0.0 and not 1 / _FACTOR < size / true_size < _FACTOR:
-        ratio = size / true_size
-        off = (
-            f"{ratio:.3g} times as large as" if ratio > 1 else f"{1 / ratio:.3g} times smaller than"
-        )
-        unit = next((unit for factor, unit in _UNITS if 0.5 < ratio / factor < 2.0), None)
-        if unit is not None:
-            return f"the cloud looks like {unit}: it is {off} the truth"
-        return f"the cloud is {off} the truth: {spans}"
+    if not 1 / _FACTOR < ratio < _FACTOR and min(span.max(), true_span.max()) > 0.0:
+        return f"the cloud looks like {unit or 'another unit'}: {spans}"
     if not overlap and _overlap(cloud[:, [1, 0, 2]], truth):
         return "the cloud has x and y exchanged: with easting first it would lie on the truth"
-    away, width = (
-        float(np.linalg.norm(cloud.mean(axis=0) - truth.mean(axis=0))),
-        max(size, true_size),
-    )
-    if not away > _FACTOR * width:
-        return None
-    return (
-        f"the cloud lies {away:.6g} away from the truth, {away / max(width, 1e-300):.3g} times "
-        "its size: another coordinate system, or a local origin that was subtracted"
-    )
+    if away > _FACTOR * max(size, true_size):
+        return (
+            f"the cloud lies {away:.6g} away from the truth, {away / max(size, true_size):.3g} "
+            "times its size: another coordinate system, or a local origin that was subtracted"
+        )
+    return None
 
 
 def check_datum(cloud: Floats, truth: Floats) -> str | None:
@@ -450,37 +394,35 @@ def _overlap(one: Floats, other: Floats) -> bool:
 def check_mirror(
     cloud: Floats, truth: Floats, transform: Similarity, near: Sequence[float]
 ) -> str | None:
-    """Say where a cloud (N, 3) would fit the truth (M, 3) with axes of its own frame negated.
+    """Say where a cloud (N, 3) fits the truth (M, 3) once axes of its own frame are swapped.
 
-    Or exchanged; most of it has to lie nearer than one of some distances then, and not now.
+    Most of it has to lie nearer than one of some distances then, and not now.
     """
     if not (len(cloud) and len(truth)):
         return None
     some = cloud[:: max(1, len(cloud) // _TRIED)]
-    tree, own = cKDTree(truth - truth[0]), transform.inverse().apply(some)
+    tree, own, limits = cKDTree(truth - truth[0]), transform.inverse().apply(some), np.sort(near)
 
     def shares(points: Floats) -> Floats:
         """Return the share of points nearer than each distance."""
-        away, _ = tree.query(points - truth[0], distance_upper_bound=max(near))
+        away, _ = tree.query(points - truth[0], distance_upper_bound=limits[-1])
         return np.asarray((away[:, None] < limits).mean(axis=0))
 
-    limits = np.sort(near)
     now = shares(some)
     if now[0] > 0.5:  # as for nearly every cloud
         return None
-    signs = itertools.product((1.0, -1.0), repeat=3)
-    turns = itertools.product(itertools.permutations(range(3)), signs)
-    axes = {
-        ", ".join("+-"[s < 0] + "xyz"[a] for a, s in zip(*one, strict=True)): one for one in turns
-    }
-    turned = [shares(transform.apply(own[:, order] * sign)) for order, sign in axes.values()]
-    for limit, before, all_after in zip(limits, now, np.transpose(turned), strict=True):
-        words, after = list(axes)[all_after.argmax()], all_after.max()
-        if before > 0.5:
-            return None
-        if after >= max(0.6, 2 * before):
+    axes = [
+        *itertools.product(itertools.permutations(range(3)), itertools.product((1, -1), repeat=3))
+    ]
+    turned = np.stack([shares(transform.apply(own[:, order] * signs)) for order, signs in axes])
+    for limit, before, after in zip(limits, now, turned.T, strict=True):
+        if before <= 0.5 and after.max() >= max(0.6, 2 * before):
+            order, signs = axes[after.argmax()]
+            words = ", ".join(
+                "+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True)
+            )
             return (
                 f"the cloud looks mirrored or turned over: {before:.0%} of it is within {limit:g} "
-                f"m of the truth, {after:.0%} with ({words}) for (+x, +y, +z) in its own frame"
+                f"m of the truth, {after.max():.0%} with ({words}) for (+x, +y, +z) in its frame"
             )
     return None

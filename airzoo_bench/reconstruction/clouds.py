@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.cloud import ArrayPieces, Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.reconstruction.similarity import Similarity
 
@@ -24,23 +24,6 @@ _OFF_GRID = 0.3819660112501052
 _UNIT = 2.0**32  # 2^31 points of one voxel fit into a signed 64-bit sum
 _MOST_CELLS = 1 << 62
 _CHUNK = 1 << 20
-
-
-@dataclass(frozen=True, eq=False)
-class InMemoryCloud:
-    """Points (N, 3) in memory, as a `CloudSource`."""
-
-    points: Floats
-
-    @property
-    def count(self) -> int:
-        """How many points it holds."""
-        return len(self.points)
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        """Yield all points, in pieces of at most `points`."""
-        for start in range(0, len(self.points), points):
-            yield Cloud(self.points[start : start + points])
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +41,11 @@ class PieceCloud:
         return self.read(points)
 
 
+def cloud_of(points: Floats) -> PieceCloud:
+    """Return a cloud of points (N, 3) in memory."""
+    return PieceCloud(len(points), ArrayPieces(points))
+
+
 def transform_cloud(
     source: CloudSource, transform: Similarity, confidence_above: float | None = None
 ) -> PieceCloud:
@@ -68,7 +56,7 @@ def transform_cloud(
             kept = piece.points
             if confidence_above is not None and piece.confidence is not None:
                 kept = kept[piece.confidence > confidence_above]
-            # What is infinite becomes NaN at worst, and is counted where the cloud is prepared.
+            # Infinite points become NaN at worst, and are counted where the cloud is prepared.
             with np.errstate(invalid="ignore", over="ignore"):
                 yield Cloud(transform.apply(kept))
 
@@ -117,16 +105,10 @@ def grid_origin(size: float) -> Floats:
 
 
 class VoxelGrid:
-    """Collects points piece by piece, and gives one for each occupied voxel.
+    """Collects points piece by piece, and gives one for each occupied voxel, of which `most` are.
 
-    Parameters
-    ----------
-    size : float
-        Side of a voxel, positive.
-    origin : (3,) array
-        A corner of the grid; the same for clouds that are to be compared.
-    most : int, optional
-        Voxels that may be occupied; any number where left out.
+    `size` is the side of a voxel, and `origin` (3,) a corner of one, the same for clouds that are
+    to be compared.
     """
 
     def __init__(self, size: float, origin: Floats, most: int | None = None) -> None:

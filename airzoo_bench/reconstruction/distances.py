@@ -1,10 +1,10 @@
 """Exact distances from every point of a cloud to the nearest one of another, both ways.
 
 A distance is ``sqrt((dx^2 + dy^2) + dz^2)`` in float64, each step rounded once, and the nearest
-neighbour's is the least of all: what trying all pairs gives, to the last bit, for any order of the
-points and number of threads, in memory or on disk.
+neighbour's is the least of all: the result of trying all pairs, to the last bit, for any order of
+the points and number of threads, in memory or on disk.
 
-pykdtree searches. Its bounds round, so that of two neighbours that are equally far but for the last
+pykdtree searches. Its bounds round, so that of two neighbours that are equally far up to the last
 bits it may return either. It is asked for two: where the second is farther by more than the bounds
 can err, the first is the nearest. Elsewhere it is asked for more, and where these do not decide
 either, all points in a ball of that radius are tried.
@@ -19,9 +19,8 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +55,7 @@ _SPREADING = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class CloudDistances:
+class CloudDistances(NamedTuple):
     """Nearest distances of finite points, in their order, infinite where nothing is predicted."""
 
     to_truth: Floats
@@ -74,10 +72,10 @@ def cloud_distances(
 ) -> CloudDistances:
     """Measure clouds both ways, mapped from disk where either has more than `block_points`."""
     on_disk = max(prediction.count, truth.count) > block_points
-    clouds = []
-    for cloud in (prediction, truth):
-        pieces = finite_pieces(cloud, min(block_points, _PIECE))
-        clouds.append(map_points(pieces) if on_disk else concatenate_pieces(pieces))
+    gather = map_points if on_disk else concatenate_pieces
+    clouds = [
+        gather(finite_pieces(cloud, min(block_points, _PIECE))) for cloud in (prediction, truth)
+    ]
     if not len(clouds[1]):
         raise BenchmarkError(
             "the true cloud holds no finite point",
@@ -94,8 +92,6 @@ def mutual_distances(
     """Return the distance of each point to the nearest of the other cloud: (N,) and (M,)."""
     clouds = first, second
     for points in clouds:
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise ValueError(f"points of shape {points.shape}, expected (N, 3)")
         if not all(np.isfinite(part).all() for part in _chunks(points)):
             raise ValueError("points that are not finite")
     if not len(first) or not len(second):
@@ -103,8 +99,8 @@ def mutual_distances(
     orders = morton_order(first), morton_order(second)
 
     def search_from(here: int) -> Floats:
-        there = sort_points(clouds[1 - here], orders[1 - here], on_disk=on_disk)
-        search, distances = NeighbourSearch(there), np.empty(len(clouds[here]))
+        search = NeighbourSearch(sort_points(clouds[1 - here], orders[1 - here], on_disk=on_disk))
+        distances = np.empty(len(clouds[here]))
         for rows in _chunks(orders[here]):
             distances[rows] = np.sqrt(search.squared(clouds[here][rows], jobs=jobs))
         return distances
@@ -112,7 +108,7 @@ def mutual_distances(
     return search_from(0), search_from(1)
 
 
-def sort_points(points: Floats, order: Ints, *, on_disk: bool = False) -> Floats:
+def sort_points(points: Floats, order: Ints, *, on_disk: bool) -> Floats:
     """Return points in an order, without copies behind each other, which no tree can part."""
 
     def pieces() -> Iterator[Floats]:
@@ -141,9 +137,6 @@ def _squared_length(offsets: Floats) -> Floats:
         x, y, z = np.moveaxis(offsets, -1, 0)
         total: Floats = (x * x + y * y) + z * z
     return total
-
-
-# --- the search ---
 
 
 class NeighbourSearch:
@@ -201,9 +194,6 @@ def _openmp_threads(jobs: int) -> Iterator[None]:
     finally:
         if limited:
             library.omp_set_num_threads(before)
-
-
-# --- order ---
 
 
 def morton_order(points: Floats) -> Ints:

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.optional_imports import load_open3d
-from airzoo_bench.formats.clouds.cloud import Cloud
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
-from airzoo_bench.geometry.cameras import Cameras, back_project
-from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.clouds import InMemoryCloud, PieceCloud
+from airzoo_bench.formats.clouds.cloud import ArrayPieces, Cloud
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.poses import Poses, depth_to_points
+from airzoo_bench.reconstruction.clouds import PieceCloud
 from airzoo_bench.reconstruction.settings import Fusion
 from airzoo_bench.reconstruction.similarity import Similarity
 
@@ -35,7 +35,7 @@ _FIRST_BLOCKS = 1024
 # Voxels are this share of their size off its multiples: a surface that lies exactly on voxels (a
 # flat ground at height 0) has no sign to change there, and would not be found.
 _OFF_GRID = 0.382
-_AXIS_BITS = 21
+_FURTHEST_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,75 +117,51 @@ def depth_cloud(maps: DepthMaps, transform: Similarity, settings: Fusion) -> Pie
     def read(points: int) -> Iterator[Cloud]:
         for row in range(len(maps.depth)):
             depth = _scaled_depth(maps, row, transform, settings)
-            for pixels in _parts(depth > 0.0, min(points, _BLOCK_PIXELS)):
-                yield Cloud(_lift(depth, pixels, maps.cameras.take(row), poses.take(row)))
+            depth[~_trusted(maps, row, settings)] = 0.0
+            camera, pose = maps.cameras.take(row), poses.take(row)
+            yield from map(Cloud, _lift(depth, camera, pose, min(points, _BLOCK_PIXELS)))
 
-    return PieceCloud(_count_pixels(maps, transform, settings, trusted=False), read)
+    depths = (_scaled_depth(maps, row, transform, settings) for row in range(len(maps.depth)))
+    return PieceCloud(sum(int(np.count_nonzero(depth)) for depth in depths), read)
 
 
 def point_map_cloud(maps: PointMaps, transform: Similarity, settings: Fusion) -> PieceCloud:
     """Make a cloud of all pixels of point maps that have a surface; see `depth_cloud`."""
-    views = range(len(maps.points))
 
     def surface(row: int) -> Bools:
-        finite: Bools = np.isfinite(maps.points[row]).all(axis=-1)
-        return finite
+        return np.asarray(np.isfinite(maps.points[row]).all(axis=-1))
 
     def read(points: int) -> Iterator[Cloud]:
-        for row in views:
-            flat = maps.points[row].reshape(-1, 3)
-            chosen = surface(row) & _trusted(maps.confidence, row, settings)
-            for pixels in _parts(chosen, min(points, _BLOCK_PIXELS)):
-                yield Cloud(transform.apply(flat[pixels].astype(np.float64)))
+        for row in range(len(maps.points)):
+            chosen = maps.points[row][surface(row) & _trusted(maps, row, settings)]
+            for piece in ArrayPieces(chosen)(min(points, _BLOCK_PIXELS)):
+                yield Cloud(transform.apply(piece.points))
 
-    return PieceCloud(sum(int(surface(row).sum()) for row in views), read)
+    return PieceCloud(sum(int(surface(row).sum()) for row in range(len(maps.points))), read)
 
 
-def _scaled_depth(
-    maps: DepthMaps, row: int, transform: Similarity, settings: Fusion, *, trusted: bool = True
-) -> Floats:
-    """Return the depth map (H, W) of one view, 0 where it has no surface that counts."""
+def _scaled_depth(maps: DepthMaps, row: int, transform: Similarity, settings: Fusion) -> Floats:
+    """Return the depth map (H, W) of one view, 0 where it has no surface."""
     with np.errstate(invalid="ignore"):  # of NaN, which compares false
         depth = maps.depth[row].astype(np.float64) * transform.scale
-    surface = (depth > 0.0) & (depth <= settings.max_depth_m)
-    if trusted:
-        surface &= _trusted(maps.confidence, row, settings)
-    return np.where(surface, depth, 0.0)
+    return np.where((depth > 0.0) & (depth <= settings.max_depth_m), depth, 0.0)
 
 
-def _count_pixels(
-    maps: DepthMaps, transform: Similarity, settings: Fusion, *, trusted: bool
-) -> int:
-    """Count the pixels that have a surface."""
-    return sum(
-        int((_scaled_depth(maps, row, transform, settings, trusted=trusted) > 0.0).sum())
-        for row in range(len(maps.depth))
-    )
+def _trusted(maps: DepthMaps | PointMaps, row: int, settings: Fusion) -> Bools:
+    """Say which pixels (H, W) of a view have enough confidence."""
+    if maps.confidence is None or settings.least_confidence is None:
+        shape = (maps.depth if isinstance(maps, DepthMaps) else maps.points).shape
+        return np.ones(shape[1:3], np.bool_)
+    return np.asarray(maps.confidence[row] > settings.least_confidence)
 
 
-def _trusted(confidence: FloatMaps | None, row: int, settings: Fusion) -> Bools | np.bool_:
-    if confidence is None or settings.least_confidence is None:
-        return np.True_
-    return np.asarray(confidence[row] > settings.least_confidence)
-
-
-def _parts(surface: Bools, size: int) -> Iterator[Ints]:
-    pixels = np.flatnonzero(surface)
+def _lift(depth: Floats, camera: Cameras, pose: Poses, size: int) -> Iterator[Floats]:
+    """Yield the points (P, 3) that pixels with a depth above 0 see, at most so many at a time."""
+    pixels = np.flatnonzero(depth > 0.0)
     for start in range(0, len(pixels), size):
-        yield pixels[start : start + size]
-
-
-def _lift(
-    depth: Floats, pixels: Ints, camera: Cameras, pose: Poses, offsets: Floats | None = None
-) -> Floats:
-    """Return points (P, 3) that pixels (P,) see, or (K, P, 3) with K offsets in depth."""
-    places = np.stack(np.divmod(pixels, depth.shape[1])[::-1], axis=-1) + 0.5
-    rays = back_project(camera, places[None])[0]
-    along = depth.ravel()[pixels]
-    along = along if offsets is None else along + offsets[:, None]
-    local = rays * (along / rays[:, 2])[..., None]
-    world: Floats = apply_matrix(pose.rotation[0].T, local) + pose.centres[0]
-    return world
+        chosen = np.zeros(depth.shape, np.bool_)
+        chosen.flat[pixels[start : start + size]] = True
+        yield depth_to_points(depth, chosen, camera, pose)
 
 
 # --- truncated signed distances ---
@@ -208,8 +184,12 @@ def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud
     grid = o3d.t.geometry.VoxelBlockGrid(
         ["tsdf", "weight"], kinds, sizes, settings.tsdf_voxel_m, _BLOCK, _FIRST_BLOCKS
     )
+    distrusted = 0
     for row in range(len(maps.depth)):
         depth, pose = _scaled_depth(maps, row, transform, settings), poses.take(row)
+        doubtful = ~_trusted(maps, row, settings)
+        distrusted += int(np.count_nonzero(depth[doubtful]))
+        depth[doubtful] = 0.0
         if depth.any():
             near = Poses(rotation=pose.rotation, centres=pose.centres - origin)
             _integrate(o3d, grid, depth, maps.cameras.take(row), near, settings)
@@ -217,8 +197,7 @@ def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud
     if grid.hashmap().size():
         points = grid.extract_point_cloud(0.0).point.positions.numpy().astype(np.float64)
         surface = points[np.lexsort(points.T[::-1])] + origin
-    every, used = (_count_pixels(maps, transform, settings, trusted=one) for one in (False, True))
-    return PieceCloud(len(surface) + every - used, InMemoryCloud(surface).pieces)
+    return PieceCloud(len(surface) + distrusted, ArrayPieces(surface))
 
 
 def _integrate(
@@ -226,7 +205,7 @@ def _integrate(
 ) -> None:
     """Add a view to Open3D's grid of voxel blocks."""
     blocks = _touched_blocks(depth, camera, pose, settings)
-    _require_room(len(blocks), settings)
+    _check_room(len(blocks), settings)
     extrinsics = np.eye(4)
     extrinsics[:3, :3], extrinsics[:3, 3] = pose.rotation[0], pose.translation[0]
     # A voxel takes the depth of pixel (floor u, floor v): of the image whose corner is (0, 0),
@@ -237,10 +216,10 @@ def _integrate(
     # It takes no voxel beyond the start of the last row and column, so there is one more.
     padded = np.pad(depth.astype(np.float32)[..., None], ((0, 1), (0, 1), (0, 0)))
     grid.integrate(tensor(blocks), o3d.t.geometry.Image(tensor(padded)), *view)
-    _require_room(grid.hashmap().size(), settings)
+    _check_room(grid.hashmap().size(), settings)
 
 
-def _require_room(blocks: int, settings: Fusion) -> None:
+def _check_room(blocks: int, settings: Fusion) -> None:
     if blocks * _BLOCK**3 > settings.tsdf_max_voxels:
         raise PredictionError(
             f"the fused surface takes more than {settings.tsdf_max_voxels:,} voxels of "
@@ -256,14 +235,13 @@ def _touched_blocks(
     """Return the blocks (B, 3) around the surface that a view sees, sorted."""
     # Open3D looks at every 16th pixel for this, which leaves holes where pixels are large.
     side, far = settings.tsdf_voxel_m * _BLOCK, settings.tsdf_truncation_m
-    offsets = np.linspace(-far, far, int(np.ceil(4 * far / side)) + 1)
-    half, keys = 1 << _AXIS_BITS - 1, []
-    for pixels in _parts(depth > 0.0, _BLOCK_PIXELS):
-        world = _lift(depth, pixels, camera, pose, offsets)
-        # A block beyond the range of a key is so far off that it is an outlier: it goes to the rim.
-        x, y, z = np.moveaxis(np.clip(np.floor(world / side), -half, half - 1), -1, 0).astype(int)
-        packed = (x + half << 2 * _AXIS_BITS) | (y + half << _AXIS_BITS) | z + half
-        keys.append(np.unique(packed))
+    keys = []
+    for offset in np.linspace(-far, far, int(np.ceil(4 * far / side)) + 1):
+        moved = np.where(depth > 0.0, np.maximum(depth + offset, np.finfo(float).tiny), 0.0)
+        for points in _lift(moved, camera, pose, _BLOCK_PIXELS):
+            # A block further off is of an outlier: it goes to the rim.
+            blocks = np.clip(np.floor(points / side), -_FURTHEST_BLOCK, _FURTHEST_BLOCK - 1)
+            x, y, z = blocks.T.astype(np.int64) + _FURTHEST_BLOCK
+            keys.append(np.unique((x << 42) | (y << 21) | z))
     found = np.unique(np.concatenate(keys))
-    shifts = np.array((2 * _AXIS_BITS, _AXIS_BITS, 0))
-    return np.asarray((found[:, None] >> shifts & 2 * half - 1) - half, np.int32)
+    return np.asarray((found[:, None] >> np.array((42, 21, 0)) & 0x1FFFFF) - (1 << 20), np.int32)

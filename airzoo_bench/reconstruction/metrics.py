@@ -99,23 +99,13 @@ def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
 
 def counts_below(distances: Floats, thresholds: Floats) -> Ints:
     """Count the distances (N,) strictly below each of finite, increasing thresholds (K,)."""
-    if not (np.isfinite(thresholds).all() and (np.diff(thresholds) > 0.0).all()):
-        raise ValueError("thresholds must be finite and increase")
     histogram = np.zeros(len(thresholds) + 1, dtype=np.int64)
     for start in range(0, len(distances), _CHUNK):
-        part = distances[start : start + _CHUNK]
-        if not (part >= 0.0).all():
-            raise ValueError("distances that are negative or NaN")
         # A distance equal to a threshold falls behind it, and so is not below it.
-        behind = np.searchsorted(thresholds, part, side="right")
+        behind = np.searchsorted(thresholds, distances[start : start + _CHUNK], side="right")
         histogram += np.bincount(behind, minlength=len(histogram))
     counts: Ints = np.cumsum(histogram[:-1])
     return counts
-
-
-def even_thresholds(up_to: float, steps: int) -> Floats:
-    """Return the thresholds ``up_to / steps``, ..., `up_to`."""
-    return up_to * np.arange(1, steps + 1) / steps
 
 
 def exact_mean(distances: Floats, limit: float = math.inf) -> float:
@@ -130,34 +120,17 @@ def exact_mean(distances: Floats, limit: float = math.inf) -> float:
 # --- camera poses ---
 
 
-@dataclass(frozen=True, eq=False)
-class PairErrors:
-    """Errors of the relative poses of P ordered pairs of cameras, infinite for failures.
+def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> tuple[Floats, Floats]:
+    """Compare the relative poses of all ordered pairs of N cameras, by first camera, then second.
 
-    Angles between the relative rotations, and between the directions of the relative translations,
-    0 to 180; 0 where the true cameras share a place, which has no direction.
-    """
-
-    rotation_deg: Floats
-    direction_deg: Floats
-
-    @property
-    def worse_deg(self) -> Floats:
-        """The larger of the two, pair by pair."""
-        return np.maximum(self.rotation_deg, self.direction_deg)
-
-
-def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> PairErrors:
-    """Compare the relative poses of all pairs of N cameras, by first camera, then second.
-
-    Pairs are ordered, (i, j) and (j, i), which err differently in direction once rotations do: so
-    the order of the images does not matter, no camera is a reference, and a similarity of either
-    world changes nothing. A direction opposite to the true one is 180 degrees off, not folded to 0.
-    Pairs whose true centres are at most `least_baseline` apart count by their rotation only. A
-    prediction without a baseline where the truth has one has failed.
+    Returns degrees (P,) between the relative rotations, and between the directions of the relative
+    translations, infinite for failures. Pairs are ordered, (i, j) and (j, i), which err differently
+    in direction once rotations do: so no camera is a reference, and neither the order of the images
+    nor a similarity of either world changes anything. A direction opposite to the true one is 180
+    degrees off, not folded to 0. Pairs whose true centres are at most `least_baseline` apart count
+    by their rotation only. A prediction without a baseline where the truth has one has failed.
     """
     count = len(truth)
-    _check(predicted, truth)
     failed, cameras = _failed(predicted), np.arange(count)
     rounding = _NO_BASELINE * np.abs(predicted.centres[~failed]).max(initial=0.0)
     rotation, direction = np.empty((2, count, count - 1))
@@ -170,20 +143,18 @@ def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> Pai
         lost = failed[row] | failed[pairs[1]]
         direction[row] = np.where(lost, np.inf, angles)
         rotation[row] = np.where(lost, np.inf, rotation_angle_deg(turn, true_turn))
-    return PairErrors(rotation.ravel(), direction.ravel())
+    return rotation.ravel(), direction.ravel()
 
 
-def pose_auc(errors: PairErrors, limit_deg: float) -> float:
+def pose_auc(rotation_deg: Floats, direction_deg: Floats, limit_deg: float) -> float:
     r"""Return the area under the curve of pairs that are right, up to a limit, 0 to 1.
 
     A pair is right below an angle where both its rotation and its direction are:
     :math:`\frac{1}{P} \sum_p \max(0, 1 - e_p / L)` with e the larger of both, exactly; histograms
     by whole degrees differ by up to half a degree over L.
     """
-    if not 0.0 < limit_deg < np.inf:
-        raise ValueError(f"limit is {limit_deg}, expected above 0 and finite")
-    shares = 1.0 - np.minimum(errors.worse_deg, limit_deg) / limit_deg
-    return float(shares.mean())
+    worse = np.maximum(rotation_deg, direction_deg)
+    return float((1.0 - np.minimum(worse, limit_deg) / limit_deg).mean())
 
 
 def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int]) -> list[float]:
@@ -195,7 +166,6 @@ def auc_of_depth_anything_3(predicted: Poses, truth: Poses, limits_deg: list[int
     degrees. See ``compute_pose`` of its ``bench/utils.py`` (Lin et al., Depth Anything 3, 2025).
     """
     count = len(truth)
-    _check(predicted, truth)
     there = np.flatnonzero(~_failed(predicted))
     right = np.zeros(max(limits_deg) + 1)
     last = dict.fromkeys(limits_deg, 0)
@@ -243,18 +213,6 @@ def rms_of_placed(errors: Floats) -> float:
     return float(np.sqrt((placed * placed).mean())) if len(placed) else np.inf
 
 
-def _failed(poses: Poses) -> Bools:
-    entries = np.concatenate((poses.rotation.reshape(-1, 9), poses.centres), axis=1)
-    return np.logical_not(np.isfinite(entries).all(axis=1))
-
-
-def _check(predicted: Poses, truth: Poses) -> None:
-    if len(predicted) != len(truth) or len(truth) < 2:
-        raise ValueError(f"{len(predicted)} predicted cameras, {len(truth)} true ones")
-    if _failed(truth).any():
-        raise ValueError("the true poses hold NaN or infinity")
-
-
 def relative_poses(poses: Poses, first: Ints, second: Ints) -> tuple[Floats, Floats]:
     """Return rotations R_j R_i^T (..., 3, 3) and centres (..., 3) of cameras j as seen by i.
 
@@ -285,6 +243,11 @@ def angle_deg(a: Floats, b: Floats) -> Floats:
     """Return degrees between vectors; atan2 keeps all digits near 0 and 180 degrees."""
     sine = _lengths(np.cross(a, b))
     return np.asarray(np.degrees(np.arctan2(sine, (a * b).sum(axis=-1))))
+
+
+def _failed(poses: Poses) -> Bools:
+    entries = np.concatenate((poses.rotation.reshape(-1, 9), poses.centres), axis=1)
+    return np.logical_not(np.isfinite(entries).all(axis=1))
 
 
 def _lengths(vectors: Floats) -> Floats:

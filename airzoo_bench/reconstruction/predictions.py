@@ -10,21 +10,22 @@
     substation/cameras.npz
     harbour/shards/*.laz    or a cloud in shards (.las, .laz), in the order of their names
 
-A file alone is a prediction of one scene, named as the file is. A folder within an archive that
-holds all the rest is stepped over. Files as methods write them come from readers, as
-`NativeScenes`.
+A file alone is a prediction of one scene, named as the file is. Files as methods write them come
+from readers, as `NativeScenes`.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
+from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
@@ -45,9 +46,15 @@ from airzoo_bench.reconstruction.cameras import (
 from airzoo_bench.reconstruction.checks import check_resolution
 from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 
-_PROTOCOL, _CAMERAS, _SHARDS = "protocol.txt", "cameras.npz", "shards"
-_PROTOCOL_BYTES, _LONGEST_PROTOCOL = 1024, 64
-_POINTS = ("world_points", "points")
+_PROTOCOL, _CAMERAS = "protocol.txt", "cameras.npz"
+_CLOUD, _SHARD = ("|".join(map(re.escape, endings)) for endings in (SUFFIXES, SHARD_SUFFIXES))
+_PLACES = {
+    "shards": re.compile(rf"([^/]+)/shards/[^/]+({_SHARD})", re.IGNORECASE),
+    "cameras": re.compile(r"([^/]+)[./]cameras\.npz"),
+    "geometry": re.compile(rf"([^/]+?)(/[^/]+)?({_CLOUD})", re.IGNORECASE),
+}
+_MAPS = {"depth": ("N", "H", "W"), "world_points": ("N", "H", "W", "3")}
+_MAPS["points"] = _MAPS["world_points"]
 _CONFIDENCE, _COLOURS = ("conf", "confidence"), ("colours", "colors", "image")
 _HALF_A_PIXEL = {"half": 0.0, "integer": 0.5}
 _BYTES_A_PIXEL = 96  # depth and surface in double precision, their places, rays and points
@@ -111,13 +118,13 @@ class NativeScenes(ScenePredictions):
         yield self.read_scene(self.places[scene], limit_bytes)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Entry:
-    """The files of a scene: one, or shards; and its cameras."""
+    """The files of a scene, by kind."""
 
-    geometry: tuple[Member, ...]
-    cameras: Member | None
-    is_sharded: bool = False
+    geometry: list[Member] = field(default_factory=list)
+    cameras: list[Member] = field(default_factory=list)
+    shards: list[Member] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -142,27 +149,26 @@ class ListedFiles(ScenePredictions):
         """See `ScenePredictions.opened`."""
         entry, images = self.entries[scene], None
         with ExitStack() as stack:
-            if entry.cameras is not None:
-                images = read_image_poses(
-                    stack.enter_context(self._bundle.file(entry.cameras)), limit_bytes
-                )
-            paths = [stack.enter_context(self._bundle.file(one)) for one in entry.geometry]
-            if entry.is_sharded:
-                folder = self.path / PurePosixPath(entry.geometry[0].name).parent
-                cloud = open_shards(folder, paths)
-                yield ScenePrediction(cloud, images, cloud.notes)
-            elif paths[0].suffix.lower() == ".npz" and _holds_maps(paths[0], limit_bytes):
+            for member in entry.cameras:
+                path = stack.enter_context(self._bundle.file(member))
+                images = read_image_poses(path, limit_bytes)
+            files = entry.shards or entry.geometry
+            paths = [stack.enter_context(self._bundle.file(one)) for one in files]
+            if entry.shards:
+                cloud = open_shards(self.path / PurePosixPath(files[0].name).parent, paths)
+            elif paths[0].suffix.lower() != ".npz" or not _holds_maps(paths[0], limit_bytes):
+                cloud = open_cloud(paths[0], limit_bytes=limit_bytes, sampling=sampling)
+            else:
                 views = maps_of(open_arrays(paths[0], limit_bytes))
-                if views.images is not None and entry.cameras is not None:
+                if views.images is not None and images is not None:
                     raise PredictionError(
-                        f"holds extrinsics, and so does {entry.cameras.name}",
-                        where=f"{self.path}, {entry.geometry[0].name}",
+                        f"holds extrinsics, and so does {entry.cameras[0].name}",
+                        where=f"{self.path}, {files[0].name}",
                         fix="keep one of the two",
                     )
                 yield replace(views, images=views.images or images)
-            else:
-                cloud = open_cloud(paths[0], limit_bytes=limit_bytes, sampling=sampling)
-                yield ScenePrediction(cloud, images, cloud.notes)
+                return
+            yield ScenePrediction(cloud, images, cloud.notes)
 
 
 # --- listing ---
@@ -172,12 +178,11 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene."""
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
-        entries = {path.stem: _Entry((member,), None)}
-        return ListedFiles(path, None, entries, (), Bundle(path.parent, (member,)))
+        bundle = Bundle(path.parent, (member,))
+        return ListedFiles(path, None, {path.stem: _Entry([member])}, (), bundle)
     bundle = open_bundle(path, unpacked_limit_bytes)
-    wrapper = _wrapper(bundle.members)
-    by_kind: dict[str, dict[str, list[Member]]] = {"geometry": {}, "cameras": {}, "shards": {}}
-    protocol, unknown_files = None, []
+    entries: dict[str, _Entry] = {}
+    wrapper, protocol, unknown_files = _wrapper(bundle.members), None, []
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
         scene, kind = _place_of(name)
@@ -186,31 +191,29 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
         elif scene is None:
             unknown_files.append(name)
         else:
-            by_kind[kind].setdefault(scene, []).append(member)
-    entries = {}
-    for scene in sorted({*by_kind["geometry"], *by_kind["shards"]}):
-        geometry, cameras, shards = (of.get(scene, []) for of in by_kind.values())
+            getattr(entries.setdefault(scene, _Entry()), kind).append(member)
+    whole = {}
+    for scene, entry in sorted(entries.items()):
         # A text may as well be a remark: beside another cloud of its scene it is not read.
-        clouds = [one for one in geometry if not one.name.lower().endswith(TEXT_SUFFIXES)]
-        if clouds or shards:
-            unknown_files += [
-                one.name for one in geometry if one.name.lower().endswith(TEXT_SUFFIXES)
-            ]
-            geometry = clouds
-        for one, *others in filter(None, ([*geometry, *shards[:1]], cameras)):
-            if others:
-                raise PredictionError(
-                    f"scene {scene!r} has two entries: {one.name} and {others[0].name}",
-                    where=path,
-                    expected="one cloud, mesh or npz a scene, and perhaps its cameras.npz",
-                    fix="keep one of the two",
-                )
-        entries[scene] = _Entry(tuple(shards or geometry), next(iter(cameras), None), bool(shards))
-    lonely = [
-        members[0].name for scene, members in by_kind["cameras"].items() if scene not in entries
-    ]
-    unknown_files += lonely
-    if not entries:
+        texts_of_scene = [one for one in entry.geometry if _is_text(one.name)]
+        clouds = [one for one in entry.geometry if not _is_text(one.name)]
+        if clouds or entry.shards:
+            entry.geometry = clouds
+            unknown_files += [one.name for one in texts_of_scene]
+        both = [one.name for one in (*entry.geometry, *entry.shards[:1])]
+        if len(both) > 1 or len(entry.cameras) > 1:
+            twice = both if len(both) > 1 else [one.name for one in entry.cameras]
+            raise PredictionError(
+                f"scene {scene!r} has two entries: {twice[0]} and {twice[1]}",
+                where=path,
+                expected="one cloud, mesh or npz a scene, and perhaps its cameras.npz",
+                fix="keep one of the two",
+            )
+        if both:
+            whole[scene] = entry
+        else:
+            unknown_files += [one.name for one in entry.cameras]
+    if not whole:
         there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
         raise UnreadableError(
             f"holds no cloud, mesh or npz{there}",
@@ -219,7 +222,24 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
             f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
             fix="write clouds as .ply, and name the files by their scenes",
         )
-    return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
+    return ListedFiles(path, protocol, whole, tuple(unknown_files), bundle)
+
+
+def _protocol_name(bundle: Bundle, member: Member) -> str:
+    name = bundle.text(member, 1024).strip()
+    if re.fullmatch(SAFE_NAME, name) and not name.endswith(".toml"):
+        return name
+    # A file from a stranger must not choose which file of this computer is read.
+    raise PredictionError(
+        f"the protocol {name[:80]!r} is no protocol's name",
+        where=f"{bundle.path}, {member.name}",
+        expected="a line with a name, such as airzoo-real-reconstruction",
+        fix="name a protocol's file with --protocol",
+    )
+
+
+def _is_text(name: str) -> bool:
+    return name.lower().endswith(TEXT_SUFFIXES)
 
 
 def _wrapper(members: tuple[Member, ...]) -> str:
@@ -230,7 +250,7 @@ def _wrapper(members: tuple[Member, ...]) -> str:
     prefix = f"{tops.pop()}/"
     rest = [member.name.removeprefix(prefix) for member in members]
     files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
-    files = [name for name in files if not name.lower().endswith(TEXT_SUFFIXES)] or files
+    files = [name for name in files if not _is_text(name)] or files
     is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
     is_sharded = any(_place_of(member.name)[1] == "shards" for member in members)
     return "" if is_scene or is_sharded else prefix
@@ -238,30 +258,8 @@ def _wrapper(members: tuple[Member, ...]) -> str:
 
 def _place_of(name: str) -> tuple[str | None, str]:
     """Return the scene that a file belongs to, and whether it is geometry, cameras or a shard."""
-    parts, lower = PurePosixPath(name).parts, name.lower()
-    if len(parts) == 3 and parts[1] == _SHARDS and lower.endswith(SHARD_SUFFIXES):
-        return parts[0], "shards"
-    if not lower.endswith(SUFFIXES) or len(parts) > 2:
-        return None, ""
-    if len(parts) == 2:
-        return parts[0], "cameras" if parts[1] == _CAMERAS else "geometry"
-    if name.endswith(f".{_CAMERAS}"):
-        return name.removesuffix(f".{_CAMERAS}"), "cameras"
-    return PurePosixPath(name).stem, "geometry"
-
-
-def _protocol_name(bundle: Bundle, member: Member) -> str:
-    name = bundle.text(member, _PROTOCOL_BYTES).strip()
-    plain = name.isprintable() and not set(name) & set("/\\ ") and not name.endswith(".toml")
-    if not (plain and 0 < len(name) <= _LONGEST_PROTOCOL):
-        # A file from a stranger must not choose which file of this computer is read.
-        raise PredictionError(
-            f"the protocol {name[:80]!r} is no protocol's name",
-            where=f"{bundle.path}, {member.name}",
-            expected="a line with a name, such as airzoo-real-reconstruction",
-            fix="name a protocol's file with --protocol",
-        )
-    return name
+    found = ((pattern.fullmatch(name), kind) for kind, pattern in _PLACES.items())
+    return next(((match[1], kind) for match, kind in found if match), (None, ""))
 
 
 # --- maps ---
@@ -278,15 +276,11 @@ def _holds_maps(path: Path, limit_bytes: int) -> bool:
 def maps_of(arrays: Arrays) -> ScenePrediction:
     """Take depth or point maps and their cameras, named as the suite's own files name them."""
     names = arrays.names()
-    kinds = [name for name in ("depth", *_POINTS) if name in names] or ["depth"]
-    if len(kinds) > 1:
-        what = f"holds {' and '.join(kinds)}, and they could disagree"
-        raise fault(arrays, what, "one of them")
-    kind = kinds[0]
+    kind, confidence = _one_of(arrays, tuple(_MAPS)) or "depth", None
     needed = (kind, "intrinsics", "extrinsics") if kind == "depth" else (kind,)
     allowed = ("protocol", "pixel_centres", kind, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
-    maps = _maps(arrays, kind)
+    maps = _map_maps(arrays, kind)
     count, height, width = maps.shape[:3]
     stated = _pixel_centres(arrays)
     shift = _HALF_A_PIXEL[stated or ("half" if "image_names" in names else "integer")]
@@ -294,26 +288,39 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
     cameras = _map_cameras(arrays, maps.shape, shift)
     images = image_poses(arrays, count) if "extrinsics" in names else None
-    confidence = _confidence(arrays, maps.shape[:3])
+    if name := _one_of(arrays, _CONFIDENCE):
+        confidence = arrays.map(name)
+        if confidence.shape != maps.shape[:3] or confidence.dtype.kind not in "biuf":
+            what = f"is {confidence.dtype} of shape {confidence.shape}"
+            expected = f"numbers of shape {maps.shape[:3]}, that of the maps"
+            raise fault(arrays, what, expected, field=name)
     geometry: DepthMaps | PointMaps = PointMaps(maps, confidence)
     if kind == "depth" and cameras is not None and images is not None:
         geometry = DepthMaps(maps, cameras, images.poses, confidence)
     return ScenePrediction(geometry, images, pixel_centres=stated)
 
 
-def _maps(arrays: Arrays, name: str) -> FloatMaps:
+def _one_of(arrays: Arrays, names: tuple[str, ...]) -> str | None:
+    """Return the one of some names that the file has a field of."""
+    found = [name for name in names if name in arrays.names()]
+    if len(found) > 1:
+        raise fault(arrays, f"holds {' and '.join(found)}, and they could disagree", "one of them")
+    return found[0] if found else None
+
+
+def _map_maps(arrays: Arrays, name: str) -> FloatMaps:
     values = arrays.map(name)
     if name == "depth" and values.ndim == 4 and values.shape[-1] == 1:
         values = values[..., 0]
-    last = (3,) if name in _POINTS else ()
-    fits = values.ndim == 3 + len(last) and values.shape[3:] == last and 0 not in values.shape
+    shape = _MAPS[name]
+    fits = values.ndim == len(shape) and values.shape[3:] in ((), (3,)) and 0 not in values.shape
     if values.dtype.kind != "f" or values.dtype.itemsize > 8 or not fits:
         fix = f"{name}.astype(np.float32), in the units of the poses"
         if values.dtype.kind in "iu":
             fix += "; whole numbers are often millimetres, / 1000"
         if name == "depth" and values.ndim == 4 and values.shape[1] == 1:
             fix = "depth[:, 0] (depth.squeeze(1))"
-        what, shape = f"is {values.dtype} of shape {values.shape}", ("N", "H", "W", *map(str, last))
+        what = f"is {values.dtype} of shape {values.shape}"
         raise fault(arrays, what, f"floating point ({', '.join(shape)})", field=name, fix=fix)
     return values
 
@@ -322,7 +329,7 @@ def _pixel_centres(arrays: Arrays) -> str | None:
     if "pixel_centres" not in arrays.names():
         return None
     value = arrays.read("pixel_centres")
-    stated = str(value.reshape(())) if value.dtype.kind == "U" and value.size == 1 else ""
+    stated = str(value.reshape(-1)[0]) if value.dtype.kind == "U" and value.size == 1 else ""
     if stated in _HALF_A_PIXEL:
         return stated
     raise fault(
@@ -352,16 +359,3 @@ def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Camera
         ) from error
     check_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
     return cameras
-
-
-def _confidence(arrays: Arrays, shape: tuple[int, ...]) -> FloatMaps | None:
-    given = [name for name in _CONFIDENCE if name in arrays.names()]
-    if not given:
-        return None
-    if len(given) > 1:
-        raise fault(arrays, f"holds {' and '.join(given)}", "one of them")
-    values = arrays.map(given[0])
-    if values.shape != shape or values.dtype.kind not in "biuf" or values.dtype.itemsize > 8:
-        what = f"is {values.dtype} of shape {values.shape}"
-        raise fault(arrays, what, f"numbers of shape {shape}, that of the maps", field=given[0])
-    return values

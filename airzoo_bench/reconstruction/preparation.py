@@ -19,9 +19,9 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.clouds import (
-    InMemoryCloud,
     PieceCloud,
     VoxelGrid,
+    cloud_of,
     concatenate_pieces,
     finite_pieces,
     finite_rows,
@@ -46,27 +46,13 @@ _STEP = np.sqrt(2.0)
 # --- regions ---
 
 
-@dataclass(frozen=True, eq=False)
-class Box:
-    """A box along the axes, borders included; its corners `low` and `high` (3,)."""
-
-    low: Floats
-    high: Floats
-
-    def grown(self, margin: float) -> Box:
-        """Return the box with its sides moved outwards by `margin`."""
-        return Box(self.low - margin, self.high + margin)
-
-    def holds(self, points: Floats) -> Bools:
-        """Say which of points (N, 3) lie in the box or on its border."""
-        inside: Bools = np.all((points >= self.low) & (points <= self.high), axis=1)
-        return inside
-
-
-def box_of(source: CloudSource) -> Box:
-    """Return the smallest box that holds the finite points of the true cloud."""
-    pieces = finite_pieces(source, _PIECE)
-    corners = [(piece.min(axis=0), piece.max(axis=0)) for piece in pieces if len(piece)]
+def box_of(source: CloudSource) -> Floats:
+    """Return the low and the high corner (2, 3) of the finite points of the true cloud."""
+    corners = [
+        (piece.min(axis=0), piece.max(axis=0))
+        for piece in finite_pieces(source, _PIECE)
+        if len(piece)
+    ]
     if not corners:
         raise BenchmarkError(
             "the true cloud holds no finite point",
@@ -74,15 +60,15 @@ def box_of(source: CloudSource) -> Box:
             fix="check the benchmark's cloud",
         )
     low, high = zip(*corners, strict=True)
-    return Box(np.min(low, axis=0), np.max(high, axis=0))
+    return np.stack((np.min(low, axis=0), np.max(high, axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
-class CellSet:
+class Cells:
     """Some cells of a grid that has a corner at (0, 0, 0); an infinite `size` makes columns.
 
-    `keys` (C,), ascending, number the cells in the part of the grid that is looked at, whose least
-    cell is `low` and which has so many cells along each axis.
+    `keys` (C,), ascending, number the cells in a part of the grid, whose least cell is `low` and
+    which has so many cells along each axis, its `shape`.
     """
 
     size: Floats
@@ -91,52 +77,48 @@ class CellSet:
     keys: Ints
 
     def holds(self, points: Floats) -> Bools:
-        """Say which of points (N, 3), finite, lie in a cell of the set."""
-        inside, keys = self.keys_of(points)
+        """Say which of finite points (N, 3) lie in one of the cells."""
         if not len(self.keys):
             return np.zeros(len(points), np.bool_)
+        keys = self.keys_at(np.floor(points / self.size) - self.low)
         place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        return np.asarray(inside & (self.keys[place] == keys))
+        return np.asarray(self.keys[place] == keys)
 
-    def keys_of(self, points: Floats) -> tuple[Bools, Ints]:
-        """Say which of points (N, 3) lie in the part that is looked at, and in which cells."""
-        return self.keys_at(np.floor(points / self.size) - self.low)
-
-    def keys_at(self, places: Floats) -> tuple[Bools, Ints]:
-        """Say which places (N, 3), counted from the least, are looked at, and their keys."""
-        inside = np.asarray(((places >= 0) & (places < self.shape)).all(axis=1))
+    def keys_at(self, places: Floats) -> Ints:
+        """Return keys of places (N, 3), counted from the least cell; -1 outside of the part."""
+        inside = np.all((places >= 0) & (places < self.shape), axis=1)
         x, y, z = np.where(inside[:, None], places, 0.0).astype(np.int64).T
         _, along_y, along_z = self.shape.astype(np.int64).tolist()
-        return inside, (x * along_y + y) * along_z + z
+        return np.where(inside, (x * along_y + y) * along_z + z, -1)
 
     def places(self) -> Ints:
-        """Return places (C, 3) of the set's cells along the axes, counted from the least."""
+        """Return places (C, 3) of the cells along the axes, counted from the least."""
         _, along_y, along_z = self.shape.astype(np.int64).tolist()
         rest, z = np.divmod(self.keys, along_z)
         return np.stack((*np.divmod(rest, along_y), z), axis=1)
 
 
 def occupied_cells(
-    pieces: Iterable[Floats], size: tuple[float, float, float], box: Box, margin: float = 0.0
-) -> CellSet:
+    pieces: Iterable[Floats], size: tuple[float, float, float], box: Floats, margin: float = 0.0
+) -> Cells:
     """Return the cells, of these sides, that hold one of the finite points of some pieces."""
     sides = np.array(size)
-    low, high = (np.floor(corner / sides) for corner in (box.low - margin, box.high + margin))
+    low, high = np.floor((box[0] - margin) / sides), np.floor((box[1] + margin) / sides)
     shape = high - low + 1.0
     if not shape.prod() < _MOST_CELLS:
         raise BenchmarkError(
-            f"the true cloud spans {' x '.join(f'{s:.4g}' for s in box.high - box.low)} m",
+            f"the true cloud spans {' x '.join(f'{side:.4g}' for side in box[1] - box[0])} m",
             expected="a scene, without points far away from it",
             fix="leave stray points out of the cloud, and prepare the benchmark again",
         )
-    found = CellSet(sides, low, shape, np.zeros(0, np.int64))
+    found = Cells(sides, low, shape, np.zeros(0, np.int64))
     keys = found.keys
     for points in pieces:
-        keys = np.union1d(keys, found.keys_of(points)[1])
+        keys = np.union1d(keys, found.keys_at(np.floor(points / sides) - low))
     return replace(found, keys=keys)
 
 
-def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: float) -> Region:
+def covered_columns(pieces: Iterable[Floats], size: float, box: Floats, margin: float) -> Region:
     """Return the upright columns that hold one of some points, or come within a margin of one.
 
     They reach from the box's lowest to its highest point and, both ways, by the margin beyond.
@@ -148,10 +130,9 @@ def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: flo
         # Between the nearest sides of two columns.
         apart = np.hypot(max(abs(east) - 1, 0), max(abs(north) - 1, 0)) * size
         if apart < margin:
-            inside, grown = occupied.keys_at(places + np.array((east, north, 0.0)))
-            keys = np.union1d(keys, grown[inside])
-    columns = replace(occupied, keys=keys)
-    low, high = float(box.low[2] - margin), float(box.high[2] + margin)
+            keys = np.union1d(keys, occupied.keys_at(places + np.array((east, north, 0.0))))
+    columns = replace(occupied, keys=keys[keys >= 0])
+    low, high = float(box[0, 2] - margin), float(box[1, 2] + margin)
 
     def holds(points: Floats) -> Bools:
         upright = (points[:, 2] >= low) & (points[:, 2] <= high)
@@ -161,15 +142,18 @@ def covered_columns(pieces: Iterable[Floats], size: float, box: Box, margin: flo
 
 
 def cropped_region(
-    truth: CloudSource, box: Box, settings: Preparation, block_points: int
+    truth: CloudSource, box: Floats, settings: Preparation, block_points: int
 ) -> Region | None:
-    """Return what a protocol crops both clouds to, or None."""
-    if settings.crop == "none":
-        return None
-    if settings.crop == "box":
-        return box.grown(settings.crop_margin_m).holds
-    pieces = finite_pieces(truth, block_points)
-    return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
+    """Return the region that a protocol crops both clouds to, or None."""
+    if settings.crop == "covered":
+        pieces = finite_pieces(truth, block_points)
+        return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
+    low, high = box[0] - settings.crop_margin_m, box[1] + settings.crop_margin_m
+
+    def holds(points: Floats) -> Bools:
+        return np.asarray(((points >= low) & (points <= high)).all(axis=1))
+
+    return holds if settings.crop == "box" else None
 
 
 # --- clouds as they are compared ---
@@ -179,9 +163,8 @@ def cropped_region(
 class PreparedCloud:
     """A cloud as it is compared, and how many points were left out of it, or merged by voxels.
 
-    `distrusted` are those of too little confidence.
-
-    `sample` (S, 3) are finite points from all of the cloud, those outside the region among them.
+    `distrusted` are those of too little confidence. `sample` (S, 3) are finite points from all of
+    the cloud, those outside the region among them.
     """
 
     source: CloudSource
@@ -201,7 +184,7 @@ class PreparedCloud:
     def in_memory(self) -> PreparedCloud:
         """Return the cloud with all its points read."""
         points = concatenate_pieces(piece.points for piece in self.source.pieces(_PIECE))
-        return replace(self, source=InMemoryCloud(points))
+        return replace(self, source=cloud_of(points))
 
 
 def prepare_cloud(
@@ -211,51 +194,44 @@ def prepare_cloud(
     size, grid = settings.voxel_m, None
     if not isinstance(size, str):
         grid = VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
-    seen = not_finite = inside = 0
+    seen = finite = inside = 0
     # Every n-th point, the same for any pieces.
     sample, every = [np.zeros((0, 3))], max(1, source.count // _SAMPLE)
     for piece in source.pieces(block_points):
-        finite, within = _masks(piece.points, region)
         sample.append(piece.points[-seen % every :: every].copy())
-        seen += len(piece)
-        not_finite += int(np.count_nonzero(~finite))
-        inside += int(np.count_nonzero(within))
+        near = piece.points[finite_rows(piece.points)]
+        within = near if region is None else near[region(near)]
+        seen, finite, inside = seen + len(piece), finite + len(near), inside + len(within)
         if grid is not None:
-            grid.add(piece.points[within])
+            grid.add(within)
     some = np.concatenate(sample)
-    some, outside = some[finite_rows(some)], seen - not_finite - inside
-    left_out = source.count - seen, not_finite, outside
-    if grid is not None:
-        thin = grid.points()
-        return PreparedCloud(InMemoryCloud(thin), *left_out, inside - len(thin), some)
 
     def read(points: int) -> Iterator[Cloud]:
-        for piece in source.pieces(points):
-            yield Cloud(piece.points[_masks(piece.points, region)[1]])
+        for near in finite_pieces(source, points):
+            yield Cloud(near if region is None else near[region(near)])
 
-    return PreparedCloud(PieceCloud(inside, read), *left_out, 0, some)
+    prepared = PieceCloud(inside, read) if grid is None else cloud_of(grid.points())
+    return PreparedCloud(
+        prepared,
+        distrusted=source.count - seen,
+        not_finite=seen - finite,
+        outside=finite - inside,
+        thinned=inside - prepared.count,
+        sample=some[finite_rows(some)],
+    )
 
 
-def _masks(points: Floats, region: Region | None) -> tuple[Bools, Bools]:
-    """Say which points are finite, and which lie in the region too."""
-    finite = finite_rows(points)
-    within = finite.copy()
-    if region is not None:
-        within[finite] = region(points[finite])
-    return finite, within
-
-
-# --- what the photos saw ---
+# --- the points that the photos saw ---
 
 
 def observed_cells(
     truth: CloudSource,
-    box: Box,
+    box: Floats,
     cameras: Cameras,
     poses: Poses,
     settings: Preparation,
     block_points: int,
-) -> CellSet:
+) -> Cells:
     """Return the cells of the true cloud, which `box` holds, that enough of the photos saw."""
     cell = settings.observed_cell_m
     # Thinning rounds: points may lie outside the box of the unthinned cloud by a hair.

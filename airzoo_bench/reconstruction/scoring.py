@@ -1,7 +1,4 @@
-"""From the prediction of a scene to its scores: open, align, prepare, measure distances, score.
-
-`score_scene` is the whole way, and `compare` most of it: its lines stand in the order of the steps.
-"""
+"""From the prediction of a scene to its scores: open, align, prepare, measure distances, score."""
 
 from __future__ import annotations
 
@@ -26,11 +23,8 @@ from airzoo_bench.reconstruction.alignment import (
     LEAST_CAMERAS,
     Alignment,
     PosedCameras,
-    RansacSettings,
     align,
-    alignment_values,
     partners,
-    refine,
     with_residuals,
 )
 from airzoo_bench.reconstruction.cameras import match_cameras
@@ -44,6 +38,7 @@ from airzoo_bench.reconstruction.fusion import (
     fuse,
     point_map_cloud,
 )
+from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.predictions import ScenePrediction
 from airzoo_bench.reconstruction.settings import (
     ReconstructionProtocol,
@@ -55,7 +50,7 @@ from airzoo_bench.results.scores import Score
 
 Geometry = CloudSource | DepthMaps | PointMaps
 
-# What a point takes in memory while distances are computed: both clouds, their order, the tree.
+# The bytes of a point while distances are computed: both clouds, their order, the tree.
 _BYTES_A_POINT = 128
 _LEAST_BLOCK = 100_000
 
@@ -92,21 +87,21 @@ def score_scene(
 ) -> Scored:
     """Read a scene's prediction and score it; an error names the scene."""
     place, scores = f"{predictions.path}, scene {truth.scene}", protocol.scores
+    found: Comparison | None = None
     with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
         true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, protocol.meshes.sampling)
-        found = None
         try:
-            cameras = match_cameras(prediction.images, truth, place)
+            cameras, doubts = match_cameras(prediction.images, truth, place)
             found = compare(prediction.posed_geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
-            worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), scores) | _worst_poses(scores)
+            worst = _worst_cloud(scores) | _worst_poses(scores)
             scored = _scored(truth.scene, worst, {"failed": 1, "points": 0})
             notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
         else:
             poses = pose_scores(cameras, found.alignment.transform, truth.posed, scores)
             scored = score_comparison(truth.scene, found, poses, scores)
-            notes = scene_notes(prediction, cameras, truth, found, protocol)
+            notes = [*scene_notes(prediction, truth, found, protocol), *doubts]
             if run.keep and (run.limits is not None or not predictions.path.is_dir()):
                 # Once the predictions are closed, their files are gone.
                 found = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
@@ -119,7 +114,7 @@ def score_scene(
 def open_scene(
     predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
 ) -> Iterator[ScenePrediction]:
-    """Open a scene's entry; whatever is raised meanwhile says where it is."""
+    """Open a scene's entry; an error that is raised meanwhile says where it is."""
     place, sampling = f"{predictions.path}, scene {scene}", protocol.meshes.sampling
     try:
         with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
@@ -131,20 +126,18 @@ def open_scene(
         if not unpacked or predictions.path.is_dir():
             raise
         # A file of an archive lies somewhere else while it is read.
-        raise PredictionError(
-            error.what, where=f"{place}, {unpacked}", expected=error.expected, fix=error.fix
-        ) from error
+        told = {"expected": error.expected, "fix": error.fix}
+        raise PredictionError(error.what, where=f"{place}, {unpacked}", **told) from error
 
 
 def read_through(
     predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
 ) -> tuple[str, ...]:
-    """Read a scene's prediction without a truth, and return what there is to say about it."""
+    """Read a scene's prediction without a truth, and return notes on it."""
     with open_scene(predictions, scene, protocol, memory_bytes) as prediction:
         if isinstance(prediction.geometry, FileCloud):
-            # A file that is cut off is found out where it is read.
             for _piece in prediction.geometry.pieces(_LEAST_BLOCK):
-                pass
+                pass  # a file that is cut off is found out where it is read
         return tuple(f"scene {scene}: {note}" for note in prediction.notes)
 
 
@@ -156,7 +149,7 @@ def compare(
     protocol: ReconstructionProtocol,
     run: Run,
 ) -> Comparison:
-    """Do with a cloud or maps all that the protocol says, and compare them with the true cloud."""
+    """Align, fuse and prepare a cloud or maps as the protocol says, and measure distances."""
     if protocol.alignment.cameras == "required" and cameras is None:
         raise PredictionError(
             "holds no cameras, and the protocol requires them",
@@ -184,7 +177,7 @@ def compare(
         )
         rows = [seen.holds(points) for points in finite_pieces(true.source, block)]
         recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
-    steps = metrics.even_thresholds(scores.curve_up_to_m, scores.curve_steps)
+    steps = scores.curve_up_to_m * np.arange(1, scores.curve_steps + 1) / scores.curve_steps
     found = metrics.curve(distances.to_truth, recalled, steps)
     return Comparison(alignment, (predicted, true), distances, recalled, found)
 
@@ -198,23 +191,20 @@ def _aligned(
     block: int,
 ) -> tuple[CloudSource, Alignment]:
     """Bring a prediction into the frame of the truth, by cameras and perhaps by ICP."""
-    stated = protocol.alignment
-    found = align(stated.method, cameras, truth.posed, RansacSettings.from_protocol(stated))
-    transform, fusion = found.transform, protocol.fusion
+    found, fusion = align(cameras, truth.posed, protocol.alignment), protocol.fusion
     cloud: CloudSource
     if isinstance(geometry, PointMaps):
-        cloud = point_map_cloud(geometry, transform, fusion)
+        cloud = point_map_cloud(geometry, found.transform, fusion)
     elif isinstance(geometry, DepthMaps):
         make = fuse if fusion.method == "tsdf" else depth_cloud
-        cloud = make(geometry, transform, fusion)
+        cloud = make(geometry, found.transform, fusion)
     else:
-        cloud = transform_cloud(geometry, transform, fusion.least_confidence)
+        cloud = transform_cloud(geometry, found.transform, fusion.least_confidence)
     if found.method != "sim3+icp" or cameras is None:
         return cloud, found
     try:
-        step, report = refine(cloud, true_cloud, stated, memory_points=block)
+        step, report = refine(cloud, true_cloud, protocol.alignment, memory_points=block)
     except AlignmentError as error:
-        # A cloud that is nowhere near the truth has failed; its file is not to blame.
         return cloud, replace(found, icp_failure=error.what)
     moved = replace(found, transform=step.after(found.transform), icp=report)
     return transform_cloud(cloud, step), with_residuals(moved, cameras, truth.posed)
@@ -250,45 +240,53 @@ def score_comparison(
         "centres_median_m": centres.get("median", np.nan),
         "rotations_median_deg": turns.get("median", np.nan),
     }
-    record = counts | columns | _cloud_columns(distances.to_truth, found.recalled, settings) | poses
-    facts = {"alignment": alignment_values(alignment)}
-    return replace(_scored(scene, record, counts), facts=facts)
+    columns |= _cloud_columns(distances.to_truth, found.recalled, settings) | poses
+    facts = {"alignment": alignment.values}
+    return replace(_scored(scene, columns, counts), facts=facts)
 
 
 def score_missing(scene: str, settings: ReconstructionScores) -> Scored:
     """Score a scene that the prediction lacks: 0, and infinite distances."""
-    worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
-    return _scored(scene, worst, {"missing": 1, "points": 0}, answered=False)
+    return _scored(scene, _worst_cloud(settings), {"missing": 1, "points": 0}, answered=False)
 
 
 def _scored(
-    scene: str, values: dict[str, Any], counts: dict[str, int], answered: bool = True
+    scene: str, columns: dict[str, Any], counts: dict[str, int], answered: bool = True
 ) -> Scored:
     whole = {name: counts[name] for name in counts if name not in ("missing", "failed")}
-    record = {"scene": scene, "answered": answered, **whole, **values}
+    records = pd.DataFrame([{"scene": scene, "answered": answered, **whole, **columns}])
     kinds = dict.fromkeys(sorted(whole), "Int64")
-    counted = {"queries": 1, "missing": 0, **counts}
-    return Scored(pd.DataFrame([record]).astype(kinds), counted)
+    return Scored(records.astype(kinds), {"queries": 1, "missing": 0, **counts})
 
 
 def _cloud_columns(
     to_truth: Floats, to_prediction: Floats, settings: ReconstructionScores
 ) -> dict[str, float]:
     limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
-    found = metrics.score_distances(
-        to_truth, to_prediction, thresholds=limits, max_distance=settings.clip_m
-    )
+    most = None if isinstance(settings.max_distance_m, str) else settings.max_distance_m
+    found = metrics.score_distances(to_truth, to_prediction, thresholds=limits, max_distance=most)
     columns = {
-        "chamfer_m": found.chamfer,
-        "accuracy_m": found.accuracy,
-        "completeness_m": found.completeness,
-        "accuracy_median_m": found.accuracy_median,
-        "completeness_median_m": found.completeness_median,
+        f"{name}_m": getattr(found, name)
+        for name in (
+            *("chamfer", "accuracy", "completeness"),
+            *("accuracy_median", "completeness_median"),
+        )
     }
     for row, limit in enumerate(limits.tolist()):
         for share in ("precision", "recall", "f1"):
             columns[f"{share}_{limit:g}m"] = float(getattr(found.curve, share)[row])
     return columns
+
+
+def _worst_cloud(settings: ReconstructionScores) -> dict[str, float]:
+    """Return the scores of a cloud without points."""
+    return _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
+
+
+def _worst_poses(settings: ReconstructionScores) -> dict[str, float]:
+    """Return the scores of poses that have all failed."""
+    aucs = {f"pose_auc_{limit:g}deg": 0.0 for limit in settings.pose_auc_below_deg}
+    return {**aucs, "cameras_placed": 0.0, "ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
 
 
 def pose_scores(
@@ -308,14 +306,14 @@ def pose_scores(
     given = Poses(rotation=np.full_like(true.rotation, np.nan), centres=true.centres * np.nan)
     given.rotation[true_rows] = predicted.rotation[rows]
     given.centres[true_rows] = predicted.centres[rows]
-    placed = np.isfinite(given.centres).all(axis=1)
     limits = settings.pose_auc_below_deg
     if settings.pose_auc_rule == "depth-anything-3":
         aucs = metrics.auc_of_depth_anything_3(given, true, [int(limit) for limit in limits])
     else:
         errors = metrics.pair_errors(given, true, least_baseline=settings.least_baseline_m)
-        aucs = [metrics.pose_auc(errors, limit) for limit in limits]
+        aucs = [metrics.pose_auc(*errors, limit) for limit in limits]
     scores |= {f"pose_auc_{limit:g}deg": auc for limit, auc in zip(limits, aucs, strict=True)}
+    placed = np.isfinite(given.centres).all(axis=1)
     scores["cameras_placed"] = float(placed.mean())
     if placed.sum() < LEAST_CAMERAS:
         # A similarity brings two cameras to any other two.
@@ -330,12 +328,6 @@ def pose_scores(
     scores["rpe_m"] = metrics.rms_of_placed(translation)
     scores["rpe_deg"] = metrics.rms_of_placed(rotation_deg)
     return scores
-
-
-def _worst_poses(settings: ReconstructionScores) -> dict[str, float]:
-    """Return the scores of poses that have all failed."""
-    aucs = {f"pose_auc_{limit:g}deg": 0.0 for limit in settings.pose_auc_below_deg}
-    return {**aucs, "cameras_placed": 0.0, "ate_m": np.inf, "rpe_m": np.inf, "rpe_deg": np.inf}
 
 
 def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:

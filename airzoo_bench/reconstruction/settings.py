@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
 
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -16,11 +17,14 @@ Distance = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
 _LARGEST_ANGLE_DEG = 180.0
 
 
-class Alignment(Strict):
+class AlignmentSettings(Strict):
     """How a prediction is brought into the frame of the truth.
 
-    ``inlier_below_m = "nearest-camera"`` with half of the cameras in a sample and ten trials is
-    Depth Anything 3's rule; see `alignment`. The values of `icp_*` are used by ``sim3+icp`` only.
+    Trials end once a sample without outliers was drawn with the confidence. ``"nearest-camera"``
+    with a sample of half of the cameras is Depth Anything 3's rule: inliers are nearer than the
+    median distance from a predicted centre to any true one, once all cameras are aligned. Centres
+    whose second singular value is at most `line_ratio` of the first lie on a line. There, an
+    orientation weighs as much as points so far off the line.
     """
 
     method: Literal["none", "sim3", "sim3+icp"]
@@ -76,7 +80,7 @@ class Meshes(Strict):
 
     @property
     def sampling(self) -> MeshSampling:
-        """The settings, as meshes are opened with them."""
+        """The settings with which meshes are opened."""
         return MeshSampling(self.seed, self.points, per_square_unit=None, max_points=self.points)
 
 
@@ -120,17 +124,12 @@ class ReconstructionScores(Strict):
         """The least distance that is scored."""
         return min(*self.f1_below_m, self.headline_below_m)
 
-    @property
-    def clip_m(self) -> float | None:
-        """The most that a distance counts in means; None clips nothing."""
-        return None if isinstance(self.max_distance_m, str) else self.max_distance_m
-
 
 class ReconstructionProtocol(Protocol):
     """A protocol of multi-view reconstruction."""
 
     track: Literal["reconstruction"]
-    alignment: Alignment
+    alignment: AlignmentSettings
     fusion: Fusion
     meshes: Meshes
     preparation: Preparation
@@ -145,3 +144,11 @@ class ReconstructionProtocol(Protocol):
                 "thresholds must be at least two voxels"
             )
         return self
+
+
+@cache
+def shipped_alignment() -> AlignmentSettings:
+    """Return the alignment of the shipped protocols, for work without a protocol."""
+    protocol = load_protocol(shipped_protocols()["photos-reconstruction"])
+    assert isinstance(protocol, ReconstructionProtocol)
+    return protocol.alignment

@@ -22,8 +22,8 @@ class AlignmentError(PredictionError):
 class Similarity:
     """The transform y = scale * rotation (x - origin) + translation.
 
-    With the origin amid the points what is multiplied is small, so that projected coordinates of
-    millions of metres keep their last bits.
+    With the origin amid the points, projected coordinates of millions of metres keep their last
+    bits.
     """
 
     scale: float
@@ -60,12 +60,8 @@ class Similarity:
 
     def after(self, first: Similarity) -> Similarity:
         """Return the transform that does `first`, then this one."""
-        return Similarity(
-            self.scale * first.scale,
-            self.rotation @ first.rotation,
-            self.apply(first.translation),
-            first.origin,
-        )
+        scale, rotation = self.scale * first.scale, self.rotation @ first.rotation
+        return Similarity(scale, rotation, self.apply(first.translation), first.origin)
 
 
 def point_rank(points: Floats, tolerance: float) -> int:
@@ -93,8 +89,6 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
     Umeyama, Least-squares estimation of transformation parameters between two point patterns,
     PAMI 13(4), 1991, equations 34 to 42.
     """
-    if source.ndim != 2 or source.shape[1] != 3 or source.shape != target.shape:
-        raise ValueError(f"points have shapes {source.shape} and {target.shape}")
     if len(source) < 3:
         raise AlignmentError(f"a similarity needs 3 points, not {len(source)}")
     (found,), (determined,) = fit_many(source[None], target[None], with_scale=with_scale)
@@ -126,7 +120,7 @@ def fit_many(source: Floats, target: Floats, *, with_scale: bool) -> tuple[list[
         scalable = (numerator > 0.0) & (variance > 0.0)
         scale[scalable] = numerator[scalable] / variance[scalable]
         determined &= scalable
-    return _similarities(scale, rotation, goal, origin), determined
+    return list(map(Similarity, scale.tolist(), rotation, goal, origin)), determined
 
 
 def fit_strips(
@@ -144,11 +138,7 @@ def fit_strips(
     determined = np.asarray((numerator > 0.0) & (squares[0] > 0.0))
     scale = np.ones(len(a))
     scale[determined] = numerator[determined] / squares[0][determined]
-    return _similarities(scale, rotation, goal, origin), determined
-
-
-def _similarities(scale: Floats, *parts: Floats) -> list[Similarity]:
-    return [Similarity(float(s), *rest) for s, *rest in zip(scale, *parts, strict=True)]
+    return list(map(Similarity, scale.tolist(), rotation, goal, origin)), determined
 
 
 def _centred(points: Floats) -> tuple[Floats, Floats]:

@@ -12,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, Scored, Track
-from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
-from airzoo_bench.formats.clouds.suffixes import KINDS
 from airzoo_bench.reconstruction.info import INFO
 from airzoo_bench.reconstruction.predictions import open_reconstruction
 from airzoo_bench.reconstruction.scoring import (
@@ -47,14 +45,6 @@ class ReconstructionTrack(Track):
 
     def open(self, path: Path, memory_bytes: int) -> ScenePredictions:
         """List predictions; see `open_reconstruction`."""
-        if path.is_file() and not path.name.lower().endswith(INFO.suffixes):
-            raise UnreadableError(
-                f"no kind of file that reconstructions come in: {path.suffix[:20]!r}",
-                where=path,
-                expected=f"a folder with an entry a scene, an archive of it "
-                f"({', '.join(ARCHIVE_SUFFIXES)}), or one scene's {KINDS}",
-                fix="`airzoo-bench template` writes an example",
-            )
         predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
         if path.is_file() and path.suffix == ".npz":
             return replace(predictions, protocol=protocol_name(open_arrays(path, memory_bytes)))
@@ -83,20 +73,16 @@ class ReconstructionTrack(Track):
                 fix="name files or folders by their scenes, or name the right protocol with "
                 "--protocol",
             )
-        files = [name[:80] for name in predictions.unknown_files]
-        left_aside = {
+        left_out = {
             "scenes that the predictions lack, scored at their worst": missing,
             "scenes that the protocol lacks, left aside": [
                 name[:80] + nearest(name[:80], missing, 1) for name in strange
             ],
-            "called as scenes, without all that one is read from, left aside": [
-                name for name in files if name in missing
-            ],
             "files that belong to no scene, left aside": [
-                name for name in files if name not in missing
+                name[:80] for name in predictions.unknown_files
             ],
         }
-        notes = [f"{what}: {first_of(names)}" for what, names in left_aside.items() if names]
+        notes = [f"{what}: {first_of(names)}" for what, names in left_out.items() if names]
         covered = f"{len(known) - len(missing):,} of {counted(len(known), 'scene')}"
         return Assignment([(predictions, scene) for scene in known], covered, notes, len(strange))
 
@@ -143,15 +129,16 @@ class ReconstructionTrack(Track):
         """Write a folder with random depth maps of each scene."""
         for number, truth in enumerate(truths):
             with atomic_write(out / f"{truth.scene}.npz") as stream:
-                write_npz(stream, _random_views(truth, seed + number))
+                write_npz(stream, _random_views(truth, np.random.default_rng(seed + number)))
         with atomic_write(out / "protocol.txt", "w") as text:
             text.write(protocol.name + "\n")
         return None
 
 
-def _random_views(truth: ReconstructionTruth, seed: int) -> dict[str, NDArray[Any]]:
+def _random_views(
+    truth: ReconstructionTruth, random: np.random.Generator
+) -> dict[str, NDArray[Any]]:
     """Make small random depth maps at random poses, one for each photo of a scene."""
-    random = np.random.default_rng(seed)
     count = len(truth.photos)
     size = np.array([truth.cameras.width[0], truth.cameras.height[0]], dtype=np.float64)
     width, height = np.maximum(np.rint(size * _TEMPLATE_PX / size.max()), 1).astype(int)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,17 +20,15 @@ from airzoo_bench.benchmark.queries import (
     read_queries,
     with_unposed,
 )
-from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError, PredictionError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.shards import open_shards, shards_in
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import PosedCameras
-from airzoo_bench.reconstruction.clouds import PieceCloud
 
 _NOT_CHOSEN = "not among the photos of the reconstruction"
 
@@ -117,16 +113,9 @@ def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
 def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
     """Read a scene's truth, without poses and cloud where sealed, and verify the cloud."""
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
-    table = folder / "reconstruction" / "photos.csv"
     excluded = read_excluded(benchmark, scene, "reconstruction")
     poses = () if benchmark.is_sealed else POSE_COLUMNS
     photos = read_queries(folder, excluded, (*CAMERA_COLUMNS, *poses))
-    if read_table(table, ("id", "image"))["id"].tolist() != photos["id"].tolist():
-        raise BenchmarkError(
-            "the photos are not those of queries.csv",
-            where=table,
-            fix="prepare the benchmark again",
-        )
     if benchmark.is_sealed:
         return ReconstructionTruth(scene, photos, Path(), "", excluded)
     cloud = benchmark.resolve(entry.cloud or "")
@@ -144,27 +133,6 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
 
 def open_true_cloud(path: Path, memory_bytes: int, sampling: MeshSampling) -> CloudSource:
     """Open the true cloud, a file or a folder of shards that are read one after the other."""
-    with _as_benchmark_error(path):
-        if path.is_dir():
-            source = open_shards(path, shards_in(path))
-        else:
-            source = open_cloud(path, limit_bytes=memory_bytes, sampling=sampling)
-
-    def read(points: int) -> Iterator[Cloud]:
-        with _as_benchmark_error(path):
-            yield from source.pieces(points)
-
-    return PieceCloud(source.count, read)
-
-
-@contextmanager
-def _as_benchmark_error(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except PredictionError as error:
-        raise BenchmarkError(
-            f"the true cloud cannot be read: {error.what}",
-            where=error.where or path,
-            expected=error.expected,
-            fix="prepare the benchmark with a cloud that is whole",
-        ) from error
+    if path.is_dir():
+        return open_shards(path, shards_in(path))
+    return open_cloud(path, limit_bytes=memory_bytes, sampling=sampling)

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, RansacSettings, align
+from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, align
+from airzoo_bench.reconstruction.settings import AlignmentSettings, shipped_alignment
 from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
-RANSAC = RansacSettings(min_trials=50, max_trials=5000, inlier_limit=1.0, line_ratio=0.02, seed=3)
+
+
+def ransac(**changes: Any) -> AlignmentSettings:
+    """Return settings of few trials, some of them changed."""
+    few = {"min_trials": 50, "max_trials": 5000, "inlier_below_m": 1.0, "line_ratio": 0.02}
+    return shipped_alignment().model_copy(update=few | changes)
 
 
 def cameras(centres: np.ndarray, rng: np.random.Generator) -> PosedCameras:
@@ -27,17 +34,16 @@ def grid(rng: np.random.Generator) -> PosedCameras:
     return cameras(flat + UTM, rng)
 
 
-def strip(rng: np.random.Generator, sway: float = 0.05) -> PosedCameras:
+def strip(rng: np.random.Generator) -> PosedCameras:
     along = np.arange(12.0)[:, None] * (20.0, 11.0, 0.5)
-    return cameras(along + rng.normal(0, sway, (12, 3)) + UTM, rng)
+    return cameras(along + rng.normal(0, 0.05, (12, 3)) + UTM, rng)
 
 
 def seen_from(truth: PosedCameras, made: Similarity) -> PosedCameras:
     """Return the cameras in the frame that `made` takes into the truth's."""
     assert truth.rotation is not None
-    return PosedCameras(
-        truth.names, made.inverse().apply(truth.centres), truth.rotation @ made.rotation
-    )
+    centres = made.inverse().apply(truth.centres)
+    return PosedCameras(truth.names, centres, truth.rotation @ made.rotation)
 
 
 def made_by(rng: np.random.Generator) -> Similarity:
@@ -45,8 +51,8 @@ def made_by(rng: np.random.Generator) -> Similarity:
     return Similarity(25.0, rotation, UTM + rng.normal(0, 50, 3), rng.normal(size=3))
 
 
-def sim3(predicted: PosedCameras, truth: PosedCameras, ransac: RansacSettings) -> Alignment:
-    return align("sim3", predicted, truth, ransac)
+def sim3(predicted: PosedCameras, truth: PosedCameras, **changes: Any) -> Alignment:
+    return align(predicted, truth, ransac(**changes))
 
 
 def moved(cameras: PosedCameras, rows: list[int], by: np.ndarray | float) -> PosedCameras:

@@ -1,31 +1,28 @@
-"""Alignment by cameras: exact ones, half of them bad, strips, and what is refused."""
+"""Alignment by cameras: exact ones, half of them bad, strips, and refusals; ICP."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.reconstruction.alignment import (
-    PosedCameras,
-    RansacSettings,
-    align,
-    partners,
-)
-from airzoo_bench.reconstruction.similarity import AlignmentError
+from airzoo_bench.reconstruction.alignment import PosedCameras, align, partners
+from airzoo_bench.reconstruction.icp import draw_points, refine
+from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 from tests.geometry.support import quick, seeds
+from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.posed_cameras import (
-    RANSAC,
     UTM,
     assert_same,
     cameras,
     grid,
     made_by,
     moved,
+    ransac,
     seen_from,
     sim3,
     strip,
@@ -38,7 +35,8 @@ def test_sim3_is_exact_and_ignores_outliers(seed: int) -> None:
     rng = np.random.default_rng(seed)
     truth, made = grid(rng), made_by(rng)
     predicted = moved(seen_from(truth, made), [3, 11, 17, 20, 22], rng.uniform(2, 9, (5, 3)))
-    found = sim3(predicted, truth, RANSAC)
+    order = rng.permutation(24)
+    found = sim3(predicted.take(order), truth)
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-7)
     assert (found.cameras, found.inliers, found.cameras_missing) == (24, 19, 0)
     assert found.robust
@@ -51,29 +49,31 @@ def test_sim3_is_exact_and_ignores_outliers(seed: int) -> None:
     # Only centres were moved.
     assert found.rotations_deg is not None
     assert found.rotations_deg["largest"] < 1e-8
+    rows, true_rows = partners(truth.take(order[:20]), truth)
+    np.testing.assert_array_equal(order[:20][rows], true_rows)
+    np.testing.assert_array_equal(true_rows, np.sort(order[:20]))
 
 
 def test_residuals_by_hand() -> None:
     truth = PosedCameras(("a", "b", "c"), np.array(((0, 0, 0), (1, 0, 0), (0, 1, 0.0))))
     predicted = moved(truth, [0, 1], np.array(((3.0, 0, 0), (0, 4.0, 0))))
-    found = align("none", predicted, truth, RANSAC)
-    assert found.centres is not None
-    assert found.centres["rms"] == pytest.approx((25 / 3) ** 0.5)
-    assert (found.centres["median"], found.centres["largest"]) == (3.0, 4.0)
+    found = align(predicted, truth, ransac(method="none"))
+    assert found.centres == {"rms": pytest.approx((25 / 3) ** 0.5), "median": 3.0, "largest": 4.0}
     assert found.rotations_deg is None
     assert found.transform.scale == 1.0
 
 
-def test_rule_for_the_limit() -> None:
+def test_the_rule_of_depth_anything_3() -> None:
     rng = np.random.default_rng(0)
     truth, made = grid(rng), made_by(rng)
     noisy = moved(seen_from(truth, made), list(range(24)), rng.normal(0, 0.01, (24, 3)))
-    found = sim3(noisy, truth, replace(RANSAC, inlier_limit=None, sample_share=0.5, max_trials=50))
+    rule = {"inlier_below_m": "nearest-camera", "sample_share": 0.5, "max_trials": 50}
+    found = sim3(noisy, truth, **rule)
     # The median distance is near 0.01 * 25 * 1.54, that of a normal vector in space.
     assert found.inlier_limit_m == pytest.approx(0.385, rel=0.4)
     assert 8 <= found.inliers <= 20
     assert_same(found.transform, made, made.inverse().apply(truth.centres), 0.5)
-    exact = sim3(seen_from(truth, made), truth, replace(RANSAC, inlier_limit=None))
+    exact = sim3(seen_from(truth, made), truth, inlier_below_m="nearest-camera")
     assert exact.inliers == 24
 
 
@@ -82,70 +82,37 @@ def test_rule_for_the_limit() -> None:
 def test_a_strip_is_aligned_by_orientations(seed: int) -> None:
     rng = np.random.default_rng(seed)
     truth, made = strip(rng), made_by(rng)
-    found = sim3(seen_from(truth, made), truth, RANSAC)
+    exact = seen_from(truth, made)
+    found = sim3(exact, truth)
     assert found.used_orientations
     assert found.inliers == 12
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-6)
-
-
-def test_a_strip_with_outliers() -> None:
-    rng = np.random.default_rng(2)
-    truth, made = strip(rng), made_by(rng)
-    predicted = moved(seen_from(truth, made), [2, 7], 4.0)
+    predicted = moved(exact, [2, 7], 4.0)
     assert predicted.rotation is not None
-    # Another camera is turned by a right angle.
-    predicted.rotation[5] = (
-        predicted.rotation[5] @ Rotation.from_euler("z", 90, degrees=True).as_matrix()
-    )
-    found = sim3(predicted, truth, RANSAC)
-    assert found.used_orientations
-    assert found.inliers == 9  # on a line, what is turned is no inlier either
+    right_angle = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    predicted.rotation[5] = predicted.rotation[5] @ right_angle
+    found = sim3(predicted, truth)
+    assert found.inliers == 9  # on a line, a camera that is turned is no inlier either
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-6)
     assert found.rotations_deg is not None
     assert found.rotations_deg["largest"] == pytest.approx(90.0)
 
 
-@pytest.mark.parametrize("whose", ["truth", "prediction"])
-def test_a_strip_without_orientations_is_refused(whose: str) -> None:
+@pytest.mark.parametrize("fault", ["truth", "prediction", "two cameras", "one point"])
+def test_cameras_that_determine_nothing_are_refused(fault: str) -> None:
     rng = np.random.default_rng(4)
-    truth = strip(rng)
-    predicted = seen_from(truth, made_by(rng))
-    bare = {"truth": truth, "prediction": predicted}
-    bare[whose] = replace(bare[whose], rotation=None)
-    with pytest.raises(AlignmentError, match=f"on a line.*the {whose} has no orientations"):
-        sim3(bare["prediction"], bare["truth"], RANSAC)
-
-
-def test_a_strip_whose_orientations_are_backwards() -> None:
-    rng = np.random.default_rng(5)
-    truth = strip(rng)
-    about = Rotation.from_euler("z", 180, degrees=True).as_matrix()
-    assert truth.rotation is not None
-    with pytest.raises(PredictionError, match="orientations contradict"):
-        sim3(replace(truth, rotation=truth.rotation @ about), truth, RANSAC)
-
-
-def test_fewer_than_three_cameras_are_refused() -> None:
-    truth = grid(np.random.default_rng(8))
-    placed = truth.centres.copy()
-    placed[2:] = np.nan
-    with pytest.raises(AlignmentError, match="needs 3 cameras, and 2 of 24"):
-        sim3(replace(truth, centres=placed), truth, RANSAC)
-
-
-def test_cameras_are_partners_by_name() -> None:
-    rng = np.random.default_rng(9)
-    truth, made = grid(rng), made_by(rng)
-    order = rng.permutation(24)[:20]
-    found = sim3(seen_from(truth, made).take(order), truth, RANSAC)
-    assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-7)
-    assert (found.cameras, found.cameras_missing) == (20, 4)
-    rows, true_rows = partners(truth.take(order), truth)
-    np.testing.assert_array_equal(order[rows], true_rows)
-    np.testing.assert_array_equal(true_rows, np.sort(order))
-
-
-SHIPPED = RansacSettings(inlier_limit=5.0)
+    truth = grid(rng) if fault == "two cameras" else strip(rng)
+    predicted, said = seen_from(truth, made_by(rng)), f"the {fault} has no orientations"
+    if fault == "truth":
+        truth = replace(truth, rotation=None)
+    elif fault == "prediction":
+        predicted = replace(predicted, rotation=None)
+    elif fault == "one point":
+        predicted, said = replace(predicted, centres=np.zeros((12, 3))), "at one point"
+    else:
+        predicted, said = predicted.take(np.arange(2)), "needs 3 cameras, and 2"
+    with pytest.raises(AlignmentError, match=said):
+        sim3(predicted, truth)
 
 
 def flight(count: int, width: float, rng: np.random.Generator) -> PosedCameras:
@@ -156,10 +123,10 @@ def flight(count: int, width: float, rng: np.random.Generator) -> PosedCameras:
     return cameras(centres + UTM, rng)
 
 
-def half_bad(truth: PosedCameras, share: float, rng: np.random.Generator) -> PosedCameras:
-    """Return cameras of which a share is bad; the others are off by 0.3 m and 0.5 degrees."""
+def half_bad(truth: PosedCameras, rng: np.random.Generator) -> PosedCameras:
+    """Return cameras of which half are bad; the others are off by 0.3 m and 0.5 degrees."""
     count = len(truth.names)
-    bad = rng.permutation(count)[: int(share * count)]
+    bad = rng.permutation(count)[: count // 2]
     centres = truth.centres + rng.normal(0, 0.3, (count, 3))
     box = truth.centres.min(axis=0) - 50, truth.centres.max(axis=0) + 50
     centres[bad] = rng.uniform(*box, (len(bad), 3))
@@ -170,40 +137,97 @@ def half_bad(truth: PosedCameras, share: float, rng: np.random.Generator) -> Pos
     return PosedCameras(truth.names, centres, rotation)
 
 
-def survivals(count: int, width: float, share: float, runs: int) -> int:
-    """Count runs in which ground points below the flight are within 3 m of their places."""
+SHIPPED = {"inlier_below_m": 5.0, "line_ratio": 0.1, "min_trials": 1000, "max_trials": 100_000}
+WIDTHS = (5.0, 40.0, 300.0)  # a line, nearly one, a block of strips
+RUNS = [
+    (18, 5, 5),
+    (60, 5, 5),
+    *(pytest.param(n, 100, 99, marks=pytest.mark.slow) for n in (18, 600)),
+]
+
+
+@pytest.mark.parametrize(("count", "runs", "least"), RUNS)
+@pytest.mark.parametrize("width", WIDTHS)
+def test_half_of_the_cameras_may_be_bad(count: int, width: float, runs: int, least: int) -> None:
     survived = 0
     for seed in range(runs):
         rng = np.random.default_rng((seed, count, int(width)))
         truth, made = flight(count, width, rng), made_by(rng)
-        predicted = seen_from(half_bad(truth, share, rng), made)
-        found = sim3(predicted, truth, replace(SHIPPED, seed=seed))
+        found = sim3(seen_from(half_bad(truth, rng), made), truth, **SHIPPED, seed=seed)
         ground = truth.centres * (1, 1, 0)
         away = found.transform.apply(made.inverse().apply(ground)) - ground
         survived += bool(np.sqrt((away * away).sum(axis=1)).max() < 3.0)
-    return survived
-
-
-WIDTHS = (5.0, 40.0, 300.0)  # a line, nearly one, a block of strips
-
-
-@pytest.mark.parametrize("count", [18, 60])
-@pytest.mark.parametrize("width", WIDTHS)
-def test_half_of_the_cameras_may_be_bad(count: int, width: float) -> None:
-    assert survivals(count, width, 0.5, runs=5) == 5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [18, 60, 600])
-@pytest.mark.parametrize("width", WIDTHS)
-def test_half_of_the_cameras_may_be_bad_in_99_of_100_runs(count: int, width: float) -> None:
-    assert survivals(count, width, 0.5, runs=100) >= 99
+    assert survived >= least
 
 
 def test_the_order_of_cameras_does_not_matter() -> None:
     rng = np.random.default_rng(1)
     truth, made = flight(60, 40.0, rng), made_by(rng)
-    predicted = seen_from(half_bad(truth, 0.5, rng), made)
-    one = sim3(predicted, truth, SHIPPED).transform.matrix
-    other = sim3(predicted.take(rng.permutation(60)), truth, SHIPPED).transform.matrix
+    predicted = seen_from(half_bad(truth, rng), made)
+    one = sim3(predicted, truth, **SHIPPED).transform.matrix
+    other = sim3(predicted.take(rng.permutation(60)), truth, **SHIPPED).transform.matrix
     assert one.tobytes() == other.tobytes()
+
+
+# --- iterated closest points ---
+
+
+def terrain(count: int) -> np.ndarray:
+    x, y = np.random.default_rng(12).uniform(0, 60, (2, count))
+    return np.stack((x, y, 4 * np.sin(x / 6) * np.cos(y / 9)), axis=1)
+
+
+def icp(
+    predicted: np.ndarray, truth: np.ndarray, held: int = 1 << 20, **changes: Any
+) -> tuple[Similarity, dict[str, Any]]:
+    settings = ransac(icp_points=2000, icp_iterations=60, **changes)
+    return refine(Pieces(predicted), Pieces(truth), settings, memory_points=held)
+
+
+OFF = Similarity(
+    1.01,
+    Rotation.from_euler("xyz", (0.5, -0.4, 0.8), degrees=True).as_matrix(),
+    UTM + np.array((0.4, -0.3, 0.5)),
+    UTM,
+)
+
+
+def test_icp_refines_far_from_the_origin() -> None:
+    cloud = terrain(20000) + UTM
+    predicted = OFF.apply(cloud[:8000])
+    found, report = icp(predicted, cloud)
+    assert_same(found, OFF.inverse(), predicted[::50], 1e-3)
+    assert report["before"]["cost"] > 0.3
+    assert report["after"]["rmse"] < 1e-3
+    assert (report["after"]["fitness"], report["points"]) == (1.0, 2000)
+    unscaled, report = icp(predicted, cloud, icp_with_scale=False)
+    assert unscaled.scale == 1.0
+    assert report["after"]["cost"] < report["before"]["cost"]
+
+
+def test_icp_is_the_same_whatever_memory_holds() -> None:
+    cloud = np.rint(terrain(20000) * 4) / 4 + UTM  # many ties
+    one, other = (icp(OFF.apply(cloud[:8000]), cloud, held=held)[0] for held in (1, 1 << 20))
+    assert one.matrix.tobytes() == other.matrix.tobytes()
+
+
+def test_icp_figures_by_hand() -> None:
+    truth = np.array(((0.0, 0, 0), (10, 0, 0), (0, 10, 0), (10, 10, 0)))
+    predicted = truth + np.array(((0.0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 50)))
+    _, report = icp(predicted, truth)
+    assert (report["before"]["fitness"], report["before"]["rmse"]) == (0.75, 1.0)
+    assert report["before"]["cost"] == pytest.approx(((3 * 1 + 4) / 4) ** 0.5)
+    with pytest.raises(AlignmentError, match="0 of 4"):
+        icp(predicted + 100.0, truth)
+
+
+def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = np.arange(3000.0).reshape(1000, 3)
+    points[17] = np.nan
+    some = draw_points(Pieces(points), 10, seed=1)
+    assert len(some) == 10
+    assert (np.diff(some[:, 0]) > 0).all()
+    assert not np.array_equal(some, draw_points(Pieces(points), 10, seed=2))
+    assert len(draw_points(Pieces(points), 2000, seed=1)) == 999
+    monkeypatch.setattr("airzoo_bench.reconstruction.icp._PART", 37)
+    np.testing.assert_array_equal(some, draw_points(Pieces(points), 10, seed=1))

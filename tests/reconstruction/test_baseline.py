@@ -13,29 +13,20 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, RansacSettings, align
+from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, align
 from airzoo_bench.reconstruction.baseline import Model, photo_pairs, sparse_reconstruction
 from airzoo_bench.reconstruction.info import SfmSettings
 from tests.engines.scattered import Scattered
 from tests.geometry.support import looking_down
+from tests.reconstruction.posed_cameras import ransac
 
 UTM = np.array((576600.0, 5188100.0, 160.0))
 
 SIZE = (320, 240)
 
 SETTINGS = SfmSettings(
-    doubled=True,
-    long_side_px=320,
-    max_features=800,
-    peak_threshold=0.005,
-    ratio=0.8,
-    neighbours=None,
-    least_inliers=15,
-    max_error_px=2.0,
-    seed=0,
+    long_side_px=320, max_features=800, peak_threshold=0.005, neighbours=None, max_error_px=2.0
 )
-
-RANSAC = RansacSettings(min_trials=50, max_trials=5000, inlier_limit=0.5, line_ratio=0.02)
 
 
 def photo(camera: Cameras, pose: Poses, texture: np.ndarray) -> np.ndarray:
@@ -86,7 +77,7 @@ def run(flight: Flight, folder: Path, **changes: Any) -> Model:
 def aligned(result: Model, truth: PosedCameras) -> Alignment:
     """Align by positions alone."""
     posed = PosedCameras(truth.names, result.poses.centres, result.poses.rotation)
-    return align("sim3", posed.take(result.rows), truth, RANSAC)
+    return align(posed.take(result.rows), truth, ransac(inlier_below_m=0.5))
 
 
 def as_bytes(result: Model) -> list[bytes]:

@@ -12,7 +12,7 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scoring
 from airzoo_bench.reconstruction.alignment import PosedCameras
-from airzoo_bench.reconstruction.clouds import InMemoryCloud
+from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.preparation import box_of, observed_cells
 from airzoo_bench.reconstruction.scoring import (
     Comparison,
@@ -50,8 +50,7 @@ def compared(
     cameras = PosedCameras(TRUTH.posed.names, poses.centres, poses.rotation)
     run = Run(memory_bytes=block_points * scoring._BYTES_A_POINT, jobs=jobs)
     sources = [
-        InMemoryCloud(cloud) if isinstance(cloud, np.ndarray) else cloud
-        for cloud in (points, truth)
+        cloud_of(cloud) if isinstance(cloud, np.ndarray) else cloud for cloud in (points, truth)
     ]
     found = compare(sources[0], cameras, TRUTH, sources[1], used, run)
     posed = pose_scores(cameras, found.alignment.transform, TRUTH.posed, used.scores)
@@ -115,7 +114,7 @@ def test_recall_is_over_what_the_photos_saw() -> None:
 def observed_part(points: Array) -> Array:
     poses = camera_poses("yard")
     settings = protocol(preparation={"observed_cell_m": 1.0, "hidden_beyond_m": 5.0}).preparation
-    cloud, cameras = InMemoryCloud(points), lenses(len(poses))
+    cloud, cameras = cloud_of(points), lenses(len(poses))
     cells = observed_cells(cloud, box_of(cloud), cameras, poses, settings, 1 << 20)
     return cells.holds(points)
 

@@ -50,8 +50,6 @@ def test_projected_coordinates_lose_nothing() -> None:
     found = umeyama(made.apply(local), local + UTM, with_scale=True)
     # A nanometre is the last bit of the coordinates themselves.
     np.testing.assert_allclose(found.apply(made.apply(local)), local + UTM, rtol=0, atol=3e-9)
-    back = umeyama(local + UTM, made.apply(local), with_scale=True)
-    np.testing.assert_allclose(back.apply(local + UTM), made.apply(local), rtol=0, atol=1e-9)
 
 
 def test_a_mirror_image_is_turned_not_mirrored() -> None:
@@ -64,7 +62,6 @@ def test_a_mirror_image_is_turned_not_mirrored() -> None:
 
 
 LINE = np.arange(6.0)[:, None] * (1.0, 2.0, 3.0)
-
 PLANE = np.random.default_rng(5).normal(size=(6, 3))
 
 
@@ -76,7 +73,6 @@ PLANE = np.random.default_rng(5).normal(size=(6, 3))
         (LINE, PLANE, "source lie on one line"),
         (PLANE, LINE, "target lie on one line"),
         (LINE.astype(np.float32) / 7, PLANE, "source lie on one line"),
-        (np.ones((6, 3)), PLANE, "source lie on one point"),
         (PLANE, np.full((6, 3), 0.1), "target lie on one point"),
     ],
 )
@@ -88,28 +84,19 @@ def test_degenerate_points_are_refused(
         umeyama(source, target, with_scale=True)
 
 
-def test_the_orientations_of_a_strip_give_the_turn_about_it() -> None:
+@pytest.mark.parametrize(("off_deg", "share"), [(0.0, 1e-10), (5.0, 1e-3)])
+def test_centres_of_a_strip_give_its_direction_and_orientations_the_turn_about_it(
+    off_deg: float, share: float
+) -> None:
     made = some(np.random.default_rng(7), 3.0)
-    count = len(LINE)
-    turns = np.tile(made.rotation, (2, count, 1, 1))
-    (fit, backwards), determined = fit_strips(
-        np.stack((LINE, LINE)),
-        np.stack((made.apply(LINE), made.apply(LINE))),
-        np.stack((turns[0], turns[1])),
-        axis_share=0.02,
-    )
+    wrong = Rotation.from_rotvec(np.radians(off_deg) * np.array((0.6, 0.0, 0.8))).as_matrix()
+    turns = np.tile(wrong @ made.rotation, (2, len(LINE), 1, 1))
+    source, target = np.stack((LINE, LINE)), made.apply(np.stack((LINE, LINE)))
+    (fit, again), determined = fit_strips(source, target, turns, axis_share=0.02)
     assert determined.all()
-    np.testing.assert_allclose(fit.matrix, made.matrix, atol=1e-10)
-    np.testing.assert_array_equal(fit.matrix, backwards.matrix)
-
-
-def test_the_centres_of_a_strip_give_its_direction() -> None:
-    rng = np.random.default_rng(8)
-    made = some(rng, 3.0)
-    # All orientations are off by five degrees: along the line that does no harm.
-    wrong = Rotation.from_rotvec(np.radians(5) * np.array((0.6, 0.0, 0.8))).as_matrix()
-    turns = np.tile(wrong @ made.rotation, (1, len(LINE), 1, 1))
-    (fit,), _ = fit_strips(LINE[None], made.apply(LINE)[None], turns, axis_share=0.02)
+    np.testing.assert_array_equal(fit.matrix, again.matrix)
     extent = np.linalg.norm(LINE[-1] - LINE[0]) * 3.0
     away = np.linalg.norm(fit.apply(LINE) - made.apply(LINE), axis=1).max()
-    assert away < 1e-3 * extent
+    assert away <= share * extent
+    if off_deg == 0.0:
+        np.testing.assert_allclose(fit.matrix, made.matrix, atol=1e-10)
