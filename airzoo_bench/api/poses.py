@@ -21,8 +21,12 @@ from airzoo_bench.matching import metrics, solving
 from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
 from airzoo_bench.matching.settings import MatchingScores, Solver, SolverName
 from airzoo_bench.matching.solving import PoseEstimate
-from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, PosedCameras, fit_cameras
-from airzoo_bench.reconstruction.settings import shipped_alignment
+from airzoo_bench.reconstruction.alignment import (
+    LEAST_CAMERAS,
+    PosedCameras,
+    fit_cameras,
+    shipped_alignment,
+)
 from airzoo_bench.reconstruction.similarity import Similarity, umeyama
 from airzoo_bench.results.scores import summarise
 
@@ -349,8 +353,8 @@ def align_cameras(
     inliers = np.zeros(len(known.names), np.bool_)
     with arg.refused("predicted, true"):
         if robust:
-            changes = {"inlier_below_m": limit, "seed": seed}
-            fit = fit_cameras(source, target, shipped_alignment().model_copy(update=changes))
+            settings = shipped_alignment(inlier_below_m=limit, seed=seed)
+            fit = fit_cameras(source, target, settings)
             transform, inliers[rows], turned = fit.transform, fit.inliers, fit.used_orientations
         else:
             transform = umeyama(source.centres, target.centres, with_scale=with_scale)

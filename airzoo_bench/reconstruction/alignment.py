@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.settings import AlignmentSettings
 from airzoo_bench.reconstruction.similarity import (
     RANK_TOLERANCE,
@@ -122,6 +123,13 @@ def align(
         inlier_names=truth.take(true_rows[fit.inliers]).names,
     )
     return with_residuals(found, predicted, truth)
+
+
+def shipped_alignment(**changes: Any) -> AlignmentSettings:
+    """Return the alignment of the shipped protocols, some settings changed."""
+    protocol: Any = load_protocol(shipped_protocols()["photos-reconstruction"])
+    settings: AlignmentSettings = protocol.alignment.model_copy(update=changes)
+    return settings
 
 
 def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import Protocol
 
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -144,11 +143,3 @@ class ReconstructionProtocol(Protocol):
                 "thresholds must be at least two voxels"
             )
         return self
-
-
-@cache
-def shipped_alignment() -> AlignmentSettings:
-    """Return the alignment of the shipped protocols, for work without a protocol."""
-    protocol = load_protocol(shipped_protocols()["photos-reconstruction"])
-    assert isinstance(protocol, ReconstructionProtocol)
-    return protocol.alignment

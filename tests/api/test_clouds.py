@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import airzoo_bench as ab
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.settings import ReconstructionProtocol, shipped_alignment
+from airzoo_bench.reconstruction.alignment import shipped_alignment
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from tests.api.support import refused
 from tests.reconstruction.world import (
     Array,
@@ -92,7 +93,7 @@ def test_the_defaults_are_those_of_all_shipped_protocols() -> None:
             rules = protocol.alignment
             defaults = ab.align_cameras.__kwdefaults__
             assert (defaults["inlier_m"], defaults["seed"]) == (rules.inlier_below_m, rules.seed)
-            assert rules == shipped_alignment().model_copy(update={"cameras": rules.cameras})
+            assert rules == shipped_alignment(cameras=rules.cameras)
             found += 1
     assert found == 7
 

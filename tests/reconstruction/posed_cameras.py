@@ -8,8 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras, align
-from airzoo_bench.reconstruction.settings import AlignmentSettings, shipped_alignment
+from airzoo_bench.reconstruction.alignment import (
+    Alignment,
+    PosedCameras,
+    align,
+    shipped_alignment,
+)
+from airzoo_bench.reconstruction.settings import AlignmentSettings
 from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
@@ -19,7 +24,7 @@ UTM = np.array((576663.25, 5188165.5, 197.0))
 def ransac(**changes: Any) -> AlignmentSettings:
     """Return settings of few trials, some of them changed."""
     few = {"min_trials": 50, "max_trials": 5000, "inlier_below_m": 1.0, "line_ratio": 0.02}
-    return shipped_alignment().model_copy(update=few | changes)
+    return shipped_alignment(**(few | changes))
 
 
 def cameras(centres: np.ndarray, rng: np.random.Generator) -> PosedCameras:

@@ -26,8 +26,7 @@ from airzoo_bench.datasets.surveys.survey import (
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import check_rotations
-from airzoo_bench.reconstruction.alignment import PosedCameras, align
-from airzoo_bench.reconstruction.settings import shipped_alignment
+from airzoo_bench.reconstruction.alignment import PosedCameras, align, shipped_alignment
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 
 _INLIER_M, _LEAST_AGREEING = 5.0, 0.5
@@ -125,8 +124,7 @@ def _fitted(
     if len(places) < _LEAST_POSITIONS:
         raise fault
     try:
-        settings = shipped_alignment().model_copy(update={"inlier_below_m": _INLIER_M})
-        found = align(model, truth, settings)
+        found = align(model, truth, shipped_alignment(inlier_below_m=_INLIER_M))
     except AlignmentError as error:
         raise fault from error
     left = found.inlier_centres
