@@ -132,8 +132,7 @@ def cloud_scores(
         kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in (given, truth))
     found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
     scores = score_distances(
-        found.to_truth,
-        found.to_prediction,
+        *found,
         thresholds=np.array([limit]),
         max_distance=None if plain else 10 * limit,
     )
@@ -143,8 +142,7 @@ def cloud_scores(
     means = (scores.chamfer, scores.accuracy, scores.completeness)
     counts = (len(found.to_truth), len(found.to_prediction))
     left_out = (kept.not_finite, kept.outside, kept.thinned)
-    distances = (found.to_truth, found.to_prediction)
-    return CloudComparison(limit, precision, recall, f1, *means, *counts, *left_out, *distances)
+    return CloudComparison(limit, precision, recall, f1, *means, *counts, *left_out, *found)
 
 
 def _points(name: str, values: ArrayLike, limit: float) -> Floats:

@@ -353,8 +353,7 @@ def align_cameras(
     inliers = np.zeros(len(known.names), np.bool_)
     with arg.refused("predicted, true"):
         if robust:
-            settings = shipped_alignment(inlier_below_m=limit, seed=seed)
-            fit = fit_cameras(source, target, settings)
+            fit = fit_cameras(source, target, shipped_alignment(inlier_below_m=limit, seed=seed))
             transform, inliers[rows], turned = fit.transform, fit.inliers, fit.used_orientations
         else:
             transform = umeyama(source.centres, target.centres, with_scale=with_scale)
