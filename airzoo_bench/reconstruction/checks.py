@@ -78,7 +78,7 @@ def scene_notes(
 
 
 def relative_misfit_deg(given: Poses, truth: Poses) -> float:
-    """Return the median angle by which relative poses of at most 64 cameras are off."""
+    """Return the median error of the relative poses of at most 64 cameras, in degrees."""
     rows = np.unique(np.linspace(0, len(truth) - 1, _MOST_CAMERAS).astype(int))
     pairs = np.triu_indices(len(rows), 1)
     turn, sight = relative_poses(given.take(rows), *pairs)

@@ -105,7 +105,7 @@ def grid_origin(size: float) -> Floats:
 
 
 class VoxelGrid:
-    """Collects points piece by piece, and gives one for each occupied voxel, of which `most` are.
+    """Collects points piece by piece, and gives one for each of at most `most` occupied voxels.
 
     `size` is the side of a voxel, and `origin` (3,) a corner of one, the same for clouds that are
     to be compared.

@@ -79,7 +79,7 @@ class Meshes(Strict):
 
     @property
     def sampling(self) -> MeshSampling:
-        """The settings with which meshes are opened."""
+        """The settings, as readers of meshes take them."""
         return MeshSampling(self.seed, self.points, per_square_unit=None, max_points=self.points)
 
 
