@@ -74,8 +74,7 @@ class _PrepareGroup(BuiltGroup):
     panels: ClassVar[dict[str, tuple[str, ...]]] = {
         "Sources": (
             *("source", "scene", "keep_going", "name", "images", "poses"),
-            *("dom", "dsm", "cloud", "priors", "crs"),
-            *("vertical_crs", "priors_vertical", "dsm_vertical", "truth_accuracy"),
+            *("dom", "dsm", "cloud", "priors", "crs", "truth_accuracy"),
         ),
         "What is measured": (
             *("protocol", "matching_protocol", "reconstruction_protocol"),

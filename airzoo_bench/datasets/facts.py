@@ -26,7 +26,7 @@ from airzoo_bench.geometry.rasters import (
     pixel_to_world,
     to_map_pixels,
 )
-from airzoo_bench.geometry.rays import intersect_plane, nearest_heights
+from airzoo_bench.geometry.rays import NearestHeights, intersect_plane
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -104,7 +104,7 @@ def measure_heights(inputs: SceneInputs) -> tuple[Floats, Floats]:
             surface = field.sample(centres[:, :2])
             gap = np.isnan(surface)
             if gap.any():
-                surface[gap] = nearest_heights(field, _NEAREST_OF_PX)(centres[gap, :2])
+                surface[gap] = NearestHeights(field, _NEAREST_OF_PX)(centres[gap, :2])
     return centres[:, 2] - surface, surface
 
 

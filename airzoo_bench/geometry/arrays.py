@@ -17,8 +17,7 @@ Bools = NDArray[np.bool_]
 def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
     """Multiply vectors (..., 3) by matrices (..., 3, 3); leading dimensions broadcast.
 
-    Written as three products and two sums: a BLAS kernel may round differently with the number
-    of rows it is given, and the same vector must give the same bytes in every block.
+    A BLAS kernel may round differently with the number of rows that it is given.
     """
     x, y, z = (vectors[..., axis, None] for axis in range(3))
     product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z

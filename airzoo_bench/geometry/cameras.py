@@ -99,18 +99,6 @@ class Cameras:
         rows = np.atleast_1d(np.arange(len(self))[index])
         return Cameras(*(values[rows] for values in vars(self).values()))
 
-    def scaled(self, width: ArrayLike, height: ArrayLike) -> Cameras:
-        """Return the cameras of the images resized to `width` x `height`.
-
-        With the image's corner at (0, 0) focal length and principal point scale alike; the
-        distortion works on normalised points and stays.
-        """
-        new_width = _sizes("width", width, len(self), None)
-        new_height = _sizes("height", height, len(self), None)
-        scale = np.stack((new_width / self.width, new_height / self.height), axis=-1)
-        focal, principal_point = self.focal * scale, self.principal_point * scale
-        return Cameras(new_width, new_height, focal, principal_point, self.distortion)
-
 
 def project(cameras: Cameras, points_cam: Floats) -> Floats:
     """Project points (N, M, 3) of the camera frame to pixels (N, M, 2), also outside the image.
@@ -121,8 +109,9 @@ def project(cameras: Cameras, points_cam: Floats) -> Floats:
     z = points_cam[..., 2:]
     with np.errstate(over="ignore", invalid="ignore"):
         xy = points_cam[..., :2] / np.where(z > 0.0, z, np.nan)
-        seen = in_range(xy, cameras.distortion)
-        distorted = distort(xy, cameras.distortion)
+        k = cameras.distortion[:, None]
+        seen = _in_range(xy, k, _range_limit(cameras.distortion)[:, None])
+        distorted = distort(xy, k)
         pixels = distorted * cameras.focal[:, None] + cameras.principal_point[:, None]
     return np.where(seen[..., None], pixels, np.nan)
 
@@ -144,22 +133,20 @@ def anchor_pixels(cameras: Cameras, inset: float = 1 / 16) -> Floats:
 
     The inset from the border is a share of width and height; 0 gives the image's corners.
     """
-    if not 0.0 <= inset < 0.5:
-        raise CameraError(f"anchor inset {inset} is not possible", expected="0 <= inset < 0.5")
     near, far = inset, 1.0 - inset
     share = np.array([(near, near), (far, near), (far, far), (near, far)])
     anchors: Floats = share * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
     return anchors
 
 
-def distort(xy: Floats, distortion: Floats) -> Floats:
-    """Distort points (N, M, 2) by the polynomial of (N, 5) coefficients, also outside its range."""
-    return _distorted(xy, distortion[:, None])
-
-
-def in_range(xy: Floats, distortion: Floats) -> Bools:
-    """Tell which undistorted points (N, M) lie where the model is one to one."""
-    return _is_in_range(xy, distortion[:, None], _range_limit(distortion)[:, None])
+def distort(xy: Floats, k: Floats) -> Floats:
+    """Distort points (..., 2) by coefficients (..., 5), also outside the range of the model."""
+    (x, y), (k1, k2, p1, p2, k3) = np.moveaxis(xy, -1, 0), np.moveaxis(k, -1, 0)
+    s = x * x + y * y
+    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
+    x_d = x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x)
+    y_d = y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y
+    return np.stack((x_d, y_d), axis=-1)
 
 
 def undistort(xy: Floats, distortion: Floats) -> Floats:
@@ -201,31 +188,16 @@ def _newton(target: Floats, coefficients: Floats, limit: Floats) -> Floats:
         if not todo.size:
             break
         k = coefficients[todo]
-        trial = xy + damping[:, None] * _newton_step(xy, residual, k)
-        new = target[todo] - _distorted(trial, k)
-        better = _is_in_range(trial, k, limit[todo])
+        (xx, xy_, yy), (x, y) = _jacobian(xy, k), residual.T
+        steps = np.stack((yy * x - xy_ * y, xx * y - xy_ * x), axis=-1)
+        trial = xy + damping[:, None] * (steps / (xx * yy - xy_ * xy_)[:, None])
+        new = target[todo] - distort(trial, k)
+        better = _in_range(trial, k, limit[todo])
         better &= np.hypot(*new.T) < np.hypot(*residual.T)
         xy = np.where(better[:, None], trial, xy)
         residual = np.where(better[:, None], new, residual)
         damping = np.where(better, np.minimum(1.0, 2.0 * damping), 0.5 * damping)
     return solved
-
-
-def _newton_step(xy: Floats, residual: Floats, k: Floats) -> Floats:
-    (xx, xy_, yy), (x, y) = _jacobian(xy, k), residual.T
-    determinant = xx * yy - xy_ * xy_
-    steps = ((yy * x - xy_ * y) / determinant, (xx * y - xy_ * x) / determinant)
-    return np.stack(steps, axis=-1)
-
-
-def _distorted(xy: Floats, k: Floats) -> Floats:
-    """Distort points (..., 2) by coefficients (..., 5)."""
-    (x, y), (k1, k2, p1, p2, k3) = np.moveaxis(xy, -1, 0), np.moveaxis(k, -1, 0)
-    s = x * x + y * y
-    radial = 1.0 + s * (k1 + s * (k2 + s * k3))
-    x_d = x * radial + 2.0 * p1 * x * y + p2 * (s + 2.0 * x * x)
-    y_d = y * radial + p1 * (s + 2.0 * y * y) + 2.0 * p2 * x * y
-    return np.stack((x_d, y_d), axis=-1)
 
 
 def _jacobian(xy: Floats, k: Floats) -> tuple[Floats, Floats, Floats]:
@@ -239,7 +211,8 @@ def _jacobian(xy: Floats, k: Floats) -> tuple[Floats, Floats, Floats]:
     return xx, x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y, yy
 
 
-def _is_in_range(xy: Floats, k: Floats, limit: Floats) -> Bools:
+def _in_range(xy: Floats, k: Floats, limit: Floats) -> Bools:
+    """Tell which undistorted points (...) lie where the model is one to one."""
     (xx, xy_, yy), (x, y) = _jacobian(xy, k), np.moveaxis(xy, -1, 0)
     inside: Bools = (x * x + y * y < limit) & (xx + yy > 0.0) & (xx * yy > xy_ * xy_)
     return inside

@@ -62,9 +62,7 @@ def describe_crs(crs: CRS) -> str:
 def same_plane(first: Any, second: Any) -> bool:
     """Tell whether two CRS have one map plane.
 
-    They do when PROJ finds them equivalent, or gives them one EPSG code, or finds their
-    datum, projection and units equivalent: two spellings of one CRS agree, whatever the order of
-    their axes. A vertical part is left aside.
+    Two spellings of one CRS agree, whatever the order of their axes and their vertical parts.
     """
     a, b = horizontal_crs(first), horizontal_crs(second)
     code = a.to_epsg()

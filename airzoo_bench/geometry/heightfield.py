@@ -22,7 +22,7 @@ from rasterio import Affine
 from rasterio.enums import MaskFlags
 from rasterio.windows import Window
 
-from airzoo_bench.core.errors import RasterError
+from airzoo_bench.core.errors import RasterError, sized
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
@@ -40,8 +40,7 @@ CORNERS: Ints = np.array(((0, 0), (1, 0), (0, 1), (1, 1)))
 
 # Points sampled at a time: few enough for the processor's cache.
 _BLOCK = 1 << 14
-_GIB = 1 << 30
-_MOST_BYTES = 2 * _GIB
+_MOST_BYTES = 2 << 30
 # Kinds of file whose heights float32 holds without loss.
 _NARROW = ("float32", "int8", "int16", "uint8", "uint16")
 # GDAL takes numbers this near to the nodata value (relative) for nodata, or some of them.
@@ -79,9 +78,9 @@ class HeightField:
         size = window.width * window.height * np.dtype(height_type(info.dtype)).itemsize
         if size > _MOST_BYTES:
             raise RasterError(
-                f"heights of {window.width} x {window.height} px need {size / _GIB:.2f} GiB",
+                f"heights of {window.width} x {window.height} px need {sized(size)}",
                 where=path,
-                expected=f"at most {_MOST_BYTES / _GIB:.2f} GiB",
+                expected=f"at most {sized(_MOST_BYTES)}",
                 fix="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
             )
         with opened(path) as dataset:
@@ -131,13 +130,9 @@ class HeightField:
 
     def heights_at(self, column: Ints, row: Ints) -> Floats:
         """Return heights (...) of pixels of the raster; NaN where there is none."""
-        picked: Floats = self._flat.take(row * self.heights.shape[1] + column).astype(np.float64)
+        flat = self.heights.reshape(-1)
+        picked: Floats = flat.take(row * self.heights.shape[1] + column).astype(np.float64)
         return picked
-
-    @cached_property
-    def _flat(self) -> NDArray[np.floating[Any]]:
-        flat: NDArray[np.floating[Any]] = self.heights.reshape(-1)
-        return flat
 
     def _surface(self, grid: Floats) -> Floats:
         """Return heights at points (P, 2) of the grid of pixel centres (first centre = 0, 0)."""
@@ -185,14 +180,8 @@ def _window(info: RasterInfo, bounds: tuple[float, float, float, float] | None) 
     low = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size)
     high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
     if not (high > low).all():
-        corners = pixel_to_world(info.transform, np.array(size, np.float64) * CORNERS)
-        extent = (*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
-        raise RasterError(
-            f"bounds {bounds} miss the raster",
-            where=info.path,
-            expected=f"left, bottom, right, top that meet {extent}",
-            fix="check that the bounds are in the raster's CRS",
-        )
+        expected = "left, bottom, right, top in the raster's CRS"
+        raise RasterError(f"bounds {bounds} miss the raster", where=info.path, expected=expected)
     return Window(*low.astype(int).tolist(), *(high - low).astype(int).tolist())
 
 

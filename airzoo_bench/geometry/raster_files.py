@@ -54,17 +54,6 @@ def raster_sha256(path: Path) -> str:
 
     A raster at a URL must be one file there.
     """
-    return _raster_sha256(path, {})
-
-
-def _raster_sha256(path: Path, known: dict[Path, str]) -> str:
-    place = path.resolve()
-    if place not in known:
-        known[place] = _computed_sha256(path, known)
-    return known[place]
-
-
-def _computed_sha256(path: Path, known: dict[Path, str]) -> str:
     pointer = pointer_at(pointed(path))
     with opened(path) as dataset:
         virtual, stated = dataset.driver == "VRT", _stated(dataset)
@@ -80,7 +69,7 @@ def _computed_sha256(path: Path, known: dict[Path, str]) -> str:
             fix="make one GeoTIFF of it before `prepare` (gdal_translate -of COG), and upload that",
         )
     if virtual:
-        own = fingerprint(_virtual_content(path, known))
+        own = fingerprint(_virtual_content(path))
     else:
         own = sha256_of(path) if pointer is None else pointed_sha256(pointer)
     if not beside and stated == _stated_alone(path):
@@ -106,16 +95,17 @@ def _stated_alone(path: Path) -> list[Any] | None:
         return None
 
 
-def _virtual_content(path: Path, known: dict[Path, str]) -> str:
+def _virtual_content(path: Path) -> str:
     """Return a virtual raster's XML with checksums in place of the names of files."""
     try:
         tree = ET.parse(path)
     except ET.ParseError as error:
         raise RasterError(f"is no XML: {error}", where=path) from error
+    found = dict[Path, str]()  # bands name one file each
     for element in source_elements(tree):
         source = source_of(element, path)
         _forget_place(element)
-        element.text = _raster_sha256(source, known)
+        element.text = found[source] = found.get(source) or raster_sha256(source)
     return ET.canonicalize(ET.tostring(tree.getroot(), "unicode"), strip_text=True)
 
 

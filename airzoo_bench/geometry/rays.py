@@ -12,24 +12,18 @@ goes from 0 to 1, at height z + u drop.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.heightfield import CORNERS, HeightField
 from airzoo_bench.geometry.rasters import pixel_to_world, world_to_pixel, world_to_pixel_steps
-
-HeightAt = Callable[[Floats], Floats]
-"""Takes places (..., 2) to heights (...)."""
 
 _BLOCK = 1 << 16
 # The march begins this far above the highest height and ends this far below the lowest, so that
@@ -74,8 +68,6 @@ def intersect_plane(
     below. BEYOND_RANGE: it is longer than `max_range_m`; the range itself is still a hit.
     """
     plane = np.asarray(z0, dtype=np.float64).reshape(-1, 1)
-    if not np.isfinite(plane).all():
-        raise RasterError("the height of the plane is not finite", expected="a number of metres")
     unit, status = _prepared(origins, directions)
     above = origins[:, 2:] - plane
     going = status == RayStatus.HIT
@@ -103,13 +95,6 @@ def intersect_heightfield(
     ray leaves the raster above the surface, enters it below, never meets it, or sinks below the
     lowest height where the DSM has none.
     """
-    crs = horizontal_crs(field.crs)
-    if any(axis.unit_conversion_factor != 1.0 for axis in crs.axis_info) or crs.is_geographic:
-        raise RasterError(
-            f"the height field is in {describe_crs(crs)}, not in metres",
-            expected="a projected CRS in metres",
-            fix="reproject the DSM and the poses, e.g. to the local UTM zone",
-        )
     unit, status = _prepared(origins, directions)
     length = np.full(status.shape, np.nan)
     low, _ = field.height_range
@@ -273,10 +258,7 @@ def _first_on_bilinear(
 def _first_on_nearest(
     heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats
 ) -> Floats:
-    """Return the first u at which the ray is below the nearest corner, which is within a pixel.
-
-    Each corner with a height rules over a convex region.
-    """
+    """Return the first u at which the ray is below the nearest corner, within a pixel of it."""
     known = ~np.isnan(heights)
     first = np.full(len(heights), np.inf)
     for index, corner in enumerate(CORNERS):
@@ -318,23 +300,20 @@ def _clip(low: Floats, high: Floats, slope: Floats, bound: Floats) -> tuple[Floa
     return np.where(empty, np.inf, low), high
 
 
-def nearest_heights(field: HeightField, most_px: int) -> HeightAt:
-    """Return a function that finds the height of the valid pixel nearest to a place (..., 2).
+class NearestHeights:
+    """Finds the height of the valid pixel nearest to places (..., 2).
 
     It looks at every k-th pixel of every k-th row, beginning with k // 2, where k is the least
     whole number that leaves at most `most_px`. Of those that are equally near, to a micrometre, the
     first in row-major order counts. NaN where no such pixel has a height.
     """
 
-    @cache
-    def pixels() -> tuple[Any, Floats, Floats]:
-        # Made when the first ray asks: of a model without holes none does.
-        xy, heights = _thinned(field, most_px)
-        origin = xy.min(axis=0, initial=np.inf)
-        return cKDTree(xy - origin), origin, heights
+    def __init__(self, field: HeightField, most_px: int) -> None:
+        self.field, self.most_px = field, most_px
 
-    def height(places: Floats) -> Floats:
-        tree, origin, heights = pixels()
+    def __call__(self, places: Floats) -> Floats:
+        """Return the heights (...)."""
+        tree, origin, heights = self._pixels
         known = np.isfinite(places).all(axis=-1)
         found = np.full(places.shape[:-1], np.nan)
         if heights.size and known.any():
@@ -345,23 +324,20 @@ def nearest_heights(field: HeightField, most_px: int) -> HeightAt:
             found[known] = heights[[min(rows) for rows in tied]]
         return found
 
-    return height
-
-
-def _thinned(field: HeightField, most_px: int) -> tuple[Floats, Floats]:
-    """Return places (P, 2) and heights (P,) of evenly spread pixels that have one."""
-    rows, columns = field.heights.shape
-    step = 1
-    while -(-rows // step) * -(-columns // step) > most_px:
-        step += 1
-    across, down = np.meshgrid(
-        np.arange(min(step // 2, columns - 1), columns, step),
-        np.arange(min(step // 2, rows - 1), rows, step),
-    )
-    heights = field.heights_at(across.ravel(), down.ravel())
-    there = ~np.isnan(heights)
-    pixels = np.stack((across.ravel()[there], down.ravel()[there]), axis=-1) + 0.5
-    return pixel_to_world(field.transform, pixels), heights[there]
+    @cached_property
+    def _pixels(self) -> tuple[Any, Floats, Floats]:
+        # Made when the first ray asks: of a model without holes none does.
+        (rows, columns), step = self.field.heights.shape, 1
+        while -(-rows // step) * -(-columns // step) > self.most_px:
+            step += 1
+        first = (min(step // 2, columns - 1), columns, step), (min(step // 2, rows - 1), rows, step)
+        across, down = np.meshgrid(*(np.arange(*one) for one in first))
+        heights = self.field.heights_at(across.ravel(), down.ravel())
+        there = ~np.isnan(heights)
+        pixels = np.stack((across.ravel()[there], down.ravel()[there]), axis=-1) + 0.5
+        xy = pixel_to_world(self.field.transform, pixels)
+        origin = xy.min(axis=0, initial=np.inf)
+        return cKDTree(xy - origin), origin, heights[there]
 
 
 def meet_missing(
@@ -369,7 +345,7 @@ def meet_missing(
     unit: Floats,
     hits: RayHits,
     field: HeightField,
-    height_at: HeightAt,
+    height_at: NearestHeights,
     max_range_m: float,
 ) -> Floats:
     """Return the points of `hits`, and those where rays come down where the DSM has no height.

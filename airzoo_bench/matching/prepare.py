@@ -37,7 +37,7 @@ from airzoo_bench.geometry.rasters import (
     to_map_pixels,
     world_to_pixel,
 )
-from airzoo_bench.geometry.rays import intersect_heightfield, meet_missing, nearest_heights
+from airzoo_bench.geometry.rays import NearestHeights, intersect_heightfield, meet_missing
 from airzoo_bench.matching.checks import count_near
 from airzoo_bench.matching.settings import Crop, Prior
 from airzoo_bench.matching.truth import MatchingTruth, ReferenceMap, own_map, with_truth_as_prior
@@ -154,7 +154,7 @@ def _ends_of_corner_rays(cameras: Cameras, priors: Poses, field: HeightField, cr
     directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
     centres, far = priors.centres, crop.max_range_m
     ends = centres[:, None] + far * directions
-    height_at = nearest_heights(field, crop.nearest_of_px)
+    height_at = NearestHeights(field, crop.nearest_of_px)
     for start in range(0, len(cameras), _CAMERAS):
         part = slice(start, start + _CAMERAS)
         hits = intersect_heightfield(centres[part], directions[part], field, far)

@@ -11,7 +11,6 @@ from airzoo_bench.geometry.cameras import (
     anchor_pixels,
     back_project,
     distort,
-    in_range,
     project,
     undistort,
 )
@@ -23,6 +22,12 @@ K = np.array(((2000.0, 0.0, 1990.0), (0.0, 1980.0, 1120.0), (0.0, 0.0, 1.0)))
 
 def cameras_of(distortion: np.ndarray) -> Cameras:
     return Cameras.from_matrices(np.tile(K, (len(distortion), 1, 1)), 4000, 2250, distortion)
+
+
+def in_range(xy: np.ndarray, lenses: np.ndarray) -> np.ndarray:
+    """Tell which points of the plane z = 1 have an image."""
+    points = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+    return np.isfinite(project(cameras_of(lenses), points)).all(axis=-1)
 
 
 def test_projection_agrees_with_colmap() -> None:
@@ -42,8 +47,9 @@ def test_distortion_worked_by_hand() -> None:
     # x = 0.5, y = 0, s = 0.25: radial = 1 + 0.1/4 + 0.2/16 + 0.4/64 = 1.04375;
     # x_d = 0.5 * 1.04375 + 0.02 * 3 * 0.25 = 0.536875; y_d = 0.01 * 0.25 = 0.0025.
     lens = np.array([[0.1, 0.2, 0.01, 0.02, 0.4]])
-    distorted = distort(np.array([[[0.5, 0.0]]]), lens)
-    np.testing.assert_allclose(distorted, [[[0.536875, 0.0025]]], rtol=1e-15)
+    np.testing.assert_allclose(
+        distort(np.array([[0.5, 0.0]]), lens), [[0.536875, 0.0025]], rtol=1e-15
+    )
 
 
 @quick
@@ -53,13 +59,14 @@ def test_undistort_inverts_distort_to_1e_12(seed: int) -> None:
     lenses = np.array(LENSES) * rng.uniform(0.2, 1.5, (len(LENSES), 1))
     xy = rng.uniform(-0.8, 0.8, (len(lenses), 64, 2))
     known = in_range(xy, lenses)
-    back = undistort(distort(xy, lenses), lenses)
+    distorted = distort(xy, lenses[:, None])
+    back = undistort(distorted, lenses)
     assert known.any()
     np.testing.assert_allclose(back[known], xy[known], rtol=0, atol=1e-10)
     # A pixel of a point beyond the fold belongs to a point before it, or to none.
     found = np.isfinite(back).all(axis=-1)
-    again = distort(np.where(found[..., None], back, 0.0), lenses)
-    np.testing.assert_allclose(again[found], distort(xy, lenses)[found], rtol=0, atol=3e-12)
+    again = distort(np.where(found[..., None], back, 0.0), lenses[:, None])
+    np.testing.assert_allclose(again[found], distorted[found], rtol=0, atol=3e-12)
 
 
 def test_points_beyond_the_fold_of_the_lens_have_no_image_and_no_ray() -> None:
@@ -83,9 +90,6 @@ def test_anchor_pixels_in_order() -> None:
     camera = Cameras.from_matrices(K[None], 160, 80)
     assert anchor_pixels(camera).tolist() == [[[10, 5], [150, 5], [150, 75], [10, 75]]]
     assert anchor_pixels(camera, inset=0.0).tolist() == [[[0, 0], [160, 0], [160, 80], [0, 80]]]
-    for inset in (-0.1, 0.5, np.nan):
-        with pytest.raises(CameraError, match="inset"):
-            anchor_pixels(camera, inset=inset)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,7 @@
-"""Heights: their units, and above ellipsoid and geoid, against geoids that are a formula."""
+"""Units of heights: metres, whatever the file states."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from airzoo_bench.core.errors import RasterError, UserError
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.heightfield import (
     HeightField,
     blocked_heights,
@@ -18,9 +17,7 @@ from airzoo_bench.geometry.heightfield import (
     survey_heights,
 )
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.vertical import changed_heights
 from airzoo_bench.matching.lifting import lift
-from tests.geoids import EGM96, EGM2008, proj_with, undulation_m, write_geoid
 from tests.geometry.support import write_tif
 
 FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937
@@ -74,65 +71,3 @@ def test_units_that_contradict_are_refused(crs: str, unit: str, said: str, tmp_p
     for read in (HeightField.read, median_height):
         with pytest.raises(RasterError, match=said):
             read(path)
-
-
-PLACES = np.array([[15.03, 46.95], [15.3, 47.21], [14.77, 46.6]])
-HEIGHTS = np.array([200.0, -3.5, 8000.0])
-
-
-@pytest.fixture
-def grids(tmp_path: Path) -> Iterator[Path]:
-    """Return a folder that PROJ looks for grids in, without any."""
-    with proj_with(tmp_path):
-        yield tmp_path
-
-
-def of_places(base_m: float = 40.0) -> np.ndarray:
-    return np.array([undulation_m(lon, lat, base_m) for lon, lat in PLACES])
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "added"),
-    [
-        ("EPSG:4979", "EPSG:3855", -of_places()),
-        ("EPSG:5773", "EPSG:3855", of_places(37.0) - of_places()),
-        ("EPSG:32633+5773", "EPSG:9518", of_places(37.0) - of_places()),
-        ("EPSG:3855", "EPSG:3855", np.zeros(3)),
-        ("EPSG:4979", "{folder}", -of_places()),
-    ],
-)
-def test_heights_change_by_the_undulation(
-    grids: Path, source: str, target: str, added: np.ndarray
-) -> None:
-    own = write_geoid(grids, EGM2008)
-    write_geoid(grids, EGM96, 37.0)
-    target = target.replace("{folder}", f"+proj=longlat +datum=WGS84 +geoidgrids={own} +type=crs")
-    with proj_with(grids):
-        heights, operation = changed_heights(
-            [*HEIGHTS, np.nan], [*PLACES, PLACES[0]], source, target
-        )
-    np.testing.assert_allclose(heights, [*(HEIGHTS + added), np.nan], atol=1e-4)
-    assert operation
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "said"),
-    [
-        ("EPSG:4979", "EPSG:3855", ("us_nga_egm08_25.tif is not", "pyproj sync --file us_nga_egm")),
-        ("EPSG:5773", "EPSG:4979", ("us_nga_egm96_15.tif is not installed",)),
-        ("EPSG:4979", "EPSG:4326", ("EPSG:4326 (WGS 84) has no heights", "EPSG:5773 (EGM96)")),
-        ("EPSG:1", "EPSG:3855", ("unknown vertical CRS 'EPSG:1'",)),
-    ],
-)
-def test_what_cannot_be_exact_is_refused(
-    grids: Path, source: str, target: str, said: tuple[str, ...]
-) -> None:
-    with pytest.raises(UserError) as caught:
-        changed_heights(HEIGHTS, PLACES, source, target)
-    assert all(part in str(caught.value) for part in said), caught.value
-
-
-def test_a_place_that_the_grid_does_not_cover_is_refused(grids: Path) -> None:
-    write_geoid(grids, EGM2008)
-    with proj_with(grids), pytest.raises(UserError, match="do not cover every place"):
-        changed_heights([1.0, 2.0], [PLACES[0], (15.0, 70.0)], "EPSG:4979", "EPSG:3855")

@@ -35,9 +35,7 @@ from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.surveys.survey import (
     Survey,
     SurveyOptions,
-    change_altitudes,
     stated_crs,
-    surface_crs,
 )
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -92,11 +90,8 @@ class _DjiFolders(Survey[_DjiOptions]):
         tags = {name: read_tags(images / name, sizes[name]) for name in shown}
         stamps, notes = photo_time_stamps(options.source, images, metadata)
         truth, more = true_positions(metadata, tags, stamps, options.source)
-        names, surface = tuple(truth), surface_crs(options)
-        heights = (options.vertical_crs, "--vertical-crs", surface)
-        truth, converted = change_altitudes(truth, *heights, "heights of the poses")
-        metadata, _ = change_altitudes({name: metadata[name] for name in names}, *heights)
-        notes = [*notes, *more, *converted]
+        names, notes = tuple(truth), [*notes, *more]
+        metadata = {name: metadata[name] for name in names}
         crs = _crs(options, truth, notes)
         poses = priors_to_poses(truth, crs)
         stated = [stamps[n].std_m if n in stamps else tags[n].std_m for n in names]
@@ -104,7 +99,7 @@ class _DjiFolders(Survey[_DjiOptions]):
         plane = options.plane_height
         if plane is None and options.dsm is None:
             plane = _take_off(truth, images, notes)
-        priors = _priors(options, names, sizes, poses, crs, surface)
+        priors = _priors(options, names, sizes, poses, crs)
         own_sizes = {name: sizes[name] for name in names}
         fix = "give the camera with --camera"
         cameras, said = photo_cameras(images, own_sizes, tags, options.camera, fix)
@@ -185,14 +180,12 @@ def _priors(
     sizes: Mapping[str, tuple[int, int]],
     poses: Poses,
     crs: str,
-    surface: CRS | None,
 ) -> Poses | None:
     """Return priors of another source than the truth; None where none are given."""
     if options.priors is None:
         return None
     given = read_prior_file(options.priors, sizes)
     every = {name: PhotoPrior(**given.get(name, {})) for name in names}
-    every, _ = change_altitudes(every, options.priors_vertical, "--priors-vertical", surface)
     priors = metadata_priors(every, crs)
     away = 0.0
     if priors is not None:

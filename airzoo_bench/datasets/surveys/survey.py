@@ -8,33 +8,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar
 
-import numpy as np
 from pyproj import CRS
 
-from airzoo_bench.core.errors import CameraError, UsageError, UserError
+from airzoo_bench.core.errors import CameraError, UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import metric_crs, photo_sizes
 from airzoo_bench.datasets.dataset import Dataset, path_options
-from airzoo_bench.datasets.metadata import PhotoPrior, metadata_priors, photo_metadata
+from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, to_lonlat
+from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.vertical import (
-    changed_heights,
-    heights_crs,
-    stated_heights_crs,
-    vertical_m,
-)
+from airzoo_bench.geometry.vertical import vertical_m
 from airzoo_bench.protocol.model import find_protocol, protocol_for
 
 _LONGEST_NAME = 48  # of which more names are made
-_SAME_M = 1e-6  # one vertical datum in two units
 _TRACKS = ("retrieval", "matching", "reconstruction")
 
 
@@ -47,9 +39,6 @@ class SceneOptions:
     priors: Path | None = None
     crs: str | None = None
     plane_height: float | None = None
-    vertical_crs: str | None = None
-    priors_vertical: str | None = None
-    dsm_vertical: str | None = None
     truth_accuracy: float | None = None
     protocol: list[str] | None = None
     tile_size: list[int] | None = None
@@ -160,23 +149,17 @@ def posed_scene(
     check_centred(photos, poses_from)
     stated = options.crs or photos.crs or ""
     place = f"--crs {options.crs}" if options.crs else crs_from or str(poses_from)
-    crs, surface = metric_crs(stated, place).to_string(), surface_crs(options, parts.get("dsm"))
-    centres, converted = _surface_centres(
-        options, photos.poses.centres, stated, crs, surface, place
-    )
+    crs = metric_crs(stated, place).to_string()
+    unit = vertical_m(CRS.from_user_input(stated)) or 1.0
     metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
-    metadata, more = change_altitudes(
-        metadata, options.priors_vertical, "--priors-vertical", surface
-    )
     named = {"dom": options.dom, "dsm": options.dsm, "cloud": options.cloud, **parts}
     named["truth_accuracy_m"] = options.truth_accuracy or parts.get("truth_accuracy_m")
-    named["notes"] = (*parts.get("notes", ()), *converted, *more)
     return NativeScene(
         scene,
         images,
         photos.names,
         photos.cameras,
-        replace(photos.poses, centres=centres),
+        replace(photos.poses, centres=photos.poses.centres * (1.0, 1.0, unit)),
         crs,
         plane_height_m=options.plane_height,
         priors=metadata_priors(metadata, crs),
@@ -186,92 +169,6 @@ def posed_scene(
         crs_from=place,
         **named,
     )
-
-
-def _surface_centres(
-    options: SceneOptions,
-    centres: Floats,
-    named: str,
-    crs: str,
-    surface: CRS | None,
-    place: str,
-) -> tuple[Floats, tuple[str, ...]]:
-    """Return camera centres in metres, with heights as the surface model has them, and a note.
-
-    Centres are in the CRS `named`, of which `crs` is the horizontal part; `place` states it.
-    """
-    vertical = options.vertical_crs
-    where = f"--vertical-crs {vertical}" if vertical else f"{place}, heights of {named}"
-    stated = _named_heights(vertical, where) if vertical else stated_heights_crs(CRS(named))
-    unit = vertical_m(CRS.from_user_input(vertical or named)) or 1.0
-    in_metres: Floats = centres * (1.0, 1.0, unit)
-    if stated is None or (vertical is None and surface is None):
-        return in_metres, ()
-    lonlat, what = to_lonlat(crs, in_metres[:, :2]), "heights of the poses"
-    heights, note = _changed(in_metres[:, 2], lonlat, stated, surface, where, what)
-    return np.column_stack((in_metres[:, :2], heights)), note
-
-
-def change_altitudes(
-    metadata: dict[str, PhotoPrior],
-    named: str | None,
-    option: str,
-    surface: CRS | None,
-    what: str = "altitudes of the photos",
-) -> tuple[dict[str, PhotoPrior], tuple[str, ...]]:
-    """Return priors with altitudes as the surface model has heights, and a note."""
-    if named is None:
-        return metadata, ()
-    rows = [(prior.lon, prior.lat, prior.altitude_m) for prior in metadata.values()]
-    values = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    place = f"{option} {named}"
-    source = _named_heights(named, place)
-    heights, note = _changed(values[:, 2], values[:, :2], source, surface, place, what)
-    found = {
-        name: prior if prior.altitude_m is None else replace(prior, altitude_m=float(height))
-        for (name, prior), height in zip(metadata.items(), heights, strict=True)
-    }
-    return found, note
-
-
-def surface_crs(options: SceneOptions, dsm: Path | None = None) -> CRS | None:
-    """Return the vertical CRS of a surface model: the one named, else its own compound CRS's."""
-    named, dsm = options.dsm_vertical, dsm or options.dsm
-    if named is None:
-        return None if dsm is None else stated_heights_crs(open_info(dsm).crs)
-    return _named_heights(named, f"--dsm-vertical {named}")
-
-
-def _named_heights(named: str, option: str) -> CRS:
-    try:
-        return heights_crs(named)
-    except UserError as error:
-        raise error.inside(option) from error
-
-
-def _changed(
-    heights_m: Floats, lonlat: Floats, source: CRS, surface: CRS | None, option: str, what: str
-) -> tuple[Floats, tuple[str, ...]]:
-    """Take heights to the vertical CRS of the surface model."""
-    if surface is None:
-        raise UsageError(
-            "the vertical CRS of the surface model is not known",
-            where=option,
-            expected="what heights are to be converted to",
-            fix="give --dsm-vertical, such as EPSG:5773 (EGM96), or leave this option out",
-        )
-    if source.equals(surface):
-        return heights_m, ()
-    try:
-        changed, operation = changed_heights(heights_m, lonlat, source, surface)
-    except UserError as error:
-        raise error.inside(option) from error
-    by = changed - heights_m
-    by = by[np.isfinite(by)]
-    if not (np.abs(by) > _SAME_M).any():
-        return heights_m, ()
-    note = f"{what} are converted to the surface model's, by {float(np.median(by)):+.2f} m (median)"
-    return changed, (f"{note}, by PROJ's {operation}",)
 
 
 @dataclass(frozen=True)
