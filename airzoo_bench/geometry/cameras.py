@@ -250,14 +250,10 @@ def _check_matrices(matrices: Floats, names: Sequence[object] | None) -> None:
 
 
 def _sizes(name: str, value: ArrayLike, count: int, names: Sequence[object] | None) -> Ints:
-    given = np.asarray(value, dtype=np.float64)
-    if given.shape not in ((), (count,)):
-        raise CameraError(f"{name} has shape {given.shape}", expected=f"a scalar or ({count},)")
-    sizes = np.broadcast_to(given, (count,))
-    whole = np.isfinite(sizes) & (sizes > 0.0) & (np.floor(sizes) == sizes)
-    refuse_cameras(
-        ~whole, f"image {name} is not a size", names=names, expected="a positive whole number"
-    )
+    sizes = np.broadcast_to(np.asarray(value, dtype=np.float64), (count,))
+    whole, what = (sizes > 0.0) & (np.floor(sizes) == sizes) & (sizes < np.inf), f"image {name}"
+    expected = "a positive whole number"
+    refuse_cameras(~whole, f"{what} is not a size", names=names, expected=expected)
     return sizes.astype(np.int64)
 
 

@@ -155,28 +155,18 @@ def check_rotations(
         raise CameraError(
             f"rotations have shape {matrices.shape}", where=where, expected="shape (N, 3, 3)"
         )
-    not_finite = ~np.isfinite(matrices).all(axis=(1, 2))
-    refuse_cameras(not_finite, "rotation has NaN or infinite entries", names=names, where=where)
+    named: Any = {"names": names, "where": where}
+    bad = ~np.isfinite(matrices).all(axis=(1, 2))
+    refuse_cameras(bad, "rotation has NaN or infinite entries", **named)
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs(multiply(transposed(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
-    refuse_cameras(
-        ~(off <= _ROTATION_TOLERANCE),
-        "rotation is not orthonormal",
-        names=names,
-        details=[f"|R^T R - I| = {value:.2g}" for value in off],
-        where=where,
-        expected=f"|R^T R - I| <= {_ROTATION_TOLERANCE:g} in every entry",
-    )
+    said, bad = [f"|R^T R - I| = {value:.2g}" for value in off], ~(off <= _ROTATION_TOLERANCE)
+    expected = f"|R^T R - I| <= {_ROTATION_TOLERANCE:g} in every entry"
+    refuse_cameras(bad, "rotation is not orthonormal", details=said, expected=expected, **named)
     determinant = np.linalg.det(matrices)
-    refuse_cameras(
-        determinant < 0.0,
-        "rotation is a reflection",
-        names=names,
-        details=[f"det = {value:.3g}" for value in determinant],
-        where=where,
-        expected="det = +1",
-        fix="check the axes: exactly one of them points the wrong way",
-    )
+    said = [f"det = {value:.3g}" for value in determinant]
+    named |= {"expected": "det = +1", "fix": "check the axes: one of them points the wrong way"}
+    refuse_cameras(determinant < 0.0, "rotation is a reflection", details=said, **named)
     for _ in range(_NEWTON_STEPS):
         rest = 3.0 * np.eye(3) - multiply(transposed(matrices), matrices)
         matrices = multiply(matrices, rest) / 2.0
@@ -205,13 +195,13 @@ def quaternion_to_matrix(wxyz: ArrayLike, names: Sequence[object] | None = None)
         raise CameraError(f"quaternions have shape {quaternions.shape}", expected="shape (N, 4)")
     with np.errstate(over="ignore"):  # an infinite norm is not 1
         norm = np.sqrt((quaternions * quaternions).sum(axis=1))
-    refuse_cameras(
+    bad, said = (
         ~(np.abs(norm - 1.0) <= _QUATERNION_TOLERANCE),
-        "quaternion is not of unit norm",
-        names=names,
-        details=[f"norm = {value:.6g}" for value in norm],
-        expected=f"w x y z with norm 1 to {_QUATERNION_TOLERANCE:g}",
+        [f"norm = {one:.6g}" for one in norm],
     )
+    expected = f"w x y z with norm 1 to {_QUATERNION_TOLERANCE:g}"
+    what = "quaternion is not of unit norm"
+    refuse_cameras(bad, what, names=names, details=said, expected=expected)
     return unit_quaternion_to_matrix(quaternions / norm[:, None])
 
 
@@ -288,11 +278,7 @@ def _vectors(what: str, value: ArrayLike, count: int, names: Sequence[object] | 
         raise CameraError(f"{what} have shape {vectors.shape}", expected=f"shape ({count}, 3)")
     bad = ~np.isfinite(vectors).all(axis=1)
     refuse_cameras(bad, f"{what} have NaN or infinite entries", names=names)
-    beyond = (np.abs(vectors) > FARTHEST).any(axis=1)
-    refuse_cameras(
-        beyond,
-        f"{what} have entries beyond {FARTHEST:g}",
-        names=names,
-        expected="coordinates of the scene's CRS",
-    )
+    beyond, said = (np.abs(vectors) > FARTHEST).any(axis=1), f"entries beyond {FARTHEST:g}"
+    expected = "coordinates of the scene's CRS"
+    refuse_cameras(beyond, f"{what} have {said}", names=names, expected=expected)
     return vectors

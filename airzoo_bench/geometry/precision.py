@@ -43,8 +43,9 @@ def was_rounded_to(values: Floats, kind: type[np.floating[Any]]) -> bool:
     of two only; those that were rounded to it use it in all. A few whole pixels may do so by
     chance: then few bits of the large ones are 0 that the lattice does not ask for.
     """
-    if not _fits(values, kind):
-        return False
+    with np.errstate(over="ignore"):
+        if not (values.astype(kind) == values).all():
+            return False
     bits = np.finfo(kind).nmant + 1
     mantissa, exponent = np.frexp(values[values != 0])
     whole = (np.abs(mantissa) * 2.0**bits).astype(np.int64)
@@ -119,14 +120,8 @@ def centre_errors_m(centres: Floats) -> Floats:
     return errors
 
 
-def _fits(values: Floats, kind: type[np.floating[Any]]) -> bool:
-    with np.errstate(over="ignore"):
-        return bool((values.astype(kind) == values).all())
-
-
 def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
-    steps: Floats = np.abs(np.spacing(values.astype(kind))).astype(np.float64)
-    return steps
+    return np.asarray(np.abs(np.spacing(values.astype(kind))), np.float64)
 
 
 def _fewest_decimals(values: Floats, unit: Floats) -> int | None:
@@ -152,8 +147,9 @@ def _translation_errors(rotations: Floats, translations: Floats) -> Floats:
         kind = narrow_type(centres[:, :2])
         return np.zeros_like(centres) if kind is None else _steps(centres, kind) * _UNIFORM
     errors = rounding_errors(translations)
-    kind = next((kind for kind in _NARROW if _fits(translations, kind)), None)
-    return errors if kind is None else np.maximum(errors, _steps(translations, kind) * _UNIFORM)
+    with np.errstate(over="ignore"):
+        fit = [kind for kind in _NARROW if (translations.astype(kind) == translations).all()]
+    return np.maximum(errors, _steps(translations, fit[0]) * _UNIFORM) if fit else errors
 
 
 def _renormalised_errors(quaternions: Floats) -> Floats:

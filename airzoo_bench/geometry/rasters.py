@@ -62,12 +62,26 @@ class RasterInfo:
 def open_info(path: str | Path) -> RasterInfo:
     """Read size, grid and type of a raster; refuse one without a georeference."""
     with opened(path) as dataset:
+        transform, crs = dataset.transform, dataset.crs
+        has_area = np.isfinite(transform[:6]).all() and transform.determinant != 0.0
+        if crs is None or transform.is_identity or not has_area:
+            stated = "no CRS" if crs is None else f"the geotransform {tuple(transform[:6])}"
+            raise RasterError(
+                f"no georeference: {stated}",
+                where=path,
+                expected="a raster with a CRS and a geotransform",
+                fix="gdal_translate -a_srs and -a_ullr, or export it as GeoTIFF again",
+            )
+        try:
+            horizontal_crs(crs.to_wkt())
+        except UserError as error:
+            raise RasterError(error.what, where=path, expected=error.expected) from error
         return RasterInfo(
             path=Path(path),
             width=dataset.width,
             height=dataset.height,
-            transform=_georeference(dataset, path),
-            crs=_crs(dataset, path),
+            transform=transform,
+            crs=CRS.from_wkt(crs.to_wkt()),
             nodata=dataset.nodata,
             bands=dataset.count,
             dtype=dataset.dtypes[0],
@@ -208,31 +222,3 @@ def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:
             fix="gdal_translate -ot Byte -scale",
         )
     return bands
-
-
-def _georeference(dataset: Any, path: str | Path) -> Any:
-    transform = dataset.transform
-    if transform.is_identity or dataset.crs is None:
-        missing = "no geotransform" if transform.is_identity else "no CRS"
-        raise RasterError(
-            f"no georeference: {missing}",
-            where=path,
-            expected="a raster with a CRS and a geotransform",
-            fix="gdal_translate -a_srs and -a_ullr, or export it as GeoTIFF again",
-        )
-    if not (np.isfinite(transform[:6]).all() and transform.determinant != 0.0):
-        raise RasterError(
-            f"its geotransform {tuple(transform[:6])} cannot be inverted",
-            where=path,
-            expected="pixels with an area",
-        )
-    return transform
-
-
-def _crs(dataset: Any, path: str | Path) -> CRS:
-    wkt = dataset.crs.to_wkt()
-    try:
-        horizontal_crs(wkt)
-    except UserError as error:
-        raise RasterError(error.what, where=path, expected=error.expected) from error
-    return CRS.from_wkt(wkt)
