@@ -1,4 +1,4 @@
-"""Example packages, installed without a network, and commands that see them."""
+"""Example packages: on the search path of this process, or installed without a network."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,29 +14,35 @@ import pytest
 from tests.support import HANGS_S
 
 ROOT = Path(__file__).resolve().parents[1]
-_METADATA = "import setuptools.build_meta as b; b.build_sdist('dist')"
 
 
-def run_python(*arguments: object, path: Path | None = None, cwd: Path = ROOT) -> tuple[int, str]:
-    """Run Python with the checkout and a package on its path; return exit code and output."""
-    places = [str(place) for place in (path, ROOT) if place is not None]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(places), "COLUMNS": "200"}
-    words = [sys.executable, *map(str, arguments)]
-    settings = {"env": environment, "cwd": cwd, "timeout": HANGS_S}
-    ran = subprocess.run(words, capture_output=True, text=True, check=False, **settings)
-    return ran.returncode, ran.stdout + ran.stderr
+def add_package(example: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put a package's source and entry points, as an installed one has them, on the path."""
+    project = tomllib.loads((example / "pyproject.toml").read_text())["project"]
+    shutil.copytree(example / "src", folder)
+    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir()
+    stated = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    (info / "METADATA").write_text(stated)
+    lines = []
+    for group, points in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {place}" for name, place in points.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(folder)
 
 
-def install(example: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install a package; where no wheel can be built, return its source beside its metadata."""
-    source = tmp_path_factory.mktemp("source") / "package"
+def listed_when_installed(example: Path, home: Path, *command: str) -> str:
+    """Install a package, and return what a command prints in a process that sees it."""
+    source, target = home / "package", home / "target"
     shutil.copytree(example, source, ignore=shutil.ignore_patterns("*.egg-info", "build", "dist"))
-    target = tmp_path_factory.mktemp("target")
     quiet = ("--no-index", "--no-build-isolation", "--no-deps", "--quiet")
-    code, said = run_python("-m", "pip", "install", *quiet, "--target", target, source)
-    if code == 0:
-        return target
-    code, more = run_python("-c", _METADATA, cwd=source)
-    if code:
-        pytest.skip(f"no build backend that works without a network: {said[-300:]} {more[-300:]}")
-    return source / "src"
+    _run("-m", "pip", "install", *quiet, "--target", target, source)
+    return _run("-m", "airzoo_bench", *command, path=target)
+
+
+def _run(*arguments: object, path: Path = ROOT) -> str:
+    environment = os.environ | {"PYTHONPATH": f"{path}{os.pathsep}{ROOT}", "COLUMNS": "200"}
+    words = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=HANGS_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout

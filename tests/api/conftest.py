@@ -7,15 +7,18 @@ import pytest
 
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from tests.api.place import NAME, make_field
+from tests.shared import made_once
 
 
 @pytest.fixture(scope="session")
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the root of a benchmark of every track: its sources, and the data root `data`."""
-    root = tmp_path_factory.mktemp("field")
-    with mock.patch.dict("os.environ", {"AIRZOO_BENCH_DATA": str(root / "data")}):
-        make_field(root)
-    return root
+
+    def make(root: Path) -> None:
+        with mock.patch.dict("os.environ", {"AIRZOO_BENCH_DATA": str(root / "data")}):
+            make_field(root)
+
+    return made_once(tmp_path_factory, "field", make)
 
 
 @pytest.fixture

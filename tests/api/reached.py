@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -31,10 +31,10 @@ def reached(root: object) -> Iterator[object]:
             waiting += _below(one)
 
 
-def numbers_reached(root: object) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return every number that `root` leads to, as text too, sorted, each once."""
+def numbers_of(objects: Iterable[object]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return every number among objects, as text too, sorted, each once."""
     found = [np.zeros(0)]
-    for one in reached(root):
+    for one in objects:
         if isinstance(one, np.ndarray) and one.dtype.kind in "fiu" and one.dtype.itemsize > 1:
             found.append(one.astype(np.float64).ravel())
         elif isinstance(one, int | float | np.number) and not isinstance(one, bool):

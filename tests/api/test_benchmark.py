@@ -22,7 +22,7 @@ from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
 from tests.api.place import GROUND_M, NAME, NAMES, PHOTO_SIZE, PRIOR_OFF_M, true_poses
-from tests.api.reached import numbers_reached, reached
+from tests.api.reached import numbers_of, reached
 
 IDS = [f"{NAME}/{Path(name).with_suffix('').as_posix()}" for name in NAMES]
 
@@ -51,13 +51,14 @@ def numbers_of_truth(root: Path) -> np.ndarray[Any, Any]:
 def test_nothing_of_the_truth_is_reached(root: Path, field: BlindBenchmark) -> None:
     secret = numbers_of_truth(root)
     assert len(secret) > 100
-    shared = np.intersect1d(np.round(secret, 7), np.round(numbers_reached(field), 7))
+    objects = list(reached(field))
+    shared = np.intersect1d(np.round(secret, 7), np.round(numbers_of(objects), 7))
     assert shared.tolist() == []
-    texts = [str(one) for one in reached(field) if isinstance(one, str | Path)]
+    texts = [str(one) for one in objects if isinstance(one, str | Path)]
     assert any("dom.tif" in text for text in texts)
     for word in ("cloud.ply", "positives", "overlaps", "footprint"):
         assert not [text for text in texts if word in text]
-    kinds = {type(one).__name__ for one in reached(field)}
+    kinds = {type(one).__name__ for one in objects}
     assert {"Photo", "Tile", "Crop", "Pose", "Camera"} <= kinds
     assert not {kind for kind in kinds if kind.endswith("Truth") or kind == "Positives"}
 
@@ -65,7 +66,7 @@ def test_nothing_of_the_truth_is_reached(root: Path, field: BlindBenchmark) -> N
 def test_the_walk_would_find_the_truth(root: Path) -> None:
     secret, (retrieval, matching) = numbers_of_truth(root), truths(root)
     for holder in (matching, {"rows": [retrieval.footprints]}, lambda: retrieval.positives.overlap):
-        found = np.round(numbers_reached(holder), 7)
+        found = np.round(numbers_of(reached(holder)), 7)
         assert len(np.intersect1d(np.round(secret, 7), found)) > 20
 
 

@@ -58,14 +58,13 @@ def modules_after(code: str) -> set[str]:
 def test_importing_the_package_imports_nothing_heavy() -> None:
     loaded = modules_after("import airzoo_bench")
     assert loaded.isdisjoint(HEAVY)
-    own = {name for name in loaded if name.startswith("airzoo_bench.")}
-    assert own == set()
-    assert "numpy" in modules_after("import airzoo_bench; airzoo_bench.recall_at_k")
+    assert not [name for name in loaded if name.startswith("airzoo_bench.")]
 
 
 def test_scores_of_arrays_need_no_reader_and_no_solver() -> None:
     of_arrays = [name for name in FUNCTIONS if name not in OF_FILES]
     loaded = modules_after(f"import airzoo_bench as ab\nfor n in {of_arrays}: getattr(ab, n)")
+    assert "numpy" in loaded
     assert loaded.isdisjoint({"open3d", "faiss", "rasterio", "matplotlib", "pycolmap"})
 
 

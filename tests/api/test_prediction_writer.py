@@ -222,8 +222,14 @@ def test_what_eval_would_refuse_is_said_at_the_end(
         both.close()
 
 
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-@pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
+@pytest.mark.parametrize(
+    ("track", "error"),
+    [
+        ("retrieval", KeyboardInterrupt),
+        ("matching", RuntimeError),
+        ("reconstruction", RuntimeError),
+    ],
+)
 def test_an_exception_leaves_what_was_there(
     root: Path, field: BlindBenchmark, tmp_path: Path, error: type[BaseException], track: str
 ) -> None:

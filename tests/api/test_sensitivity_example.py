@@ -17,6 +17,7 @@ SURE = {"park/a": (0, 0), "park/b": (128, 0), "park/c": (0, 128), "park/sub/d": 
 DOUBTFUL = SURE | {"park/a": (0, 32)}
 
 
+@pytest.mark.slow
 def test_a_tile_that_answers_at_another_height(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

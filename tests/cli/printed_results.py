@@ -138,6 +138,11 @@ def conditions(scored: Scored) -> list[str]:
 Run = Callable[..., Said]
 
 
+def read_json(run: Run, *ask: object) -> Grid:
+    """Return what a command prints as JSON."""
+    return json_grid(run(*ask, "--format", "json").out)
+
+
 def check_formats(run: Run, *ask: object) -> Grid:
     """Hold all formats to the JSON, which is returned."""
     printed = {form: run(*ask, "--format", form).out for form in FORMATS}

@@ -14,9 +14,7 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.results.result import write_result
 from tests.cli.environment import environment
-from tests.results.made import result
 from tests.support import HANGS_S, files_below, make_place, run_main, write_predictions
 
 
@@ -100,19 +98,10 @@ def test_a_method_s_name_is_shown_and_never_obeyed(
 def test_a_reader_that_goes_away_is_no_fault() -> None:
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "airzoo_bench", "readers"]
+    command = [sys.executable, "-m", "airzoo_bench", "protocols", "photos-matching"]
     with os.fdopen(write, "wb") as pipe:
         done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, env=environment())
     assert (done.returncode, done.stderr) == (0, b"")
-
-
-def test_a_pipe_without_the_letters(tmp_path: Path) -> None:
-    write_result(tmp_path / "r.json", result("Mü"))
-    command = [sys.executable, "-m", "airzoo_bench", "table", str(tmp_path / "r.json")]
-    done = subprocess.run(command, capture_output=True, env=environment(PYTHONIOENCODING="ascii"))
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"M\\xfc on p v1" in done.stdout
-    assert b"R@1 [%] \\u2191" in done.stdout
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import poses_of, read_queries
+from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.table_dataset import TableDataset
 from airzoo_bench.geometry.crs import to_lonlat
-from tests.packages import ROOT, install, run_python
-from tests.support import NORTH_WEST, PLACE_CRS, make_place
+from tests.packages import ROOT, add_package, listed_when_installed
+from tests.support import NORTH_WEST, PLACE_CRS, make_place, run_main
 
 EXAMPLE = ROOT / "examples" / "benchmark-package"
 MODULE = EXAMPLE / "src" / "airzoo_bench_hills" / "__init__.py"
-
-
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return install(EXAMPLE, tmp_path_factory)
 
 
 def make_hills(folder: Path) -> Path:
@@ -57,37 +53,30 @@ def test_a_declaration_says_what_it_lacks(changes: dict[str, Any], words: str) -
         type("Wrong", (TableDataset,), whole | changes)
 
 
-def test_it_is_listed(installed: Path) -> None:
-    code, said = run_python("-m", "airzoo_bench", "prepare", "--help", path=installed)
-    assert code == 0, said
-    assert "hills" in said
-    assert "hills" not in run_python("-m", "airzoo_bench", "prepare", "--help")[1]
+@pytest.mark.slow
+def test_it_is_listed_when_it_is_installed(tmp_path: Path) -> None:
+    assert "hills" in listed_when_installed(EXAMPLE, tmp_path, "prepare", "--help")
 
 
 def test_it_is_prepared_and_scored(
-    installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(os.environ, "AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    source = make_hills(tmp_path / "Hills")
-    command = ("-m", "airzoo_bench", "prepare", "hills", "--source", source)
-    code, said = run_python(*command, path=installed)
-    assert code == 0, said
-    assert "licence: CC BY 4.0" in said
+    assert "hills" not in DATASETS.names()
+    add_package(EXAMPLE, tmp_path / "package", monkeypatch)
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
+    command = ("prepare", "hills", "--source", make_hills(tmp_path / "Hills"))
+    assert run_main(*command) == 0
+    assert "licence: CC BY 4.0" in capsys.readouterr().out
     benchmark = Benchmark.open(tmp_path / "data" / "hills")
     assert [scene.id for scene in benchmark.file.scenes] == ["north", "south"]
-    photos = read_queries(benchmark.scene_folder("north"), benchmark_photos())
+    photos = read_queries(benchmark.scene_folder("north"), pd.DataFrame({"id": []}))
     expected = np.array([(64, 64, 200), (192, 64, 200), (64, 192, 200), (192, 192, 200)])
     centres = poses_of(photos).centres - (*NORTH_WEST, 0)
     np.testing.assert_allclose(centres * (1, -1, 1), expected, atol=1e-3)
     out = tmp_path / "retrieval.npz"
     template = ("template", "hills-retrieval", "--out", out, "--kind", "descriptors")
     for words in (template, ("check", out), ("eval", "retrieval", out)):
-        code, said = run_python("-m", "airzoo_bench", *words, path=installed)
-        assert code == 0, said
-    assert "nothing to do" in run_python(*command, path=installed)[1]
-
-
-def benchmark_photos() -> object:
-    import pandas as pd
-
-    return pd.DataFrame({"id": []})
+        assert run_main(*words) == 0
+    capsys.readouterr()
+    assert run_main(*command) == 0
+    assert "nothing to do" in "".join(capsys.readouterr())

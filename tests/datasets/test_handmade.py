@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -18,15 +19,22 @@ from tests.support import make_place, run_main
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark-folder.md"
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A complete folder with all tracks but reconstruction, tiles and crops as files."""
-    place = make_place(tmp_path / "source")
+    home = tmp_path_factory.mktemp("handmade")
+    place = make_place(home / "source")
     for name in NAMES:
         tag(place, name)
-    more = ("--out", tmp_path / "park", "--tiles", "files", "--crops", "files")
+    more = ("--out", home / "park", "--tiles", "files", "--crops", "files")
     assert run_main(*place.arguments(), *more) == 0
-    return tmp_path / "park"
+    return home / "park"
+
+
+@pytest.fixture
+def folder(prepared: Path, tmp_path: Path) -> Path:
+    """A copy of the folder, which a test may change."""
+    return Path(shutil.copytree(prepared, tmp_path / "park"))
 
 
 def change(folder: Path, *without: str) -> None:
@@ -59,7 +67,7 @@ def test_a_changed_file_gets_a_new_checksum_only_if_that_is_asked(
     Benchmark.open(folder)
 
 
-@pytest.mark.parametrize("name", ["error_m", "within_5m", "failed", "scene", "recall@1", "tile@9"])
+@pytest.mark.parametrize("name", ["error_m", "within_5m", "scene", "tile@9"])
 def test_a_condition_called_as_another_column_of_the_records(
     folder: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,10 +142,10 @@ def test_what_eval_refuses_gets_no_checksums(
     assert (folder / "benchmark.toml").read_bytes() == before
 
 
-def test_the_page_names_every_column(folder: Path) -> None:
+def test_the_page_names_every_column(prepared: Path) -> None:
     named = set(re.findall(r"`([A-Za-z0-9_]+)`", PAGE.read_text()))
     seen = 0
-    for path in sorted((folder / "scenes").rglob("*")):
+    for path in sorted((prepared / "scenes").rglob("*")):
         if path.suffix == ".csv":
             columns = path.read_text().split("\n", 1)[0].split(",")
         elif path.suffix == ".parquet":

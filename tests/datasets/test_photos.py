@@ -111,30 +111,24 @@ def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "park").exists()
 
 
-def test_a_true_cloud_makes_truth_for_reconstruction(tmp_path: Path) -> None:
+@pytest.mark.parametrize("shards", [0, 3])
+def test_a_true_cloud_makes_truth_for_reconstruction(shards: int, tmp_path: Path) -> None:
     place = make_place(tmp_path)
-    cloud = tmp_path / "cloud.npy"
     images = json.loads(place.poses.read_text())["images"].values()
-    centres = np.array([image["center"] for image in images])
-    np.save(cloud, np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0))
+    centre = np.array([image["center"] for image in images]).mean(axis=0)
+    points = np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centre
+    cloud = tmp_path / ("tiles" if shards else "cloud.npy")
+    if shards:
+        cloud.mkdir()
+        for number, part in enumerate(np.array_split(points, shards)):
+            write_laz(cloud / f"{number}.laz", part)
+    else:
+        np.save(cloud, points)
     result = prepared(place, tmp_path / "park", cloud=cloud, copy=True)
     assert "park-reconstruction" in result.protocols
     truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
     assert len(truth.photos) == 4
-    assert truth.cloud.read_bytes() == cloud.read_bytes()
-
-
-def test_a_true_cloud_in_shards_makes_truth_for_reconstruction(tmp_path: Path) -> None:
-    place = make_place(tmp_path)
-    cloud = tmp_path / "tiles"
-    cloud.mkdir()
-    images = json.loads(place.poses.read_text())["images"].values()
-    centres = np.array([image["center"] for image in images])
-    points = np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centres.mean(axis=0)
-    for number, part in enumerate(np.array_split(points, 3)):
-        write_laz(cloud / f"{number}.laz", part)
-    result = prepared(place, tmp_path / "park", cloud=cloud, copy=True)
-    assert "park-reconstruction" in result.protocols
-    truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
-    assert len(truth.photos) == 4
-    assert shards_in(truth.cloud) == [truth.cloud / f"{number}.laz" for number in range(3)]
+    if shards:
+        assert shards_in(truth.cloud) == [truth.cloud / f"{number}.laz" for number in range(3)]
+    else:
+        assert truth.cloud.read_bytes() == cloud.read_bytes()

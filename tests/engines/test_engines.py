@@ -23,7 +23,7 @@ from tests.support import HANGS_S
 HOME = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(params=["here", "processes", "dask"])
+@pytest.fixture(params=["here", "processes", pytest.param("dask", marks=pytest.mark.slow)])
 def engine(request: pytest.FixtureRequest) -> Engine:
     if request.param == "dask":
         found: Engine = request.getfixturevalue("dask")
@@ -103,6 +103,7 @@ def test_a_run_that_is_left_early_leaves_the_engine_usable(engine: Engine) -> No
     assert len(list(engine.map(work.square, range(9), shared=0, stage="s", name=named))) == 9
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_worker_of_dask_killed_once_changes_nothing(dask: Engine, tmp_path: Path) -> None:
     found = dask.map(work.dying_once, range(20), shared=tmp_path, stage="shards", name=named)

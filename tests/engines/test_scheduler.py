@@ -79,6 +79,13 @@ def test_its_workers_outlive_a_run(workers: Standing) -> None:
         assert os.getpid() not in {int(one["who"]) for one in found}
 
 
+def test_a_fault_of_the_user_comes_whole_and_names_its_block(workers: Standing) -> None:
+    for folder, said in (("long", "row 3"), ("unreadable", "shard 3")):
+        with pytest.raises(UserError) as caught, connect(workers.address) as place:
+            list(place.map(work.faulty, range(6), shared=Path(folder), stage="s", name=named))
+        assert caught.value.where == said
+
+
 def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> None:
     with scheduler_and_worker(tmp_path) as own:
 

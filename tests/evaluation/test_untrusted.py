@@ -40,10 +40,15 @@ def test_matching(tmp_path: Path) -> None:
     alike(world.write(tmp_path / "p.npz", world.named(**world.matches())), world.root)
 
 
-def test_clouds_of_an_archive_and_maps_read_one_by_one(tmp_path: Path) -> None:
+def test_clouds_of_a_folder(tmp_path: Path) -> None:
     world = make_world(tmp_path / "data")
     clouds = predict_clouds(world, tmp_path / "p", {"lot": true_points("lot")}, cameras=False)
     alike(clouds, world.root, keep=True)
+
+
+@pytest.mark.slow
+def test_maps_read_one_by_one(tmp_path: Path) -> None:
+    world = make_world(tmp_path / "data")
     alike(cut3r.write(tmp_path / "native", world), world.root, PROTOCOL)
 
 

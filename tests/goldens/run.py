@@ -99,6 +99,9 @@ def _outcome(command: str, home: Path) -> dict[str, Any]:
     if evaluates:
         return _result(home / "out")
     [folder] = _benchmarks(home) - before
+    code, printed = run(command, home)
+    if code or "nothing to do" not in printed:
+        raise AssertionError(f"{command}, once more: exit {code}\n{printed}")
     return _folder(folder)
 
 

@@ -6,26 +6,26 @@ from pathlib import Path
 
 import pytest
 
-from tests.packages import ROOT, install, run_python
+from airzoo_bench.core.registry import READERS
+from tests.packages import ROOT, add_package, listed_when_installed
 from tests.readers.retrieval_support import PROTOCOL, Place
+from tests.support import run_main
 
 EXAMPLE = ROOT / "examples" / "reader-package"
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return install(EXAMPLE, tmp_path_factory)
-
-
-def test_it_is_listed(installed: Path) -> None:
-    code, said = run_python("-m", "airzoo_bench", "readers", path=installed)
-    assert code == 0, said
+@pytest.mark.slow
+def test_it_is_listed_when_it_is_installed(tmp_path: Path) -> None:
+    said = listed_when_installed(EXAMPLE, tmp_path, "readers")
     assert "ranks-csv" in said
     assert "ranks.csv of my method" in said
-    assert "ranks-csv" not in run_python("-m", "airzoo_bench", "readers")[1]
 
 
-def test_it_reads(installed: Path, tmp_path: Path) -> None:
+def test_it_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "ranks-csv" not in READERS.names()
+    add_package(EXAMPLE, tmp_path / "package", monkeypatch)
     place = Place()
     data = place.prepare(tmp_path / "data")
     lines = ["query,tile,similarity"]
@@ -37,7 +37,7 @@ def test_it_reads(installed: Path, tmp_path: Path) -> None:
             lines += [f"{photo},{scene.tile(tile)},{score!r}" for tile, score in rows]
     (tmp_path / "ranks.csv").write_text("\n".join(lines))
     command = ("eval", "retrieval", tmp_path / "ranks.csv", "--protocol", PROTOCOL, "--data", data)
-    code, said = run_python("-m", "airzoo_bench", *command, path=installed)
-    assert code == 0, said
-    assert "read by reader ranks-csv" in said
-    assert "100.0" in said
+    assert run_main(*command) == 0
+    said = capsys.readouterr()
+    assert "read by reader ranks-csv" in said.out + said.err
+    assert "100.0" in said.out

@@ -76,8 +76,15 @@ def test_multiples_of_one_vector_tie_under_cosine(dtype, n_tiles):
 
 
 @pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("n_tiles", [40, 900])
-@pytest.mark.parametrize("memory_bytes", [1 << 14, 1 << 30])
+@pytest.mark.parametrize(
+    ("n_tiles", "memory_bytes"),
+    [
+        (40, 1 << 14),
+        (40, 1 << 30),
+        (900, 1 << 30),
+        pytest.param(900, 1 << 14, marks=pytest.mark.slow),
+    ],
+)
 def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes):
     """Mathematically alike for every query, in floating point not: half of the gallery."""
     rng = np.random.default_rng(4)
@@ -111,7 +118,7 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("n_tiles", [80, 500])  # few enough to be kept; a crowd
 @pytest.mark.parametrize("memory_bytes", [1 << 13, 1 << 30])
-@pytest.mark.parametrize("apart", [1e-8, 3e-8])
+@pytest.mark.parametrize("apart", [1e-8, pytest.param(3e-8, marks=pytest.mark.slow)])
 def test_order_below_the_resolution_of_float32(metric, n_tiles, memory_bytes, apart):
     rng = np.random.default_rng(4)
     base = rng.standard_normal(40)

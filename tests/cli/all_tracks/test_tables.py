@@ -14,6 +14,7 @@ from tests.cli.printed_results import (
     check_gains,
     csv_grid,
     json_grid,
+    read_json,
     same,
 )
 from tests.cli.results_of_all_tracks import (
@@ -59,7 +60,7 @@ def test_a_table_of_methods_holds_the_results(scored: Scored, run: Run) -> None:
 
 def test_a_table_of_one_result_holds_every_scene(scored: Scored, run: Run) -> None:
     for path, result in zip(scored.paths, scored.results.values(), strict=True):
-        table = check_formats(run, "table", path)
+        table = read_json(run, "table", path)
         titles = result.truth.scene_titles
         for scene, title in titles.items():
             for column in scored.headline:
@@ -71,7 +72,7 @@ def test_a_table_of_one_result_holds_every_scene(scored: Scored, run: Run) -> No
 def test_scores_and_layouts_go_together(scored: Scored, run: Run) -> None:
     first, second = scored.headline[:2]
     ask = ("table", *scored.paths, "--score", second.title, "--score", first.key)
-    table = check_formats(run, *ask, "--layout", "scenes")
+    table = read_json(run, *ask, "--layout", "scenes")
     assert len(table.columns) == 1 + 2 * (len(scored.results[NAMES[0]].scenes) + 1)
     said = run(*ask, "--format", "latex", "--cite", f"{NAMES[0]}=key")
     assert r"weak\_1 \& co" in said.out

@@ -31,6 +31,7 @@ LIMITS = "[limits]\ntries = 1\ndays = 30\n"
 @pytest.fixture
 def board(tmp_path: Path, data: Path, command: Run, monkeypatch: pytest.MonkeyPatch) -> Board:
     """Return a board of the made benchmark whose truth is sealed."""
+    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", lambda _: None)
     _complete(data / "made")
     command("seal-folder", data / "made", "--force")
     made = Board(tmp_path / "world", command)

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from airzoo_bench.core import sandbox
+from airzoo_bench.evaluation import opening
 from airzoo_bench.leaderboard import scoring
 from airzoo_bench.leaderboard.git import BoardError
 from tests.leaderboard.hosting import git
@@ -205,7 +207,7 @@ def test_no_account_fills_a_table(board: Board, perfect: dict[str, list[Any]]) -
 
 
 def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
-    board: Board, perfect: dict[str, list[Any]]
+    board: Board, perfect: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     submit(board, board.main, perfect, "Baseline", account=MAINTAINER)
     board.push_main("The baseline")
@@ -213,4 +215,12 @@ def test_folder_that_is_already_on_main_by_a_maintainer_has_no_other_owner(
     (fork / "submissions/made/retrieval/baseline/extra.txt").write_text("x")
     comment = board.ci(1, board.propose(fork, 1), ADA, code=1)
     assert "belongs to another account" in comment
+    # What strangers wrote is read in a child under limits.
+    children: list[object] = []
+    call = sandbox.call_limited
+    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
+    monkeypatch.setattr(
+        opening, "call_limited", lambda *given, **more: children.append(1) or call(*given, **more)
+    )
     assert list(board.rescore().glob("runs/made/retrieval/baseline/1/run.json"))
+    assert children

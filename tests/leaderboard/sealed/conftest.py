@@ -10,6 +10,7 @@ from PIL import Image, PngImagePlugin
 
 from airzoo_bench.leaderboard.sealing import load_pyrage, seal
 from tests.api.place import NAME, make_field
+from tests.shared import made_once
 
 SALT = "5a" * 32
 TRUE_PLACE = "401234.5 3120234.5"
@@ -28,11 +29,13 @@ class SealedField:
 @pytest.fixture(scope="session")
 def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a benchmark of every track with all files that `prepare` can write."""
-    root = tmp_path_factory.mktemp("host")
-    with mock.patch.dict("os.environ", {"AIRZOO_BENCH_DATA": str(root / "data")}):
-        folder = make_field(root, "--copy", "--tiles", "files", "--crops", "files")
-    add_metadata(folder / "data" / NAME / "images" / "a.png")
-    return folder
+
+    def make(root: Path) -> None:
+        with mock.patch.dict("os.environ", {"AIRZOO_BENCH_DATA": str(root / "data")}):
+            folder = make_field(root, "--copy", "--tiles", "files", "--crops", "files")
+        add_metadata(folder / "data" / NAME / "images" / "a.png")
+
+    return made_once(tmp_path_factory, "host", make) / "data" / NAME
 
 
 def add_metadata(path: Path) -> None:

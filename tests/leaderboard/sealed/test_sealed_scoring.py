@@ -107,7 +107,9 @@ main()
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "how", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_a_stopped_run_leaves_no_truth(
     how: signal.Signals, sealed: SealedField, predictions: dict[str, Path], tmp_path: Path
 ) -> None:
