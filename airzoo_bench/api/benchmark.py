@@ -12,9 +12,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from rasterio import Affine
 
-from airzoo_bench.benchmark.folder import Benchmark, find_benchmark, needed
+from airzoo_bench.benchmark.folder import Benchmark, data_here, find_benchmark, needed
 from airzoo_bench.benchmark.images import photo_size, read_rgb_photo
-from airzoo_bench.benchmark.mirrored import data_here
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
     PRIOR_COLUMNS,

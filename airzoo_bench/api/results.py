@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.benchmark.mirrored import data_here
+from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.errors import UserError, first_of
 from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as score_predictions
@@ -33,7 +33,7 @@ from airzoo_bench.results.files import result_paths, results_here
 from airzoo_bench.results.records import Scored, checked_records, read_scored, write_csv
 from airzoo_bench.results.result import ScoreColumn, read_result, write_result
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.storage.mirror import here
+from airzoo_bench.storage.urls import local_path
 from airzoo_bench.tables.comparison import comparison_table, verdict
 from airzoo_bench.tables.intervals import intervals_table
 from airzoo_bench.tables.layouts import scenes_table
@@ -271,7 +271,7 @@ def check(
 def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     """Yield the path of predictions; arrays are written to a file first, as a user would."""
     if not isinstance(predictions, Mapping):
-        yield here(predictions)
+        yield local_path(predictions)
         return
     for of_tiles in (True, False):
         rows = {n: some for n, some in predictions.items() if n.startswith("gallery") is of_tiles}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.benchmark import BlindBenchmark, BlindScene, load_benchmark
-from airzoo_bench.benchmark.mirrored import data_here
+from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError, first_of
 from airzoo_bench.core.files import (
     atomic_entries,

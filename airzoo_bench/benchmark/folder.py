@@ -22,12 +22,20 @@ from typing import Annotated, Any, Literal, TypeVar
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from airzoo_bench.benchmark.mirrored import fetch_truth, resolved
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import DATA_VARIABLE, atomic_write, sha256_of
+from airzoo_bench.core.files import DATA_VARIABLE, MARK, atomic_write, data_location, sha256_of
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import SAFE_NAME, read_toml, validated
-from airzoo_bench.storage.urls import url_at
+from airzoo_bench.storage.urls import (
+    UP_TO_DATE,
+    client_of,
+    ensure_file,
+    fetch,
+    in_parallel,
+    path_of,
+    url_at,
+    url_of,
+)
 
 PartT = TypeVar("PartT")
 
@@ -167,7 +175,7 @@ class Benchmark:
         file = validated(data, BenchmarkFile, BenchmarkError, path, "benchmark file")
         benchmark = cls(folder, file)
         if url_at(folder) is not None:
-            fetch_truth(folder, file)
+            in_parallel(ensure_file, [folder / name for name in file.checksums])
         with benchmark.fixes():
             verify(folder, file)
         if file.sealed is not None and not sealed:
@@ -208,8 +216,10 @@ class Benchmark:
         return self.folder / "scenes" / scene_id
 
     def resolve(self, path: str) -> Path:
-        """Return the place of a file that benchmark.toml names; of a mirror, it is fetched."""
-        return resolved(self.folder, self.file, path)
+        """Return the place of a file or folder that benchmark.toml names."""
+        folders = {one for scene in self.file.scenes for one in (scene.images, scene.maps)}
+        is_folder = path in folders or not Path(path).suffix
+        return self.folder / path if is_folder else ensure_file(self.folder / path)
 
     @property
     def image_folders(self) -> tuple[Path, ...]:
@@ -248,6 +258,34 @@ class Benchmark:
                 where=self.folder,
                 fix="use the protocol in its protocols/ folder, or prepare it again with this one",
             )
+
+
+def data_here(location: str | Path | None = None) -> Path:
+    """Return a benchmark folder, or the folder that holds some, as a path of this machine.
+
+    Of folders at a URL, benchmark.toml and the protocols are fetched at once, tables and truth
+    when the benchmark is opened, clouds, rasters and photos when they are read.
+    """
+    place = data_location() if location is None else location
+    url = url_of(place)
+    if url is None:
+        return Path(place)
+    UP_TO_DATE.clear()
+    url = url.rstrip("/")
+    with client_of(url) as client:
+        found = client.glob(f"{url}/{MARK}") or client.glob(f"{url}/*/{MARK}")
+        for mark in tuple(found):
+            found += client.glob(f"{mark.removesuffix(MARK)}protocols/*.toml")
+        files = [url_of(client.unstrip_protocol(name)) for name in found]
+    if not files:
+        raise BenchmarkError(
+            "no benchmark lies here",
+            where=url,
+            expected=f"a folder with {MARK}, or one that holds such folders",
+            fix="check bucket and folder; upload one that `airzoo-bench prepare` made",
+        )
+    in_parallel(fetch, filter(None, files))
+    return path_of(url)
 
 
 def benchmark_folders(root: Path) -> dict[str, Path]:

@@ -13,7 +13,7 @@ from PIL.Image import Resampling
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.storage.mirror import fetched
+from airzoo_bench.storage.urls import ensure_file
 
 _UPRIGHT = 1
 _TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
@@ -23,7 +23,7 @@ _FIX = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 def photo_size(path: Path) -> tuple[int, int]:
     """Read width and height in pixels, as stored, from a photo's header."""
-    with opened_photo(fetched(path)) as image:
+    with opened_photo(ensure_file(path)) as image:
         orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
         size = image.size
     if orientation in _TURNED:
@@ -47,7 +47,7 @@ def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
 
 
 def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
-    with opened_photo(fetched(path), _FIX) as image:
+    with opened_photo(ensure_file(path), _FIX) as image:
         scale = min(1.0, long_side / max(image.size))
         size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
         # libjpeg skips what is thrown away. It rounds sizes up, so that the last row and

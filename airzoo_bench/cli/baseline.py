@@ -70,7 +70,7 @@ def _predict(
     from airzoo_bench.evaluation.track import Run
 
     baseline: Any = track.baseline
-    with open_engine(engine, jobs=jobs, here=Processes(jobs), note=say) as place:
+    with open_engine(engine, jobs=jobs, here=Processes(jobs)) as place:
         run_baseline(
             track.name,
             protocol,

@@ -187,8 +187,8 @@ def printable(text: str) -> str:
 
 
 def say(message: str) -> None:
-    """Print a message on stderr, so that a pipe stays clean; mirrors are called by their URLs."""
-    if "airzoo_bench.storage.mirror" in sys.modules:
+    """Print a message on stderr, so that a pipe stays clean; copies are called by their URLs."""
+    if "airzoo_bench.storage.urls" in sys.modules:
         from airzoo_bench.storage.urls import in_urls
 
         message = in_urls(message)

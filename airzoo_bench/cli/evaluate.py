@@ -128,7 +128,7 @@ def _evaluate(
     memory = memory_bytes(max_memory)
     with (
         only_run_at(out) if out else nullcontext(),
-        open_engine(engine, jobs=jobs, memory_bytes=memory, note=say) as place,
+        open_engine(engine, jobs=jobs) as place,
         _keep_scenes(out if resume and not asked else None) as store,
     ):
         place.progress = progress

@@ -10,7 +10,7 @@ import typer
 from airzoo_bench.cli.common import working
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import data_location, data_root
-from airzoo_bench.storage.urls import is_url
+from airzoo_bench.storage.urls import is_url, local_path
 
 DataOption = Annotated[
     str | None,
@@ -30,9 +30,9 @@ ResultsArgument = Annotated[
 
 
 def resolve_data(data: str | None) -> Path:
-    """Return the folder named, else the configured data root; what lies at a URL is mirrored."""
+    """Return the folder named, else the configured data root; what lies at a URL is copied."""
     if is_url(data_location() if data is None else data):
-        from airzoo_bench.benchmark.mirrored import data_here
+        from airzoo_bench.benchmark.folder import data_here
 
         with working("fetching the benchmark"):
             return data_here(data)
@@ -47,13 +47,11 @@ def resolve_data(data: str | None) -> Path:
 
 
 def predictions_here(location: str) -> Path:
-    """Return predictions as a path of this machine; what lies at a URL is mirrored."""
+    """Return predictions as a path of this machine; what lies at a URL is copied."""
     if not is_url(location):
         return Path(location)
-    from airzoo_bench.storage.mirror import here
-
     with working("fetching the predictions"):
-        return here(location)
+        return local_path(location)
 
 
 def with_data(data: str | Path | None) -> str:

@@ -134,7 +134,7 @@ def _prepare(
         say("nothing to do: it is complete, its checksums are right, and its sources are unchanged")
         return
     check_new_folder(folder, replace=force)
-    with open_engine(engine, jobs=jobs, here=Processes(jobs), note=say) as place:
+    with open_engine(engine, jobs=jobs, here=Processes(jobs)) as place:
         prepared = dataset.prepare(chosen, replace(settings, engine=place))
     _print_prepared(dataset.about, prepared)
     for protocol, track in prepared.protocols.items():

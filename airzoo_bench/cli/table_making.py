@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from airzoo_bench.benchmark.mirrored import data_here
+from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.cli.common import Format
 from airzoo_bench.cli.table_request import Layout, TableRequest
 from airzoo_bench.core.errors import UsageError

@@ -6,18 +6,19 @@ share and of one item. Results come in the order of the items, the same bytes fr
 
 from __future__ import annotations
 
-import importlib.util
-import re
+import os
 import signal
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, TypeVar
+from threading import Thread
+from typing import Any, TypeVar
 
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.core.progress import Progress, silent
@@ -27,29 +28,25 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
+Work = Callable[[Any, Any], Any]
+Submit = Callable[[Any], Callable[[], Any]]
+
 UNREAD = 4
 """Blocks a worker that may wait to be read, so that memory does not grow with their number."""
-MORE_MEMORY = "lower --jobs, raise --max-memory, or use workers or a machine with more memory"
+MORE_MEMORY = "lower --jobs, or use workers or a machine with more memory"
 LOCAL, DASK = "local", "dask"
-_ADDRESS = re.compile(r"(tcp|tls)://(\[[0-9a-fA-F:.]+\]|[^\s/:@]+):\d{1,5}")
-_IDLE_S = 60
+_OPENERS = {DASK: "local_cluster"}
 _QUIET = "ignore:resource_tracker"
-
-
-class Fault(NamedTuple):
-    """The error of a block, returned because Dask shortens messages of raised errors."""
-
-    error: UserError
 
 
 class Engine:
     """Does one block after the other in this process; a block itself may use threads."""
 
     distributed: bool = False  # whether other processes work, so that work is cut
-    dashboard: str | None = None  # where a browser shows what is going on
 
     def __init__(self, progress: Progress = silent) -> None:
         self.progress = progress
+        self._ahead = 1  # blocks that are submitted before the first of them is read
 
     def cut(self, count: int, size: int) -> list[slice]:
         """Cut `count` elements into blocks of `size`, or into one where all is done here."""
@@ -67,26 +64,38 @@ class Engine:
         """Yield what ``work(shared, item)`` returns, in the order of the items.
 
         `work` is a function of a module, which other processes import. The arrays of `shared` may
-        be mapped, and must not be written to. `stage` is what the items are, for progress, and
-        `name` returns what an item is called in messages.
+        be mapped, and must not be written to. `stage` says what the items are, for progress, and
+        `name` returns the name of an item in messages.
         """
         if not len(items):
             return
         with closing(self._results(work, items, shared, stage)) as results:
             shown = self.progress(results, stage, len(items)) if len(items) > 1 else results
-            for item, found in zip(items, shown, strict=True):
-                if isinstance(found, Fault):
-                    error = found.error
+            for item, (result, error) in zip(items, shown, strict=True):
+                if error is not None:
                     raise error if error.where is not None else error.inside(name(item))
-                yield found
+                yield result
 
     def _results(
-        self, work: Callable[[S, T], R], items: Sequence[T], shared: S, stage: str
-    ) -> Generator[R | Fault, None, None]:
-        """Yield the result of each item in order, or its fault."""
-        del stage
-        for item in items:
-            yield attempt(work, shared, item)
+        self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
+    ) -> Generator[Any, None, None]:
+        waiting: deque[Callable[[], Any]] = deque()
+        with self._submitter(work, shared, stage, len(items)) as submit:
+            for item in items:
+                waiting.append(submit(item))
+                if len(waiting) >= self._ahead:
+                    yield waiting.popleft()()
+            while waiting:
+                yield waiting.popleft()()
+
+    @contextmanager
+    def _submitter(self, work: Work, shared: Any, stage: str, count: int) -> Iterator[Submit]:
+        """Yield a function that submits an item and returns one that waits for `attempt` of it."""
+        del stage, count
+        yield lambda item: partial(attempt, work, shared, item)
+
+    def kill(self) -> None:
+        """End the processes of this engine in the middle of their blocks."""
 
 
 HERE = Engine()
@@ -98,31 +107,16 @@ def split(count: int, size: int) -> list[slice]:
     return [slice(begin, min(begin + size, count)) for begin in range(0, count, size)]
 
 
-def attempt(work: Callable[[S, T], R], shared: S, item: T) -> R | Fault:
-    """Return the result of a block, or the fault that a user can mend."""
+def attempt(work: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, UserError | None]:
+    """Return the result of a block, or the error that a user can mend; Dask cuts raised ones."""
     try:
-        return work(shared, item)
+        return work(shared, item), None
     except UserError as error:
-        return Fault(error)
+        return None, error
     except MemoryError:
-        return Fault(UserError("too little memory for it", fix=MORE_MEMORY))
+        return None, UserError("too little memory for it", fix=MORE_MEMORY)
     except OSError as error:
-        what = error.strerror or str(error) or type(error).__name__
-        what = what if error.filename is None else f"{what}: {error.filename}"
-        return Fault(UserError(what, fix="mend that, then run again"))
-
-
-def wait_in_order(
-    submit: Callable[[T], Any], wait: Callable[[Any], R], items: Sequence[T], most: int
-) -> Generator[R, None, None]:
-    """Submit items, at most `most` ahead of the reader, and yield their results in order."""
-    waiting: deque[Any] = deque()
-    for item in items:
-        waiting.append(submit(item))
-        if len(waiting) == most:
-            yield wait(waiting.popleft())
-    while waiting:
-        yield wait(waiting.popleft())
+        return None, UserError(str(error) or type(error).__name__, fix="mend that, then run again")
 
 
 class Processes(Engine):
@@ -137,11 +131,12 @@ class Processes(Engine):
         self._jobs = jobs
         self._pool: Any = None
 
-    def _results(
-        self, work: Callable[[S, T], R], items: Sequence[T], shared: S, stage: str
-    ) -> Generator[R | Fault, None, None]:
-        if self._jobs == 1 or len(items) == 1:
-            yield from super()._results(work, items, shared, stage)
+    @contextmanager
+    def _submitter(self, work: Work, shared: Any, stage: str, count: int) -> Iterator[Submit]:
+        self._ahead = UNREAD * self._jobs if self.distributed and count > 1 else 1
+        if self._ahead == 1:
+            with super()._submitter(work, shared, stage, count) as submit:
+                yield submit
             return
         import joblib  # takes 50 ms, which commands that start no process do without
 
@@ -149,12 +144,7 @@ class Processes(Engine):
             file = str(Path(folder, "shared"))
             joblib.dump((work, shared), file)
             try:
-                yield from wait_in_order(
-                    lambda item: self._submit(file, item),
-                    lambda future: future.result(),
-                    items,
-                    UNREAD * self._jobs,
-                )
+                yield partial(self._submit, file)
             except BrokenProcessPool as error:
                 self.kill()
                 raise UserError(
@@ -166,23 +156,35 @@ class Processes(Engine):
                 self.kill()
                 raise
 
-    def _submit(self, file: str, item: T) -> Any:
+    def _submit(self, file: str, item: T) -> Callable[[], Any]:
         # joblib.Parallel would compute all items at once, however few are read.
         from joblib.externals.loky import ProcessPoolExecutor
 
         with without_ctrl_c():
-            if self._pool is None:
-                self._pool = ProcessPoolExecutor(self._jobs, timeout=_IDLE_S)
-            return self._pool.submit(_attempt_dumped, file, item)
+            self._pool = self._pool or ProcessPoolExecutor(self._jobs, initializer=_watch_parent)
+            result: Callable[[], Any] = self._pool.submit(_attempt_dumped, file, item).result
+            return result
 
     def kill(self) -> None:
-        """End the processes in the middle of their blocks."""
+        """See `Engine`."""
         if self._pool is not None:
             pool, self._pool = self._pool, None
             # Not `shutdown(kill_workers=True)`, which fails where blocks are still queued.
             for process in list(pool._processes.values()):
                 process.terminate()
             pool.shutdown(wait=True)
+
+
+def _watch_parent() -> None:
+    """Let this process end with its parent, also where that is killed in the middle of a block."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 @lru_cache(maxsize=1)
@@ -213,40 +215,21 @@ def without_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def open_engine(
-    where: str,
-    *,
-    jobs: int,
-    memory_bytes: int | None = None,
-    here: Engine | None = None,
-    note: Callable[[str], None] = lambda _: None,
-) -> Iterator[Engine]:
+def open_engine(where: str, *, jobs: int, here: Engine | None = None) -> Iterator[Engine]:
     """Open the engine that --engine names: local, dask, or a scheduler's address; it ends after."""
     if where == LOCAL:
         engine = here or Engine()
         try:
             yield engine
         finally:
-            if isinstance(engine, Processes):
-                engine.kill()
+            engine.kill()
         return
-    if where != DASK and not _ADDRESS.fullmatch(where):
+    try:
+        opener = resolve("airzoo_bench.engines.dask:" + _OPENERS.get(where, "connect"))
+    except ModuleNotFoundError as error:  # Dask is an extra
         raise UsageError(
-            "that is no engine, and not the address of a scheduler",
-            where=f"--engine {where}",
-            expected="local, dask, tcp://HOST:PORT or tls://HOST:PORT",
-        )
-    if importlib.util.find_spec("distributed") is None:
-        raise UsageError(
-            f"--engine {where} needs Dask, which is not installed",
+            f"--engine {where} needs {error.name}, which is not installed",
             fix="pip install 'airzoo-bench[dask]'",
-        )
-    dask = "airzoo_bench.engines.dask"  # Dask is an extra
-    if where == DASK:
-        cluster = resolve(f"{dask}:local_cluster")(jobs, memory_bytes)
-    else:
-        cluster = resolve(f"{dask}:connect")(where, note)
-    with cluster as engine:
-        if engine.dashboard is not None:
-            note(f"dashboard: {engine.dashboard}")
+        ) from error
+    with opener(jobs if where == DASK else where) as engine:
         yield engine

@@ -15,7 +15,6 @@ from xml.etree import ElementTree as ET
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.files import fingerprint, sha256_of
 from airzoo_bench.geometry.rasters import opened
-from airzoo_bench.storage.mirror import pointed, pointed_sha256, pointer_at
 
 # What GDAL lists next to a raster, and whose content shows in what the raster says of itself.
 _SIDE_FILES = (".tfw", ".wld", ".prj", ".xml", ".ovr")
@@ -51,27 +50,14 @@ def raster_sha256(path: Path) -> str:
     a scale or a grid. Then it is over the bytes of all that hold numbers, and what the raster says
     of itself because of the rest; statistics and overviews change nothing. That of a virtual
     raster is over its own text and the checksums of the rasters that this names.
-
-    A raster at a URL must be one file there.
     """
-    pointer = pointer_at(pointed(path))
     with opened(path) as dataset:
         virtual, stated = dataset.driver == "VRT", _stated(dataset)
         files = [Path(name) for name in dataset.files[1:]]
     if virtual:
         files = [one for one in files if str(one).startswith(f"{path}.")]
     beside = [one for one in files if one.suffix.lower() not in _SIDE_FILES]
-    if pointer is not None and (virtual or beside):
-        raise RasterError(
-            "at a URL, and rests on other files, which nobody can hold to a checksum",
-            where=path,
-            expected="one file that holds all of it",
-            fix="make one GeoTIFF of it before `prepare` (gdal_translate -of COG), and upload that",
-        )
-    if virtual:
-        own = fingerprint(_virtual_content(path))
-    else:
-        own = sha256_of(path) if pointer is None else pointed_sha256(pointer)
+    own = fingerprint(_virtual_content(path)) if virtual else sha256_of(path)
     if not beside and stated == _stated_alone(path):
         return own
     return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])

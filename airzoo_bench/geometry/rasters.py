@@ -34,7 +34,7 @@ from airzoo_bench.geometry.crs import (
     to_lonlat,
     unwrapped,
 )
-from airzoo_bench.storage.mirror import pointed, pointer_at
+from airzoo_bench.storage.urls import ensure_file
 
 # What an environment may have set otherwise, and no checksum shows: where the pixels of a GeoTIFF
 # lie, and whether damaged ones are zeros.
@@ -90,18 +90,14 @@ def open_info(path: str | Path) -> RasterInfo:
 
 @contextmanager
 def opened(path: str | Path, **settings: str) -> Iterator[Any]:
-    """Open a raster for reading, here or where it lies; yields rasterio's dataset."""
-    if not pointed(Path(path)).is_file():
+    """Open a raster for reading; yields rasterio's dataset."""
+    if not ensure_file(Path(path)).is_file():
         raise RasterError("no such file", where=path)
-    pointer = pointer_at(Path(path))
-    if pointer is not None:
-        # GDAL would keep parts of a file that may be another one when it is opened again.
-        settings = {"CPL_VSIL_CURL_NON_CACHED": pointer.virtual} | pointer.settings() | settings
     try:
         with rasterio.Env(**_FIXED | settings):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", NotGeoreferencedWarning)
-                dataset = rasterio.open(path if pointer is None else pointer.virtual)
+                dataset = rasterio.open(path)
             with dataset:
                 yield dataset
     except (RasterioError, CRSError) as error:

@@ -33,7 +33,7 @@ from airzoo_bench.geometry.crs import check_same_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.storage.mirror import pointed
+from airzoo_bench.storage.urls import ensure_file
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
 _GRID = ("width", "height", "a", "b", "c", "d", "e", "f")
@@ -221,7 +221,7 @@ def _checked_map(
 
 def check_dsm(dsm: Path, prepared: str | None) -> None:
     """Refuse a surface model that is not the one that was prepared."""
-    there = pointed(dsm).is_file()
+    there = ensure_file(dsm).is_file()
     if not there or raster_sha256(dsm) != prepared:
         raise BenchmarkError(
             "the surface model is not the one that the benchmark was prepared with"

@@ -11,8 +11,7 @@ from pathlib import Path
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.results.result import Result, read_result
-from airzoo_bench.storage.mirror import fetch, fetched
-from airzoo_bench.storage.urls import Url, url_of
+from airzoo_bench.storage.urls import ensure_file, fetch, url_of
 
 _FILE = "result.json"
 _RECORDS = "records.csv"
@@ -40,15 +39,15 @@ def results_here(given: Sequence[str | Path]) -> list[Path]:
     """Return results as paths of this machine, and copy those at URLs."""
     urls = [url_of(location) for location in given]
     return [
-        Path(location) if url is None else _mirror_result(url)
+        Path(location) if url is None else _fetch_result(url)
         for location, url in zip(given, urls, strict=True)
     ]
 
 
-def _mirror_result(url: Url) -> Path:
+def _fetch_result(url: str) -> Path:
     """Copy a result; its records follow when they are asked for (`records_path`)."""
-    file = url if url.name.endswith(".json") and not url.says_folder else url.child(_FILE)
-    return fetch(file)
+    is_file = url.partition("?")[0].endswith(".json")
+    return fetch(url if is_file else f"{url.rstrip('/')}/{_FILE}")
 
 
 def records_path(path: Path) -> Path:
@@ -57,7 +56,7 @@ def records_path(path: Path) -> Path:
     there = [place for place in places if place.is_file()]
     if len(there) == 1:
         return there[0]
-    there = [place for place in map(fetched, places) if place.is_file()]
+    there = [place for place in map(ensure_file, places) if place.is_file()]
     with suppress(ResultError):  # which whoever reads the result will say
         stated = read_result(path).records_sha256 if there else ""
         there.sort(key=lambda place: sha256_of(place) != stated)

@@ -1,1 +1,1 @@
-"""Locations: what lies at a URL, mirrored, opened where it lies, or uploaded."""
+"""Files at URLs."""

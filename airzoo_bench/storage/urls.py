@@ -1,95 +1,65 @@
-"""Locations: paths of this machine, URLs, and the paths that copies of URLs have."""
+"""Files at URLs, which fsspec copies into a cache folder.
+
+The copy of ``s3://bucket/name`` is ``<cache>/s3/bucket/name``, so that a path says its URL;
+``<cache>/versions`` says which version it is.
+"""
 
 from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from urllib.parse import quote, unquote
+from typing import Any, TypeVar
+from urllib.parse import quote
+from uuid import uuid4
 
 from platformdirs import user_cache_path
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import StorageError, UsageError, UserError
+from airzoo_bench.core.files import atomic_write
+from airzoo_bench.core.registry import resolve
+
+T = TypeVar("T")
 
 SCHEMES = ("s3", "gs", "hf", "https", "http")
 CACHE_VARIABLE = "AIRZOO_BENCH_CACHE"
 """The variable of the environment that names the folder of copies."""
-_BEGIN = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
+_CONNECT_S, _READ_S = 5, 60
+_CLIENTS = ("aiohttp", "botocore", "gcsfs", "google", "httpx", "huggingface_hub", "s3fs")
+UP_TO_DATE: set[Path] = set()
+"""Copies that this run has compared with their URLs."""
 
 
-@dataclass(frozen=True)
-class Url:
-    """A place in a storage."""
-
-    scheme: str
-    path: str  # host or bucket, then names, without a last slash; of https without percent signs
-    query: str = ""  # of a file at https, such as a signature; messages do not show it
-    says_folder: bool = False  # it had a last slash: a file and a folder may have one name
-
-    @property
-    def name(self) -> str:
-        """The last part of the path."""
-        return self.path.rpartition("/")[2]
-
-    @property
-    def address(self) -> str:
-        """The whole of it, for a client."""
-        path = quote(self.path, "/:[]") if self.read_only else self.path
-        return f"{self.scheme}://{path}" + (f"?{self.query}" if self.query else "")
-
-    @property
-    def read_only(self) -> bool:
-        """Whether nothing can be written there."""
-        return self.scheme.startswith("http")
-
-    def child(self, relative: str) -> Url:
-        """Return the place of a file below."""
-        if not _is_plain(relative):
-            raise UsageError(
-                f"has a file that would not lie in its folder: {relative[:80]!r}",
-                where=self,
-                expected="relative names without '..'",
-            )
-        return replace(self, path=f"{self.path}/{relative}", says_folder=False)
-
-    def __str__(self) -> str:
-        return f"{self.scheme}://{self.path}" + "?…" * bool(self.query)
-
-
-def _is_plain(path: str) -> bool:
-    return not ({"", ".", ".."} & set(path.split("/")) or {"\\", "\0"} & set(path))
+class AbsentError(StorageError):
+    """Nothing lies at a URL."""
 
 
 def is_url(location: object) -> bool:
     """Tell whether a location is written as a URL."""
-    return _BEGIN.match(str(location)) is not None
+    return _URL.match(str(location)) is not None
 
 
-def url_of(location: str | Path) -> Url | None:
+def url_of(location: str | Path) -> str | None:
     """Return the URL that a location is, or None where it is a path."""
-    text = str(location)
-    found = _BEGIN.match(text)
+    found = _URL.match(str(location))
     if found is None:
         return None
-    scheme, path, query = found[1].lower(), text[found.end() :], ""
-    if scheme.startswith("http"):
-        path, _, query = path.partition("#")[0].partition("?")
-        if "@" in path.partition("/")[0]:
-            raise UsageError(
-                "a URL with a login",
-                where=f"{scheme}://…",
-                fix="put name and password into ~/.netrc, and leave them out of the URL",
-            )
-        path = unquote(path)
-    if scheme not in SCHEMES or not _is_plain(path.rstrip("/")) or "?versionId=" in path:
+    scheme, rest = found[1].lower(), found[2]
+    names = rest.partition("?")[0].rstrip("/").split("/")
+    is_odd = {"", ".", ".."} & set(names) or {"\\", "\0"} & set(rest) or "?versionId=" in rest
+    if scheme not in SCHEMES or is_odd or "@" in names[0]:
         raise UsageError(
             "is no URL that is read here",
             where=f"{scheme}://…",
             expected=f"{', '.join(f'{one}://' for one in SCHEMES)}, then a bucket or host and a "
             "folder or file, of which the newest version is read",
+            fix="put names and passwords into ~/.netrc" if "@" in names[0] else None,
         )
-    return Url(scheme, path.rstrip("/"), query, says_folder=path.endswith("/"))
+    return f"{scheme}://{rest}"
 
 
 def cache_folder() -> Path:
@@ -98,18 +68,20 @@ def cache_folder() -> Path:
     return Path(named).expanduser().absolute() if named else user_cache_path("airzoo-bench/mirrors")
 
 
-def copy_of(url: Url) -> Path:
+def path_of(url: str) -> Path:
     """Return the path of the copy of a file or folder, which may not be there."""
-    return cache_folder() / url.scheme / url.path
+    scheme, _, rest = url.partition("://")
+    return cache_folder() / scheme / rest.partition("?")[0].strip("/")
 
 
-def url_at(path: Path) -> Url | None:
+def url_at(path: Path) -> str | None:
     """Return the URL whose copy a path is, or None."""
-    try:
-        scheme, *names = path.absolute().relative_to(cache_folder()).parts
-    except ValueError:
+    place = Path(os.path.normpath(path.absolute()))  # names in a manifest may have ".."
+    if not place.is_relative_to(cache_folder()):
         return None
-    return Url(scheme, "/".join(names)) if scheme in SCHEMES and names else None
+    scheme, _, rest = place.relative_to(cache_folder()).as_posix().partition("/")
+    rest = quote(rest, "/:[]%") if scheme.startswith("http") else rest
+    return f"{scheme}://{rest}" if scheme in SCHEMES and rest else None
 
 
 def in_urls(text: str) -> str:
@@ -117,3 +89,112 @@ def in_urls(text: str) -> str:
     for scheme in SCHEMES:
         text = text.replace(f"{cache_folder() / scheme}/", f"{scheme}://")
     return text
+
+
+@contextmanager
+def client_of(url: str) -> Iterator[Any]:
+    """Yield fsspec's file system of a URL, and turn what it raises into one message."""
+    scheme, settings = url.partition("://")[0], {}
+    where = url.partition("?")[0]  # what follows may be a signature
+    try:
+        if scheme == "s3":
+            waits = {"connect_timeout": _CONNECT_S, "read_timeout": _READ_S}
+            settings["config_kwargs"] = waits | {"retries": {"total_max_attempts": 3}}
+            unsigned = os.environ.get("AWS_NO_SIGN_REQUEST", "").upper()
+            settings["anon"] = unsigned in ("YES", "TRUE", "1")
+        elif scheme.startswith("http"):
+            limit = resolve("aiohttp:ClientTimeout")
+            waits = limit(total=None, sock_connect=_CONNECT_S, sock_read=_READ_S)
+            plain = {"Accept-Encoding": "identity"}  # so that sizes are those of the files
+            settings["client_kwargs"] = {"timeout": waits, "trust_env": True, "headers": plain}
+        client = resolve("fsspec:filesystem")(scheme, use_listings_cache=False, **settings)
+        client.invalidate_cache()
+        yield client
+    except ImportError as error:
+        raise UsageError(
+            f"{scheme}:// needs packages that are not installed ({error})",
+            where=where,
+            fix="pip install 'airzoo-bench[storage,download]'",
+        ) from error
+    except Exception as error:
+        is_client = isinstance(error, OSError) or type(error).__module__.startswith(_CLIENTS)
+        if isinstance(error, UserError) or not is_client:
+            raise
+        status = _status_of(error)
+        if status == 404 or (status is None and isinstance(error, FileNotFoundError)):
+            fix = "check bucket, name, and the endpoint if any"
+            raise AbsentError("no such file or folder", where=where, fix=fix) from error
+        is_denied = isinstance(error, PermissionError) or status in (401, 403)
+        # A client's own words may hold passwords and signatures.
+        why = getattr(error, "strerror", None) or f"{type(error).__name__} {status or ''}".strip()
+        raise StorageError(
+            "access is denied" if is_denied else f"cannot be read: {why}",
+            where=where,
+            fix="check the credentials of docs/scale.md, the network and AWS_ENDPOINT_URL, or run "
+            "this again later",
+        ) from error
+
+
+def _status_of(error: BaseException | None) -> int | None:
+    """Return the HTTP status that an error or its cause states."""
+    if error is None:
+        return None
+    stated = getattr(error, "status", None) or getattr(error, "code", None)
+    return stated if isinstance(stated, int) else _status_of(error.__cause__)
+
+
+def in_parallel(call: Callable[[T], Any], arguments: Iterable[T]) -> list[Any]:
+    """Call a function that waits for a storage for each of the arguments, eight at once."""
+    with ThreadPoolExecutor(8) as pool:
+        return list(pool.map(call, arguments))
+
+
+def fetch(url: str) -> Path:
+    """Copy a file where its version is another than the copy's; return the path of the copy."""
+    path = path_of(url)
+    stamp = cache_folder() / "versions" / path.relative_to(cache_folder())
+    part = path.with_name(f".{uuid4().hex[:12]}.partial")
+    with client_of(url) as client:
+        version = repr(client.info(url))
+        if not (path.is_file() and stamp.is_file() and stamp.read_text("utf-8") == version):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                client.get_file(url, str(part))
+                part.replace(path)
+            finally:
+                part.unlink(missing_ok=True)
+            with atomic_write(stamp, "w") as stream:
+                stream.write(version)
+    UP_TO_DATE.add(path)
+    return path
+
+
+def ensure_file(path: Path) -> Path:
+    """Return a path, and fetch the file first if it is a copy that may be missing or old."""
+    url = url_at(path)
+    if url is not None and not (path in UP_TO_DATE and path.is_file()):
+        try:
+            fetch(url)
+        except AbsentError:
+            path.unlink(missing_ok=True)
+    return path
+
+
+def local_path(location: str | Path) -> Path:
+    """Return a path of this machine with the file or folder that a location names."""
+    url = url_of(location)
+    if url is None:
+        return Path(location)
+    with client_of(url) as client:
+        # A web server would send a whole file to be asked whether it is a folder.
+        is_web = url.startswith("http")
+        if not (url.endswith("/") or (not is_web and client.isdir(url))):
+            return fetch(url)
+        found = [url_of(client.unstrip_protocol(name)) for name in client.find(url)]
+    if not found:
+        raise AbsentError("no such file or folder, or an empty one", where=url)
+    copies = set(in_parallel(fetch, filter(None, found)))
+    for old in path_of(url).rglob("*"):
+        if old.is_file() and old not in copies:
+            old.unlink()
+    return path_of(url)

@@ -42,7 +42,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture(scope="module", params=[1, 2])
 def cluster(request: pytest.FixtureRequest, data: Path) -> Iterator[DaskEngine]:
     """Return workers of another folder than this process."""
-    with local_cluster(request.param, 1 << 30) as engine:
+    with local_cluster(request.param) as engine:
         engine.client.run(os.chdir, "/")
         yield engine
 

@@ -15,6 +15,6 @@ from airzoo_bench.engines.engine import Engine
 def dask() -> Iterator[Engine]:
     """Return its engine; libraries of this process keep their threads, unlike those of workers."""
     before = dict(os.environ)
-    with local_cluster(2, 1 << 30) as made:
+    with local_cluster(2) as made:
         assert dict(os.environ) == before
         yield made

@@ -133,13 +133,12 @@ def test_a_process_that_was_killed_is_one_message() -> None:
 HOLDING = """
 import sys
 from pathlib import Path
-from airzoo_bench.engines.engine import open_engine
-from airzoo_bench.engines.engine import Processes
+from airzoo_bench.engines.engine import Processes, open_engine
 from tests.engines import work
 
 if __name__ == "__main__":
     where, folder = sys.argv[1], Path(sys.argv[2])
-    with open_engine(where, jobs=2, memory_bytes=1 << 30, here=Processes(2)) as engine:
+    with open_engine(where, jobs=2, here=Processes(2)) as engine:
         for _ in engine.map(work.waiting, range(40), shared=folder, stage="s", name=str):
             pass
 """

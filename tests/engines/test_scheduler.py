@@ -1,4 +1,4 @@
-"""A scheduler that runs by itself, and the options that name one."""
+"""Clusters whose scheduler runs already: their workers, and what can go wrong with them."""
 
 from __future__ import annotations
 
@@ -11,26 +11,19 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.engines import dask, engine
+from airzoo_bench.engines import dask
 from airzoo_bench.engines.dask import connect
 from airzoo_bench.engines.engine import open_engine
 from tests.engines import work
 from tests.engines.work import named
 
 HOME = Path(__file__).resolve().parents[2]
-
-
-@dataclass(frozen=True)
-class Standing:
-    address: str
-    process: subprocess.Popen[bytes]
 
 
 @contextmanager
@@ -46,34 +39,32 @@ def running(*arguments: object) -> Iterator[subprocess.Popen[bytes]]:
 
 
 @contextmanager
-def scheduler(folder: Path) -> Iterator[Standing]:
-    """Start a scheduler without workers."""
+def scheduler(folder: Path, *, workers: bool = True) -> Iterator[tuple[str, Any]]:
+    """Start a scheduler, with one worker or none; yields its address and its process."""
     file = folder / "scheduler.json"
     place = ("--host", "127.0.0.1", "--port", 0, "--scheduler-file", file, "--no-dashboard")
     with running("distributed.cli.dask_scheduler", *place) as process:
         while not (file.exists() and file.read_text().endswith("}")):
             assert process.poll() is None
             time.sleep(0.05)
-        yield Standing(json.loads(file.read_text())["address"], process)
-
-
-@contextmanager
-def scheduler_and_worker(folder: Path) -> Iterator[Standing]:
-    with scheduler(folder) as made:
-        arguments = (made.address, "--no-nanny", "--nthreads", 1, "--no-dashboard")
+        address = json.loads(file.read_text())["address"]
+        if not workers:
+            yield address, process
+            return
+        arguments = (address, "--no-nanny", "--nthreads", 1, "--no-dashboard")
         with running("distributed.cli.dask_worker", *arguments):
-            yield made
+            yield address, process
 
 
 @pytest.fixture(scope="module")
-def workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Standing]:
-    with scheduler_and_worker(tmp_path_factory.mktemp("scheduler")) as made:
-        yield made
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with scheduler(tmp_path_factory.mktemp("scheduler")) as (address, _):
+        yield address
 
 
-def test_its_workers_outlive_a_run(workers: Standing) -> None:
+def test_its_workers_outlive_a_run(address: str) -> None:
     for _ in range(2):
-        with connect(workers.address) as place:
+        with connect(address) as place:
             found = list(place.map(work.square, range(300), shared=1, stage="s", name=named))
         assert [int(one["square"][0]) for one in found] == [n * n + 1 for n in range(300)]
         assert os.getpid() not in {int(one["who"]) for one in found}
@@ -87,121 +78,67 @@ def test_a_fault_of_the_user_comes_whole_and_names_its_block(workers: Standing) 
 
 
 def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> None:
-    with scheduler_and_worker(tmp_path) as own:
+    with scheduler(tmp_path) as (address, process):
 
         def kill_when_at_work() -> None:
             while not list(tmp_path.glob("at-*")):
                 time.sleep(0.05)
-            own.process.kill()
+            process.kill()
 
         killer = threading.Thread(target=kill_when_at_work)
         killer.start()
-        with (
-            pytest.raises(UserError, match="scheduler of Dask was lost") as caught,
-            connect(own.address) as place,
-        ):
+        with pytest.raises(UserError) as caught, connect(address) as place:
             list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=named))
         killer.join()
-    assert own.address in str(caught.value.where)
+    assert address in str(caught.value.where)
     assert "--resume" in str(caught.value.fix)
 
 
-def test_a_scheduler_without_workers_is_one_message(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("ever", [False, True])
+def test_a_cluster_without_workers_is_one_message(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ever: bool
 ) -> None:
-    monkeypatch.setattr(dask, "PATIENCE_S", 0.5)
-    notes: list[str] = []
-    with (
-        scheduler(tmp_path) as own,
-        pytest.raises(UserError, match="has no workers") as caught,
-        connect(own.address, notes.append),
-    ):
-        pass
-    assert own.address in notes[0]
-    assert f"dask worker {own.address}" in str(caught.value.fix)
+    monkeypatch.setattr(dask, "PATIENCE_S", 1.0)
+    with scheduler(tmp_path, workers=False) as (own, _):
+        if ever:  # they are there, and then paused
+            paused = {"workers": {"tcp://a": {"status": "paused"}}}
+            monkeypatch.setattr(dask.Client, "scheduler_info", lambda client, n_workers: paused)
+            own = address
+        with pytest.raises(UserError, match="workers") as caught, connect(own) as place:
+            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=named))
+    assert f"dask worker {own}" in str(caught.value.fix)
 
 
-@pytest.mark.parametrize("name", ["airzoo-bench", "python", "numpy"])
 def test_workers_with_other_versions_are_one_message(
-    workers: Standing, monkeypatch: pytest.MonkeyPatch, name: str
+    address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ask = dask.Client.get_versions
 
     def other(client: Any, packages: list[str]) -> Any:
         found = ask(client, packages=packages)
-        assert found["client"]["packages"][name]
         for worker in found["workers"].values():
-            worker["packages"][name] = None
+            worker["packages"]["airzoo-bench"] = None
         return found
 
     monkeypatch.setattr(dask.Client, "get_versions", other)
-    with (
-        pytest.raises(UserError, match=f"tcp://.* has {name} None and not"),
-        connect(workers.address),
-    ):
+    with pytest.raises(UserError, match="airzoo-bench None"), connect(address):
         pass
 
 
-@pytest.mark.parametrize(
-    ("workers_there", "what"),
-    [
-        ({"tcp://a": {"status": "paused"}}, "every worker (1) is paused"),
-        ({}, "all workers are gone"),
-    ],
-)
-def test_workers_that_cannot_go_on_are_waited_for_and_then_one_message(
-    workers: Standing,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    workers_there: dict[str, Any],
-    what: str,
-) -> None:
-    monkeypatch.setattr(dask, "PATIENCE_S", 1.0)
-    found = {"workers": workers_there}
-    monkeypatch.setattr(dask.Client, "scheduler_info", lambda client, n_workers: found)
-    with pytest.raises(UserError) as caught, connect(workers.address) as place:
-        list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=named))
-    assert what in caught.value.what
-    assert "dask worker tcp://" in str(caught.value.fix)
-
-
-def opened(where: str, *, jobs: int = 1, memory: int | None = None) -> None:
-    with open_engine(where, jobs=jobs, memory_bytes=memory):
-        raise AssertionError("not refused")
-
-
-def test_a_dashboard_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("place", ["silent", "tls://127.0.0.1:8786", "tpc://10.0.0.5:8786", "dsak"])
+def test_no_scheduler_is_one_message(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
     monkeypatch.setattr(dask, "CONNECT_S", 1.0)
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        port = silent.getsockname()[1]
-        with pytest.raises(UserError, match="no scheduler of Dask answers") as caught:
-            opened(f"tcp://127.0.0.1:{port}")
-    assert "not the dashboard's" in str(caught.value.fix)
-
-
-def test_tls_without_certificates_is_one_message() -> None:
-    with pytest.raises(UserError, match="no scheduler of Dask answers") as caught:
-        opened("tls://127.0.0.1:8786")
-    assert "certificates" in str(caught.value.fix)
-
-
-@pytest.mark.parametrize(("jobs", "memory"), [(1, 64 << 20), (1024, 2 << 30)])
-def test_workers_with_too_little_memory_are_not_started(
-    monkeypatch: pytest.MonkeyPatch, jobs: int, memory: int
-) -> None:
-    monkeypatch.setattr(dask, "MEMORY_LIMIT", 16 << 30)
-    with pytest.raises(UsageError, match="MB of memory"):
-        opened("dask", jobs=jobs, memory=memory)
-
-
-@pytest.mark.parametrize("address", ["tpc://10.0.0.5:8786", "10.0.0.5:8786", "tcp://:8786", ""])
-def test_what_is_no_address_is_refused_before_anything_is_asked(address: str) -> None:
-    with pytest.raises(UsageError, match="not the address of a scheduler"):
-        opened(address)
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # as a dashboard is
+        place = place.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        with pytest.raises(UserError) as caught, open_engine(place, jobs=1):
+            pass
+    assert caught.value.where == f"--engine {place}"
+    assert "tcp://HOST:PORT" in str(caught.value.expected)
 
 
 def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match="not installed") as caught:
-        opened("dask")
+    monkeypatch.delitem(sys.modules, "airzoo_bench.engines.dask")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UsageError) as caught, open_engine("dask", jobs=1):
+        pass
     assert caught.value.fix == "pip install 'airzoo-bench[dask]'"

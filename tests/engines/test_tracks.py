@@ -94,7 +94,7 @@ def test_a_worker_killed_on_the_way_changes_no_byte(
     here: dict[str, object],
     tmp_path: Path,
 ) -> None:
-    with local_cluster(2, 1 << 30) as engine:
+    with local_cluster(2) as engine:
         first = min(engine.client.run(os.getpid).values())
         killer = threading.Timer(0.3, os.kill, (first, signal.SIGKILL))
         killer.start()

@@ -1,8 +1,8 @@
-"""Servers and buckets for the tests of locations."""
+"""A bucket and a web server for the tests of URLs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,86 +32,62 @@ class Bucket:
     def url(self, *names: str) -> str:
         return "/".join([f"s3://{self.name}", *names])
 
-    def upload(self, folder: Path, prefix: str, **settings: Any) -> None:
+    def put(self, key: str, content: bytes) -> None:
+        self.client.put_object(Bucket=self.name, Key=key, Body=content)
+
+    def upload(self, place: Path, prefix: str) -> None:
         """Upload all files of a folder, or one file."""
-        files = [folder] if folder.is_file() else [p for p in folder.rglob("*") if p.is_file()]
-        for path in files:
-            below = path.name if folder.is_file() else path.relative_to(folder).as_posix()
-            key = f"{prefix}/{below}" if prefix else below
-            self.client.put_object(Bucket=self.name, Key=key, Body=path.read_bytes(), **settings)
-
-    def listed(self) -> list[str]:
-        found = self.client.list_objects_v2(Bucket=self.name)
-        return [one["Key"] for one in found.get("Contents", [])]
+        for path in [place] if place.is_file() else place.rglob("*"):
+            if path.is_file():
+                below = path.name if place == path else path.relative_to(place).as_posix()
+                self.put(f"{prefix}/{below}", path.read_bytes())
 
 
 @pytest.fixture(scope="session")
-def s3_port() -> Iterator[int]:
+def s3() -> Iterator[tuple[Front, Any]]:
     pytest.importorskip("s3fs", reason="the extra storage is not installed")
-    pytest.importorskip(
-        "moto.server", reason="moto, the S3 server of these tests, is not installed"
-    )
-    with moto() as port:
-        yield port
-
-
-@pytest.fixture(scope="session")
-def s3_client(s3_port: int) -> Any:
+    pytest.importorskip("moto.server", reason="moto, an S3 server, is not installed")
     import boto3
 
     names = {"aws_access_key_id": "testing", "aws_secret_access_key": "testing"}
-    endpoint = f"http://127.0.0.1:{s3_port}"
-    return boto3.client("s3", endpoint_url=endpoint, region_name="us-east-1", **names)
-
-
-@pytest.fixture(scope="session")
-def s3_front(s3_port: int) -> Iterator[Front]:
-    with serving(passed_on(s3_port)) as front:
-        yield front
+    with moto() as port, serving(passed_on(port)) as front:
+        endpoint = f"http://127.0.0.1:{port}"
+        yield front, boto3.client("s3", endpoint_url=endpoint, region_name="us-east-1", **names)
 
 
 @pytest.fixture
 def bucket(
-    s3_front: Front, s3_client: Any, mirrors: Path, monkeypatch: pytest.MonkeyPatch
-) -> Bucket:
+    s3: tuple[Front, Any], copies: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Bucket]:
     """Return an empty bucket; everything goes through a front."""
+    import s3fs
+
+    front, client = s3
     for name, value in KEYS.items():
         monkeypatch.setenv(name, value)
     monkeypatch.delenv("AWS_PROFILE", raising=False)
-    monkeypatch.setenv("AWS_ENDPOINT_URL", s3_front.address)
-    s3_front.asked.clear()
-    s3_front.sent.clear()
-    s3_front.change = None
+    monkeypatch.setenv("AWS_ENDPOINT_URL", front.address)
+    front.asked.clear()
+    front.change = None
     name = f"b-{uuid4().hex[:12]}"
-    s3_client.create_bucket(Bucket=name)
-    return Bucket(name, s3_front, s3_client)
-
-
-@pytest.fixture
-def other_client() -> Iterator[None]:
-    """Let the environment be looked at anew, by this test and by the next."""
-    import s3fs
-
+    client.create_bucket(Bucket=name)
     s3fs.S3FileSystem.clear_instance_cache()
-    yield
+    yield Bucket(name, front, client)
     s3fs.S3FileSystem.clear_instance_cache()
 
 
 @pytest.fixture
-def mirrors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of mirrors, an own one."""
-    monkeypatch.setenv("AIRZOO_BENCH_CACHE", str(tmp_path / "mirrors"))
-    return tmp_path / "mirrors"
+def copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of copies, an own one."""
+    monkeypatch.setenv("AIRZOO_BENCH_CACHE", str(tmp_path / "copies"))
+    return tmp_path / "copies"
 
 
 @pytest.fixture
-def web(tmp_path: Path, mirrors: Path) -> Iterator[tuple[Path, Front]]:
+def web(tmp_path: Path, copies: Path) -> Iterator[tuple[Path, Front]]:
     """Return a folder and the server that shows it."""
     pytest.importorskip("aiohttp", reason="the extra storage is not installed")
     folder = tmp_path / "www"
     folder.mkdir()
     with serving(files_of(folder)) as front:
         yield folder, front
-
-
-Run = Callable[..., Any]
