@@ -306,16 +306,12 @@ def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
     folder = benchmark_place(name, data)
     if not folder.is_dir():
         there = ", ".join(benchmark_folders(data)) or "none"
-        part = benchmark_place(f"{name}-partial", data) / "protocols"
-        own = " or ".join(one.stem for one in sorted(part.glob("*.toml")))
         raise BenchmarkError(
             f"benchmark {name} is not there",
             where=data,
             expected=f"a folder {name}/ (benchmark folders found: {there})",
-            fix=f"name the protocol of the part that was prepared: {own}"
-            if own
-            else f"name it with --data, or set {DATA_VARIABLE}, or make it with "
-            "`airzoo-bench prepare`",
+            fix=f"name it with --data, or set {DATA_VARIABLE}, or make it with "
+            f"`airzoo-bench prepare`; a part of it has protocols of its own, {name}-partial-...",
         )
     benchmark = Benchmark.open(folder, sealed=sealed)
     if benchmark.name != name:

@@ -56,7 +56,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
         table = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
     except (ValueError, OSError, OverflowError, csv.Error, pa.ArrowException) as error:
         raise BenchmarkError(
-            f"not a readable table: {_fault_of(path, error)}",
+            "not a readable table: " + (str(error) or type(error).__name__).splitlines()[0][:200],
             where=path,
             expected="a table in UTF-8" if path.suffix == ".csv" else None,
             fix=_AGAIN,
@@ -70,16 +70,6 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
     for name in complete:
         refuse_cells(path, name, table[name], typed[name].isna().to_numpy(), "a number")
     return typed
-
-
-def _fault_of(path: Path, error: Exception) -> str:
-    if isinstance(error, UnicodeDecodeError):  # its own position is one in a part of the file
-        try:
-            path.read_bytes().decode("utf-8-sig")
-        except UnicodeDecodeError as found:
-            line = found.object.count(b"\n", 0, found.start) + 1
-            return f"line {line}: the byte 0x{found.object[found.start]:02x} is not UTF-8"
-    return (str(error) or type(error).__name__).splitlines()[0][:200]
 
 
 def _read_csv(path: Path) -> pd.DataFrame:

@@ -187,11 +187,7 @@ def printable(text: str) -> str:
 
 
 def say(message: str) -> None:
-    """Print a message on stderr, so that a pipe stays clean; copies are called by their URLs."""
-    if "airzoo_bench.storage.urls" in sys.modules:
-        from airzoo_bench.storage.urls import in_urls
-
-        message = in_urls(message)
+    """Print a message on stderr, so that a pipe stays clean."""
     _write(printable(message) + "\n", sys.stderr)
 
 

@@ -16,7 +16,7 @@ from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.formats.clouds.shards import open_shards, shards_in
+from airzoo_bench.formats.clouds.las import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs

@@ -1,11 +1,10 @@
-"""Folders and archives as one thing: files by name, each as a file on disk when it is used."""
+"""Folders and zip archives as one thing: files by name, each as a file on disk when it is used."""
 
 from __future__ import annotations
 
 import lzma
 import shutil
 import stat
-import tarfile
 import tempfile
 import zipfile
 import zlib
@@ -17,11 +16,12 @@ from pathlib import Path, PurePosixPath
 from airzoo_bench.core.errors import PredictionError, UnreadableError
 from airzoo_bench.core.files import temporary_folder
 
-ARCHIVE_SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.xz", ".tar.bz2")
+ARCHIVE_SUFFIXES = (".zip",)
+_PACKED = (".zip", ".tar", ".tgz", ".gz", ".xz", ".bz2", ".7z")
 _MOST_FILES = 10_000
 _DAMAGE = (
     *(EOFError, LookupError, NotImplementedError, OSError, OverflowError, RuntimeError, ValueError),
-    *(lzma.LZMAError, tarfile.TarError, zipfile.BadZipFile, zlib.error),
+    *(lzma.LZMAError, zipfile.BadZipFile, zlib.error),
 )
 
 
@@ -55,7 +55,8 @@ class Bundle:
                     fix="set TMPDIR to a folder on a larger disk",
                 )
             try:
-                self._unpack(member, target)
+                with zipfile.ZipFile(self.path) as archive, target.open("wb") as out:
+                    shutil.copyfileobj(archive.open(member.name), out)
             except _DAMAGE as error:
                 raise PredictionError(
                     f"{member.name!r} cannot be unpacked: {str(error)[:100]}",
@@ -69,37 +70,20 @@ class Bundle:
         with self.file(member) as path:
             return path.read_bytes()[:limit_bytes].decode("utf-8", "replace")
 
-    def _unpack(self, member: Member, target: Path) -> None:
-        with target.open("wb") as out:
-            if _is_zip(self.path):
-                with zipfile.ZipFile(self.path) as archive, archive.open(member.name) as source:
-                    shutil.copyfileobj(source, out)
-                return
-            with tarfile.open(self.path) as tape:
-                for info in tape:
-                    found = tape.extractfile(info) if info.isreg() else None
-                    if found is not None and info.name.removeprefix("./") == member.name:
-                        shutil.copyfileobj(found, out)
-                        return
-
 
 def open_bundle(path: Path, limit_bytes: int) -> Bundle:
-    """List the files of a folder, a zip or a tar archive, without unpacking any."""
-    packed = path.is_file() and (_is_zip(path) or path.name.endswith(ARCHIVE_SUFFIXES))
+    """List the files of a folder or a zip archive, without unpacking any."""
+    packed = path.is_file() and path.suffix.lower() == ".zip"
     if not path.is_dir() and not packed:
         raise UnreadableError(
             "no folder and no archive of predictions" if path.exists() else "no such predictions",
             where=path,
-            expected=f"a folder, or an archive {', '.join(ARCHIVE_SUFFIXES)}",
+            expected="a folder, or a .zip archive",
+            fix="unpack archives of other kinds, and name the folder",
         )
     try:
-        if path.is_dir():
-            members = _folder_members(path)
-        elif _is_zip(path):
-            members = _zip_members(path)
-        else:
-            members = _tar_members(path, limit_bytes)
-        _check_names(path, members)
+        members = _zip_members(path) if packed else _folder_members(path)
+        _check_names(members, packed=packed)
         total = sum(member.size for member in members)
         if total > limit_bytes and packed:
             raise ValueError(f"unpacks to {total:,} bytes, more than {limit_bytes:,}")
@@ -110,18 +94,9 @@ def open_bundle(path: Path, limit_bytes: int) -> Bundle:
             expected="plain files only, such as school.ply, each name once",
             fix="pack or copy the files again, or give the folder",
         ) from error
-    visible = [member for member in members if not _is_hidden(member.name)]
-    return Bundle(path, tuple(sorted(visible, key=lambda member: member.name)))
-
-
-def _is_hidden(name: str) -> bool:
-    return any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
-
-
-def _is_zip(path: Path) -> bool:
-    # Not zipfile.is_zipfile, which also takes a tar archive with an npz at its end for a zip.
-    with path.open("rb") as stream:
-        return stream.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
+    hidden = (".", "__MACOSX")
+    shown = (one for one in members if not any(p.startswith(hidden) for p in one.name.split("/")))
+    return Bundle(path, tuple(sorted(shown, key=lambda member: member.name)))
 
 
 def _folder_members(path: Path) -> list[Member]:
@@ -146,21 +121,7 @@ def _zip_members(path: Path) -> list[Member]:
     return [Member(info.filename, info.file_size) for info in infos]
 
 
-def _tar_members(path: Path, limit_bytes: int) -> list[Member]:
-    members, total = [], 0
-    with tarfile.open(path) as archive:
-        for info in archive:
-            if not (info.isreg() or info.isdir()) or info.issparse():
-                raise ValueError(f"{info.name[:80]!r} is a link or a device")
-            if info.isreg():
-                members.append(Member(info.name.removeprefix("./"), info.size))
-                total += info.size
-            if total > limit_bytes:  # before it is unpacked to find the next header
-                break
-    return members
-
-
-def _check_names(path: Path, members: list[Member]) -> None:
+def _check_names(members: list[Member], *, packed: bool) -> None:
     if len(members) > _MOST_FILES:
         raise ValueError(f"holds more than {_MOST_FILES:,} files")
     seen: set[str] = set()
@@ -170,6 +131,6 @@ def _check_names(path: Path, members: list[Member]) -> None:
             raise ValueError(f"the name {name[:80]!r} leads out of it or is no plain path")
         if name.casefold() in seen:
             raise ValueError(f"{name[:80]!r} stands in it more than once")
-        if not path.is_dir() and name.lower().endswith((*ARCHIVE_SUFFIXES, ".gz")):
+        if packed and name.lower().endswith(_PACKED):
             raise ValueError(f"{name[:80]!r} is an archive inside")
         seen.add(name.casefold())

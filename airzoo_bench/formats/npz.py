@@ -66,28 +66,28 @@ class NpyHeader(NamedTuple):
     fortran_order: bool
     dtype: np.dtype[Any]
 
-    def fits(self, size: int) -> bool:
-        """Tell whether its array takes this many bytes."""
-        plain = min(self.shape, default=0) >= 0 and self.dtype.itemsize > 0
-        small = max(self.shape, default=0) < 1 << 62
-        return plain and small and math.prod(self.shape) * self.dtype.itemsize == size
-
-
-@dataclass(frozen=True)
-class ArrayEntry:
-    """The header of one member."""
-
-    name: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    fortran_order: bool
-    member: zipfile.ZipInfo
-    header_bytes: int
-
     @property
     def nbytes(self) -> int:
         """Size of the data in bytes, in exact integers."""
         return math.prod(self.shape) * self.dtype.itemsize
+
+    def fits(self, size: int) -> bool:
+        """Tell whether its array takes this many bytes."""
+        plain = min(self.shape, default=0) >= 0 and self.dtype.itemsize > 0
+        return plain and max(self.shape, default=0) < 1 << 62 and self.nbytes == size
+
+
+class Entry(NamedTuple):
+    """One member of an archive: its header, and how many bytes of the member that takes."""
+
+    header: NpyHeader
+    member: zipfile.ZipInfo
+    header_bytes: int
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The array's shape."""
+        return self.header.shape
 
 
 def read_header(stream: IO[bytes]) -> NpyHeader:
@@ -146,19 +146,19 @@ class NpzFile:
                 raise ValueError(f"it holds {wrong[:80]!r}, which is no array")
             if len(set(names)) < len(names):
                 raise ValueError("it holds a member twice")
-            passed_over = {f"{name}.npy" for name in untouched}
-            kept = [one for one in archive.infolist() if one.filename not in passed_over]
-            self.entries = {entry.name: entry for entry in (self._entry(archive, m) for m in kept)}
+            self.entries = {
+                name: self._entry(archive, member, name)
+                for member in archive.infolist()
+                if (name := member.filename.removesuffix(".npy")) not in untouched
+            }
 
-    def _entry(self, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> ArrayEntry:
-        name = member.filename.removesuffix(".npy")
+    def _entry(self, archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> Entry:
         with readable(self.path, _DAMAGED.format(name)), archive.open(member) as stream:
             header = read_header(stream)
-            header_bytes = stream.tell()
-            shape, fortran_order, dtype = header
+            header_bytes, dtype = stream.tell(), header.dtype
             size = member.file_size - header_bytes
             if dtype.kind in _KINDS and not header.fits(size):
-                stated = f"{str(shape)[:80]} of {dtype.str[:20]}"
+                stated = f"{str(header.shape)[:80]} of {dtype.str[:20]}"
                 raise ValueError(f"its header states {stated}, the archive {size:,} bytes")
         if dtype.kind not in _KINDS:
             raise PredictionError(
@@ -169,7 +169,7 @@ class NpzFile:
                 expected="arrays of numbers or of fixed-width text",
                 fix=f"save it as text, np.array({name}, dtype=str), or each part by itself",
             )
-        return ArrayEntry(name, shape, dtype, fortran_order, member, header_bytes)
+        return Entry(header, member, header_bytes)
 
     def names(self) -> set[str]:
         """Return the names of the arrays."""
@@ -177,18 +177,18 @@ class NpzFile:
 
     def read(self, name: str) -> NDArray[Any]:
         """Read one array into memory."""
-        entry = self.entries[name]
-        what = f"field '{name}' (shape {entry.shape}, {entry.dtype})"
+        header, member, header_bytes = self.entries[name]
+        what = f"field '{name}' (shape {header.shape}, {header.dtype})"
         # Bytes become text when they are read, which takes four more bytes a character.
-        copies = 5 if entry.dtype.kind == "S" else 1
-        self.budget.hold(self.path, what, entry.nbytes * copies, _FIX_LARGE)
-        flat = np.empty(math.prod(entry.shape), entry.dtype)
+        copies = 5 if header.dtype.kind == "S" else 1
+        self.budget.hold(self.path, what, header.nbytes * copies, _FIX_LARGE)
+        flat = np.empty(math.prod(header.shape), header.dtype)
         with (
             readable(self.path, _DAMAGED.format(name)),
             zipfile.ZipFile(self.path) as archive,
-            archive.open(entry.member) as stream,
+            archive.open(member) as stream,
         ):
-            stream.read(entry.header_bytes)
+            stream.read(header_bytes)
             view = memoryview(flat.view(np.uint8).data if flat.nbytes else b"")
             while view:
                 count = stream.readinto(view[:_PIECE_BYTES])  # type: ignore[attr-defined]
@@ -196,22 +196,23 @@ class NpzFile:
                     raise EOFError("the data ends early")
                 view = view[count:]
             stream.read(1)  # at its end, zipfile compares the checksum
-            array = flat.reshape(entry.shape, order="F" if entry.fortran_order else "C")
+            array = flat.reshape(header.shape, order="F" if header.fortran_order else "C")
             return _checked_text(array)
 
     def map(self, name: str) -> NDArray[Any]:
         """Map one array from disk where it is stored plainly, else read it."""
-        entry = self.entries[name]
-        stored = entry.member.compress_type == zipfile.ZIP_STORED and not entry.fortran_order
-        if not (stored and entry.dtype.kind in _NUMBERS and entry.dtype.isnative and entry.nbytes):
+        header, member, header_bytes = self.entries[name]
+        stored = member.compress_type == zipfile.ZIP_STORED and not header.fortran_order
+        dtype = header.dtype
+        if not (stored and dtype.kind in _NUMBERS and dtype.isnative and header.nbytes):
             return self.read(name)
         with readable(self.path, _DAMAGED.format(name)), self.path.open("rb") as stream:
-            stream.seek(entry.member.header_offset)
+            stream.seek(member.header_offset)
             local = stream.read(_LOCAL_HEADER_BYTES)
-            start = stream.tell() + sum(struct.unpack("<HH", local[26:])) + entry.header_bytes
-            if local[:4] != b"PK\x03\x04" or start + entry.nbytes > self.path.stat().st_size:
+            start = stream.tell() + sum(struct.unpack("<HH", local[26:])) + header_bytes
+            if local[:4] != b"PK\x03\x04" or start + header.nbytes > self.path.stat().st_size:
                 raise EOFError("the file ends before its data does")
-        return np.memmap(self.path, entry.dtype, "r", start, entry.shape)
+        return np.memmap(self.path, dtype, "r", start, header.shape)
 
 
 def _checked_text(array: NDArray[Any]) -> NDArray[Any]:

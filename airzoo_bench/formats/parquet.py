@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,9 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, UnreadableError, first_of, readable
 from airzoo_bench.formats.npz import Budget
 
-_BATCH_ROWS = 65_536
 _PANDAS_INDEX = "__index_level_"
 _LONGEST_TEXT = 512
+_LISTS = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
 
 
 class ParquetFile:
@@ -53,54 +52,45 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> dict[str, NDArray[Any]
     """Read the columns of predictions; lists of one length become rows of an array."""
     if not path.is_file():
         raise UnreadableError("no such prediction file", where=path, expected=".npz or .parquet")
-    with _readable(path), pq.ParquetFile(path) as file:
-        texts = [file.schema.column(i).path for i in range(file.metadata.num_columns)]
-        names = [one for one in file.schema_arrow.names if not one.startswith(_PANDAS_INDEX)]
-    unknown = [repr(name[:80]) for name in names if name not in columns or names.count(name) > 1]
-    if unknown:
-        raise PredictionError(
-            f"has columns that are unknown, or there twice: {first_of(unknown)}",
-            where=path,
-            expected="only " + ", ".join(columns) + ", each once",
-            fix="rename or leave them out; descriptors go into an .npz",
-        )
-    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
-    row = 0
-    # Texts stay as dictionaries, as small as they are stored, until their lengths are known.
-    with _readable(path), pq.ParquetFile(path, read_dictionary=texts) as file:
-        for group in range(file.metadata.num_row_groups):  # each has dictionaries of its own
-            for batch in file.iter_batches(_BATCH_ROWS, row_groups=[group], columns=names):
-                for name in names:
-                    parts[name].append(_read_rows(path, name, batch.column(name), row))
-                row += batch.num_rows
-    for name, arrays in parts.items():
-        _check_lengths(path, name, np.unique([one.shape[1] for one in arrays if one.ndim == 2]))
-    return {
-        name: np.concatenate(some) if some else np.array([], str) for name, some in parts.items()
-    }
+    what, expected = "not a readable parquet file", "parquet with one row a query"
+    with readable(path, what, kind=UnreadableError, expected=expected):
+        with pq.ParquetFile(path) as file:
+            parts = [file.schema.column(i).path for i in range(file.metadata.num_columns)]
+            names = [one for one in file.schema_arrow.names if not one.startswith(_PANDAS_INDEX)]
+        unknown = [repr(one[:80]) for one in names if one not in columns or names.count(one) > 1]
+        if unknown:
+            raise PredictionError(
+                f"has columns that are unknown, or there twice: {first_of(unknown)}",
+                where=path,
+                expected="only " + ", ".join(columns) + ", each once",
+                fix="rename or leave them out; descriptors go into an .npz",
+            )
+        # Texts stay as dictionaries, as small as they are stored, until their lengths are known.
+        with pq.ParquetFile(path, read_dictionary=parts) as file:
+            groups = range(file.num_row_groups)  # each has dictionaries of its own
+            tables = [file.read_row_group(group, columns=names) for group in groups]
+            table = pa.concat_tables(tables or [file.read(columns=names)])
+        return {name: _read_column(path, name, table.column(name)) for name in names}
 
 
-def _readable(path: Path) -> AbstractContextManager[None]:
-    return readable(
-        path,
-        "not a readable parquet file",
-        kind=UnreadableError,
-        expected="parquet with one row a query",
-    )
-
-
-def _read_rows(path: Path, name: str, column: Any, first_row: int) -> NDArray[Any]:
-    """Return the rows of one batch: a vector, or a matrix where they are lists."""
+def _read_column(path: Path, name: str, column: Any) -> NDArray[Any]:
+    """Return a column: a vector, or a matrix where its rows are lists."""
     column.validate(full=True)
-    _check_nulls(path, name, column, 1, first_row)
-    lists = pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list
-    if not any(is_list(column.type) for is_list in lists):
-        return _as_vector(path, name, column)
-    lengths = np.unique(pc.list_value_length(column).to_numpy(zero_copy_only=False))
-    _check_lengths(path, name, lengths)
-    values, length = column.flatten(), int(lengths[0]) if lengths.size else 0
-    _check_nulls(path, name, values, length, first_row)
-    return _as_vector(path, name, values).reshape(len(column), length)
+    _check_nulls(path, name, column, 1)
+    shape: tuple[int, ...] = (len(column),)
+    if any(is_list(column.type) for is_list in _LISTS):
+        lengths = np.unique(pc.list_value_length(column).to_numpy())
+        if lengths.size > 1:
+            raise PredictionError(
+                f"column '{name}' has lists of {lengths[0]} to {lengths[-1]} entries",
+                where=path,
+                expected="lists of one length",
+                fix="fill shorter ones with '' (scores: with 0) at the end",
+            )
+        column, shape = pc.list_flatten(column), (len(column), *map(int, lengths))
+        _check_nulls(path, name, column, shape[-1])
+    vectors = [_as_vector(path, name, chunk) for chunk in column.chunks]
+    return np.concatenate(vectors or [np.array([], str)]).reshape(shape)
 
 
 def _as_vector(path: Path, name: str, values: Any) -> NDArray[Any]:
@@ -127,22 +117,12 @@ def _as_vector(path: Path, name: str, values: Any) -> NDArray[Any]:
     )
 
 
-def _check_nulls(path: Path, name: str, values: Any, a_row: int, first_row: int) -> None:
+def _check_nulls(path: Path, name: str, values: Any, a_row: int) -> None:
     if values.null_count:
-        row = int(np.argmax(values.is_null().to_numpy(zero_copy_only=False))) // a_row + first_row
+        row = int(np.argmax(pc.is_null(values).to_numpy())) // max(a_row, 1)
         raise PredictionError(
             f"column '{name}' has nulls, first in row {row:,}, counted from 0",
             where=path,
             expected="a value in every place",
             fix="leave such rows out; fill the end of a shorter list with ''",
-        )
-
-
-def _check_lengths(path: Path, name: str, lengths: NDArray[Any]) -> None:
-    if lengths.size > 1:
-        raise PredictionError(
-            f"column '{name}' has lists of {lengths[0]} to {lengths[-1]} entries",
-            where=path,
-            expected="lists of one length",
-            fix="fill shorter ones with '' (scores: with 0) at the end",
         )

@@ -31,8 +31,8 @@ from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.las import SHARD_SUFFIXES, open_shards
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.shards import SHARD_SUFFIXES, open_shards
 from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES, TEXT_SUFFIXES
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.reconstruction.cameras import (
@@ -175,7 +175,7 @@ class ListedFiles(ScenePredictions):
 
 
 def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles:
-    """List what a prediction holds: a folder, a zip or tar archive, or one file of a scene."""
+    """List what a prediction holds: a folder, a zip archive, or one file of a scene."""
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
         bundle = Bundle(path.parent, (member,))

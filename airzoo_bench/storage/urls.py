@@ -84,13 +84,6 @@ def url_at(path: Path) -> str | None:
     return f"{scheme}://{rest}" if scheme in SCHEMES and rest else None
 
 
-def in_urls(text: str) -> str:
-    """Return a message in which copies are called by their URLs."""
-    for scheme in SCHEMES:
-        text = text.replace(f"{cache_folder() / scheme}/", f"{scheme}://")
-    return text
-
-
 @contextmanager
 def client_of(url: str) -> Iterator[Any]:
     """Yield fsspec's file system of a URL, and turn what it raises into one message."""

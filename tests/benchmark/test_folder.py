@@ -36,13 +36,6 @@ def test_results_of_the_demo_do_not_hide_the_shipped_benchmark(tmp_path: Path) -
     assert find_benchmark("airzoo-demo", tmp_path).name == "airzoo-demo"
 
 
-def test_a_part_that_was_prepared_is_named(tmp_path: Path) -> None:
-    scenes = [MadeScene("east", [[0]], 1)]
-    write_benchmark(tmp_path / "other-partial", made_protocol(scenes, "other-partial"), scenes)
-    with pytest.raises(BenchmarkError, match="other-partial-retrieval"):
-        find_benchmark("other", tmp_path)
-
-
 @pytest.mark.parametrize(
     "name",
     ["queries.csv", "retrieval/tiles.parquet", "retrieval/positives.npz", "retrieval/excluded.csv"],

@@ -37,16 +37,6 @@ def test_the_cell_is_named(cells: str, said: str, tmp_path: Path) -> None:
         read_table(path, ("id", "x", "image"), complete=("x",))
 
 
-@pytest.mark.parametrize("line", [1, 2, 40_000])
-def test_the_line_that_is_not_utf8_is_named(line: int, tmp_path: Path) -> None:
-    path = tmp_path / "queries.csv"
-    rows = [b"id,image", *(b"q%d,photo.jpg" % n for n in range(50_000))]
-    rows[line - 1] = b"q,ph\xf6to.jpg"
-    path.write_bytes(b"\n".join(rows))
-    with pytest.raises(BenchmarkError, match=rf"line {line}: the byte 0xf6 is not UTF-8\n"):
-        read_table(path, ("id", "image"))
-
-
 def test_whole_numbers_are_whole(tmp_path: Path) -> None:
     path = tmp_path / "crops.csv"
     path.write_text("id,crop_x\na,3\nb,3.0\n")

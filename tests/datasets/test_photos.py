@@ -14,7 +14,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings
 from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
-from airzoo_bench.formats.clouds.shards import shards_in
+from airzoo_bench.formats.clouds.las import shards_in
 from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from tests.datasets.parts import hold_crops, hold_tiles

@@ -76,35 +76,12 @@ OBJ_CUBE = (
 )
 
 
-CUBE_TRIANGLES = np.concatenate([CUBE_QUADS[:, [0, 1, 2]], CUBE_QUADS[:, [0, 2, 3]]])
-
-
 def write_gltf(path: Path) -> Path:
     """Write the cube as text, its numbers in base64."""
     document, body = cube_document()
     uri = "data:application/octet-stream;base64," + base64.b64encode(body).decode()
     document["buffers"][0]["uri"] = uri
     path.write_text(json.dumps(document))
-    return path
-
-
-def write_stl(path: Path) -> Path:
-    """Write the cube as binary STL."""
-    kinds = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-    rows = np.zeros(len(CUBE_TRIANGLES), kinds)
-    rows["corners"] = CUBE[CUBE_TRIANGLES]
-    path.write_bytes(b"solid made".ljust(80) + struct.pack("<I", len(rows)) + rows.tobytes())
-    return path
-
-
-def write_stl_text(path: Path) -> Path:
-    """Write the cube as STL in text."""
-    lines = ["solid made"]
-    for corners in CUBE[CUBE_TRIANGLES].tolist():
-        lines += ["facet normal 0 0 0", "outer loop"]
-        lines += ["vertex {} {} {}".format(*corner) for corner in corners]
-        lines += ["endloop", "endfacet"]
-    path.write_text("\n".join([*lines, "endsolid made\n"]))
     return path
 
 

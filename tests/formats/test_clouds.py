@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.optional_imports import load_open3d
+from airzoo_bench.formats.clouds.las import open_shards
 from airzoo_bench.formats.clouds.pcd import _unpack_lzf
-from airzoo_bench.formats.clouds.shards import open_shards
 from tests.formats.cloud_support import (
     joined,
     made,

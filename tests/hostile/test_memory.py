@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -56,15 +54,6 @@ def one_long_list(folder: Path) -> Path:
     return folder / "a.parquet"
 
 
-def extended_headers(folder: Path) -> Path:
-    """Write a tar archive whose first header is half a gigabyte of text about the second."""
-    info = tarfile.TarInfo("x")
-    info.type, info.size = tarfile.XHDTYPE, 1 << 29
-    parts = gzip.compress(info.tobuf(tarfile.USTAR_FORMAT)), gzip.compress(bytes(1 << 24))
-    (folder / "a.tar.gz").write_bytes(parts[0] + (1 << 5) * parts[1])
-    return folder / "a.tar.gz"
-
-
 def views(folder: Path) -> Path:
     """Write depth maps that are small as they stand and large while they are fused."""
     fields = reconstruction.World(folder).views("yard", depth=np.ones((6, 700, 3000), np.float16))
@@ -78,7 +67,6 @@ def views(folder: Path) -> Path:
     [
         (many_fields, RETRIEVAL),
         pytest.param(one_long_list, RETRIEVAL, marks=pytest.mark.slow),
-        (extended_headers, RECONSTRUCTION),
         pytest.param(views, RECONSTRUCTION, marks=pytest.mark.slow),
     ],
 )

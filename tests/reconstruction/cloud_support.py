@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud
-from airzoo_bench.formats.clouds.shards import open_shards, shards_in
+from airzoo_bench.formats.clouds.las import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.settings import Preparation
 

@@ -13,7 +13,6 @@ from airzoo_bench.core.errors import BenchmarkError, StorageError, UserError
 from airzoo_bench.storage.urls import (
     AbsentError,
     ensure_file,
-    in_urls,
     local_path,
     path_of,
     url_at,
@@ -81,7 +80,6 @@ def test_a_path_says_its_url(copies: Path) -> None:
     url = url_of("HTTPS://host/a%20b/c?key=secret")
     assert url == "https://host/a%20b/c?key=secret"
     assert url_at(path_of(url) / "d e") == "https://host/a%20b/c/d%20e"
-    assert in_urls(f"{path_of(url)}: wrong") == "https://host/a%20b/c: wrong"
     assert url_at(copies / "s3" / "b" / ".." / ".." / ".." / "elsewhere") is None
     assert url_of("a/path") is None
 
@@ -211,7 +209,7 @@ def test_a_benchmark_that_was_changed(stored: Bucket, data: Path) -> None:
     stored.put(key, b"other")
     with pytest.raises(BenchmarkError) as caught:
         find_benchmark("made", data_here(stored.url("data")))
-    assert in_urls(str(caught.value)).startswith(stored.url(key))
+    assert str(caught.value).startswith(str(path_of(stored.url(key))))
 
 
 @pytest.mark.parametrize("name", ["../evil", "scenes/../../../../../evil", "/evil"])

@@ -19,8 +19,8 @@ _COMMENTS = rb"(#[^\n]*\n|\s)*"
 _LOOKS: tuple[tuple[bytes, str, tuple[str, ...], str], ...] = (
     (rb"ply[\r\n]", "PLY", (".ply",), "ply:open_ply"),
     (rb"LASF", "LAS or LAZ", (".las", ".laz"), "las:open_las"),
-    (rb"\x93NUMPY", "npy", (".npy",), "arrays:open_npy"),
-    (rb"PK[\x03\x05][\x04\x06]", "npz or zip", (".npz",), "arrays:open_npz"),
+    (rb"\x93NUMPY", "npy", (".npy",), "cloud:open_npy"),
+    (rb"PK[\x03\x05][\x04\x06]", "npz or zip", (".npz",), "cloud:open_npz"),
     (rb"glTF", "GLB", (".glb",), "mesh_files:open_gltf"),
     (_COMMENTS + rb"(VERSION|FIELDS)\s", "PCD", (".pcd",), "pcd:open_pcd"),
     (rb"version https://git-lfs", "a Git LFS pointer, not the file itself", (), ""),
@@ -29,7 +29,7 @@ _LOOKS: tuple[tuple[bytes, str, tuple[str, ...], str], ...] = (
     (rb"ASTM-E57", "an E57 file", (), ""),
     (rb"\s*<", "HTML or XML", (), ""),
     (rb"\s*\{", "glTF or JSON", (".gltf",), "mesh_files:open_gltf"),
-    (rb"\s*solid\s.*facet", "STL", (".stl",), "mesh_files:open_stl"),
+    (rb"\s*solid\s.*facet", "STL", (), ""),
     (_COMMENTS + rb"C?N?OFF\s", "OFF", (), ""),
     (_COMMENTS + rb"(v[nt]?|f|[og]|s|mtllib|usemtl)\s", "OBJ", (".obj",), "mesh_files:open_obj"),
     (rb".*\d", "text", TEXT_SUFFIXES, "text:open_text"),
@@ -68,7 +68,7 @@ def _reader_of(path: Path) -> str:
     if not head:
         raise refusal(path, "is empty", fix=FIX_COPY)
     suffix = path.suffix.lower()
-    found, suffixes, reader = _look(head, suffix)
+    found, suffixes, reader = _look(head)
     if suffix not in suffixes:
         raise refusal(
             path,
@@ -80,10 +80,8 @@ def _reader_of(path: Path) -> str:
     return reader
 
 
-def _look(head: bytes, suffix: str) -> tuple[str, tuple[str, ...], str]:
+def _look(head: bytes) -> tuple[str, tuple[str, ...], str]:
     looks = [one[1:] for one in _LOOKS if re.match(one[0], head, re.DOTALL)]
-    if suffix == ".stl" and (not looks or b"\0" in head):  # binary, which has no first bytes
-        return "STL", (suffix,), "mesh_files:open_stl"
     if _BINARY.search(head):
         looks = [one for one in looks[:1] if one[0] not in ("text", "OBJ")]
     return looks[0] if looks else ("", (), "")

@@ -1,14 +1,14 @@
-"""LAS and LAZ by laspy, once what their headers count is held against the file.
+"""LAS and LAZ by laspy, and folders of such files as one cloud.
 
-laspy takes a number of records as it is stated, and lazrs decodes points that are not there: it
-reads on behind the last one.
+What headers count is held against the file first: laspy takes a number of records as it is
+stated, and lazrs decodes points that are not there: it reads on behind the last one.
 """
 
 from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
@@ -18,15 +18,18 @@ import laspy
 import lazrs
 import numpy as np
 
-from airzoo_bench.core.errors import readable
+from airzoo_bench.core.errors import counted, readable
 from airzoo_bench.formats.clouds.cloud import (
     Cloud,
     FileCloud,
     cloud_of_columns,
+    refusal,
     too_few,
     uncounted,
 )
 
+SHARD_SUFFIXES = (".las", ".laz")
+"""Endings of files that can be shards."""
 _SHORTEST, _VLR_BYTES = 227, 54
 _LAYERED = 3  # the compressor of point formats 6 and above, which counts the points of each chunk
 _LAST_BYTES = 16  # that an encoder may write behind the last point
@@ -62,6 +65,51 @@ def _read(path: Path, count: int, points: int) -> Iterator[Cloud]:
                 cloud = cloud_of_columns({axis: np.asarray(chunk[axis]) for axis in "xyz"})
             done += len(cloud)
             yield cloud
+
+
+def open_shards(folder: Path, paths: Sequence[Path]) -> FileCloud:
+    """Open the shards of a cloud as one cloud, in the order that they are given in."""
+    names = [path.stem for path in paths]
+    twice = next((path for path in paths if names.count(path.stem) > 1), None)
+    if twice is not None:
+        raise refusal(
+            twice,
+            "stands there as LAS and as LAZ, and its points would count twice",
+            expected="each part of the cloud in one shard",
+            fix="take one of the two away, or rename it if their points are others",
+        )
+    files = tuple(map(open_las, paths))
+    kinds = " and ".join(sorted({file.kind for file in files}))
+    return FileCloud(
+        folder,
+        f"{kinds} in {counted(len(files), 'shard')}",
+        sum(file.count for file in files),
+        partial(_shard_pieces, files),
+        np.dtype(np.float64),
+        tuple(f"{file.path.name}: {note}" for file in files for note in file.notes),
+    )
+
+
+def shards_in(folder: Path) -> list[Path]:
+    """Return the files of a folder that can be shards, by name."""
+    found = (path for path in folder.iterdir() if path.name.lower().endswith(SHARD_SUFFIXES))
+    paths = sorted(path for path in found if not path.name.startswith("."))
+    if not paths:
+        raise refusal(folder, "holds no shard", expected=f"files {', '.join(SHARD_SUFFIXES)}")
+    return paths
+
+
+def _shard_pieces(files: tuple[FileCloud, ...], points: int) -> Iterator[Cloud]:
+    """Yield the points in pieces that end where those of one file would."""
+    left = np.zeros((0, 3))
+    for file in files:
+        for piece in file.pieces(points):
+            left = np.concatenate((left, piece.points)) if len(left) else piece.points
+            while len(left) >= points:
+                yield Cloud(left[:points])
+                left = left[points:]
+    if len(left):
+        yield Cloud(left)
 
 
 def _damage(path: Path) -> AbstractContextManager[None]:

@@ -1,4 +1,4 @@
-"""Files of meshes: GLB, glTF and STL by trimesh, OBJ here; only shape is read.
+"""Files of meshes: GLB and glTF by trimesh, OBJ here; only shape is read.
 
 trimesh takes OBJ with indices below 0, or with corners of several forms, for another mesh.
 """
@@ -14,13 +14,13 @@ from typing import Any, Never
 import numpy as np
 import trimesh
 
-from airzoo_bench.core.errors import FIX_COPY, PredictionError, readable
+from airzoo_bench.core.errors import PredictionError, readable
 from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
 from airzoo_bench.formats.clouds.text import opened_lines, quoted
 from airzoo_bench.geometry.arrays import Floats, Ints
 
-_SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
+_SINGLE = np.dtype(np.float32)
 _AXES = "axes as in the file: glTF takes y as up, and many exporters turn and centre the scene"
 _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression", b"KHR_meshopt")
 
@@ -42,18 +42,6 @@ def open_gltf(path: Path) -> Mesh:
         json.loads(text, parse_constant=int)  # which NaN is none of
     vertices, faces = _load(path, raw, "glb" if is_binary else "gltf")
     return Mesh(path, "GLB mesh", vertices, faces, (_AXES,), _SINGLE)
-
-
-def open_stl(path: Path) -> Mesh:
-    """Read an STL file, binary or text; corners that triangles share are in it once for each."""
-    raw = path.read_bytes()
-    count = int.from_bytes(raw[80:84], "little")
-    is_text = len(raw) != 84 + 50 * count and raw.lstrip().startswith(b"solid")
-    if is_text and not raw.rstrip().rpartition(b"\n")[2].lstrip().startswith(b"endsolid"):
-        raise refusal(path, "ends within a solid", expected="endsolid at its end", fix=FIX_COPY)
-    vertices, faces = _load(path, raw, "stl")
-    kind, precision = ("text", _DOUBLE) if is_text else ("binary", _SINGLE)
-    return Mesh(path, f"STL mesh ({kind})", vertices, faces, precision=precision)
 
 
 class _NoFiles:

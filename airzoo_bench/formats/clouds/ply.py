@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice, takewhile
 from pathlib import Path
@@ -44,30 +43,19 @@ _CODES = {
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
-class _Property(NamedTuple):
-    """A column; `counter` is the type of a list's length, None for a number."""
-
-    name: str
-    type: str
-    counter: str | None
-
-
 class _Element(NamedTuple):
+    """A table: of each column its type, and of one of lists the type of their lengths, else ""."""
+
     name: str
     rows: int
-    properties: list[_Property]
-
-    @property
-    def names(self) -> list[str]:
-        return [one.name for one in self.properties]
+    columns: dict[str, tuple[str, str]]
 
     @property
     def has_lists(self) -> bool:
-        return any(one.counter is not None for one in self.properties)
+        return any(counter for _, counter in self.columns.values())
 
 
-@dataclass(frozen=True)
-class _Header:
+class _Header(NamedTuple):
     """Byte order (empty for text), elements by name, and the byte that the body begins at."""
 
     path: Path
@@ -76,14 +64,14 @@ class _Header:
     size: int
 
     def record(self, element: _Element) -> np.dtype[Any]:
-        return np.dtype([(one.name, self.order + one.type) for one in element.properties])
+        return np.dtype([(name, self.order + kind) for name, (kind, _) in element.columns.items()])
 
 
 def open_ply(path: Path) -> FileCloud | Mesh:
     """Open a PLY file: a mesh where it has faces, else a cloud."""
     header = _read_header(path)
     vertex, faces = header.elements.get("vertex"), header.elements.get("face")
-    if vertex is None or vertex.has_lists or not {*"xyz"} <= set(vertex.names):
+    if vertex is None or vertex.has_lists or not {*"xyz"} <= vertex.columns.keys():
         raise refusal(
             path,
             "has no vertices with x, y and z that are numbers",
@@ -92,15 +80,16 @@ def open_ply(path: Path) -> FileCloud | Mesh:
     cloud = _open_vertices(header, vertex)
     if faces is None or not faces.rows:
         return cloud
-    names = [one.name for one in faces.properties if one.name in _FACE_LISTS and one.counter]
-    if not names:
+    found = [name for name in _FACE_LISTS if faces.columns.get(name, ("", ""))[1]]
+    if not found:
         raise refusal(
             path,
             "its faces have no list of vertices",
             expected="property list uchar int vertex_indices",
         )
     piece = next(cloud.pieces(max(cloud.count, 1)), Cloud(np.empty((0, 3))))
-    triangles = (_read_faces if header.order else _read_text_faces)(header, faces, names[0])
+    read = _read_faces if header.order else _read_text_faces
+    triangles = read(header, faces, found[0])
     return Mesh(path, "PLY mesh", piece.points, triangles, cloud.notes, cloud.precision)
 
 
@@ -111,18 +100,18 @@ def _read_header(path: Path) -> _Header:
     lines = text[:size].decode("latin-1").split("\n")[:-1]
     if not lines or lines[-1].strip() != "end_header":
         raise refusal(path, "the PLY header has no line end_header", fix=FIX_COPY)
-    order, elements = None, dict[str, _Element]()
+    order, elements, columns = None, dict[str, _Element](), dict[str, tuple[str, str]]()
     for number, line in enumerate(lines[1:-1], start=2):
-        last = next(reversed(elements.values()), None)
         match line.split():
             case [] | ["comment" | "obj_info", *_]:
                 continue
             case ["format", kind, "1.0"] if kind in _ORDERS:
                 order = _ORDERS[kind]
             case ["element", name, count] if re.fullmatch("[0-9]+", count) and name not in elements:
-                elements[name] = _Element(name, int(count), [])
-            case ["property", *words] if last and (found := _property(words, last.names)):
-                last.properties.append(found)
+                columns = {}
+                elements[name] = _Element(name, int(count), columns)
+            case ["property", *words] if elements and _add_column(columns, words):
+                continue
             case _:
                 raise refusal(
                     path,
@@ -135,19 +124,17 @@ def _read_header(path: Path) -> _Header:
     return _Header(path, order, elements, size)
 
 
-def _property(words: list[str], taken: list[str]) -> _Property | None:
-    length: str | None = None
-    match words:
-        case ["list", counter, kind, name]:
-            length = _CODES.get(counter, "f")
-        case [kind, name]:
-            pass
-        case _:
-            return None
-    name = name.lower() if name in ("X", "Y", "Z") else name
-    if kind not in _CODES or name in taken or (length or "").startswith("f"):
-        return None
-    return _Property(name, _CODES[kind], length)
+def _add_column(columns: dict[str, tuple[str, str]], words: list[str]) -> bool:
+    """Add a column; tell whether its words describe one."""
+    is_list = len(words) == 4 and words[0] == "list"
+    if not (is_list or len(words) == 2) or words[-2] not in _CODES:
+        return False
+    counter = _CODES.get(words[1], "f") if is_list else ""
+    name = words[-1].lower() if words[-1] in ("X", "Y", "Z") else words[-1]
+    if counter.startswith("f") or name in columns:
+        return False
+    columns[name] = (_CODES[words[-2]], counter)
+    return True
 
 
 def _open_vertices(header: _Header, vertex: _Element) -> FileCloud:
@@ -160,8 +147,8 @@ def _open_vertices(header: _Header, vertex: _Element) -> FileCloud:
         left = count_lines(path, header.size) - start - vertex.rows
     if left < 0:
         raise too_few(path, vertex.rows)
-    precision = np.result_type(*(one.type for one in vertex.properties if one.name in "xyz"))
-    notes: tuple[str, ...] = (_SPLAT_NOTE,) if set(vertex.names) >= _SPLATS else ()
+    precision = np.result_type(*(vertex.columns[axis][0] for axis in "xyz"))
+    notes: tuple[str, ...] = (_SPLAT_NOTE,) if vertex.columns.keys() >= _SPLATS else ()
     if next(reversed(header.elements.values())) is vertex:
         notes += uncounted(left, what, vertex.rows)
     read = partial(_read_vertices, header, vertex, start)
@@ -169,10 +156,9 @@ def _open_vertices(header: _Header, vertex: _Element) -> FileCloud:
 
 
 def _read_vertices(header: _Header, vertex: _Element, start: int, points: int) -> Iterator[Cloud]:
-    path, names = header.path, vertex.names
+    path, names = header.path, list(vertex.columns)
     if header.order:
-        record = header.record(vertex)
-        for block in read_records(path, record, start, vertex.rows, points):
+        for block in read_records(path, header.record(vertex), start, vertex.rows, points):
             yield cloud_of_columns({name: block[name] for name in names})
         return
     for rows in read_rows(path, header.size, start, vertex.rows, len(names), points):
@@ -201,34 +187,26 @@ def _read_faces(header: _Header, faces: _Element, name: str) -> Ints:
 
 
 def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
-    skip = _start_of(header, faces)
-    triangles, found = array("q"), 0
+    """Read the faces of a text file, whose first list is that of vertices."""
+    skip, triangles, found = _start_of(header, faces), array("q"), 0
+    place = list(faces.columns).index(name)
+    if any(counter for _, counter in list(faces.columns.values())[:place]):
+        raise refusal(header.path, f"its faces have a list before {name}, as text")
     with opened_lines(header.path, header.size) as lines:
         for line in islice(lines, skip, skip + faces.rows):
+            words, found = line.split()[place:], found + 1
             try:
-                add_fan(triangles, _polygon(faces, name, line.split()))
+                corners = list(map(int, words[1 : int(words[0]) + 1]))
+                if len(corners) != int(words[0]) or not all(0 <= one < 1 << 62 for one in corners):
+                    raise ValueError("another number of vertices")
             except (ValueError, IndexError) as error:
                 expected = "a face: how many vertices, and their indices"
-                what = f"a line of its faces is {quoted(line)}"
+                what = f"a line of its {name} is {quoted(line)}"
                 raise refusal(header.path, what, expected=expected) from error
-            found += 1
+            add_fan(triangles, corners)
     if found < faces.rows:
         raise _cut_off(header, faces)
     return np.array(triangles).reshape(-1, 3)
-
-
-def _polygon(faces: _Element, name: str, words: list[str]) -> list[int]:
-    place, found = 0, list[int]()
-    for one in faces.properties:
-        length = 1
-        if one.counter is not None:
-            length, place = int(words[place]), place + 1
-        if one.name == name:
-            found = [int(word) for word in words[place : place + length]]
-        place += length
-    if place != len(words) or not all(0 <= index < 1 << 62 for index in found):
-        raise ValueError("another number of words")
-    return found
 
 
 def _runs(header: _Header, element: _Element, start: int) -> Iterator[tuple[NDArray[Any], int]]:
@@ -242,9 +220,9 @@ def _runs(header: _Header, element: _Element, start: int) -> Iterator[tuple[NDAr
             raise _cut_off(header, element)
         rows = np.frombuffer(raw, record, room, start)
         same = np.ones(room, np.bool_)
-        for one in element.properties:
-            if one.counter is not None:
-                lengths = rows[f"{one.name} count"]
+        for name, (_, counter) in element.columns.items():
+            if counter:
+                lengths = rows[f"{name} count"]
                 same &= lengths == lengths[0]
         run = room if same.all() else int(np.argmin(same))
         start += run * record.itemsize
@@ -258,17 +236,17 @@ def _record_at(
 ) -> np.dtype[Any]:
     """Return the type of the row that begins at a place, its lists being as long as they are."""
     fields: list[tuple[Any, ...]] = []
-    for one in element.properties:
-        if one.counter is None:
-            fields.append((one.name, header.order + one.type))
+    for name, (kind, counter) in element.columns.items():
+        if not counter:
+            fields.append((name, header.order + kind))
             continue
-        counter = np.dtype(header.order + one.counter)
+        length_type = np.dtype(header.order + counter)
         at = place + np.dtype(fields).itemsize
-        stated = raw[at : at + counter.itemsize].tobytes().ljust(8, b"\0")
-        length = int(np.frombuffer(stated, counter, 1)[0])
+        stated = raw[at : at + length_type.itemsize].tobytes().ljust(8, b"\0")
+        length = int(np.frombuffer(stated, length_type, 1)[0])
         if not 0 <= length <= len(raw):
             raise _cut_off(header, element)
-        fields += [(f"{one.name} count", counter), (one.name, header.order + one.type, (length,))]
+        fields += [(f"{name} count", length_type), (name, header.order + kind, (length,))]
     return np.dtype(fields)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tarfile
 import zipfile
 from pathlib import Path
 
@@ -60,8 +59,6 @@ def files(home: Path) -> list[Input]:
     (given / "mesh.ply").write_bytes(meshes.quads())
     meshes.write_glb(given / "mesh.glb", *meshes.cube_document())
     meshes.write_gltf(given / "text.gltf")
-    meshes.write_stl(given / "binary.stl")
-    meshes.write_stl_text(given / "ascii.stl")
     rows = clouds.text_rows(columns)
     (given / "ascii.xyz").write_text(rows)
     (given / "ascii.csv").write_text("x,y,z,r,g,b\n" + clouds.text_rows(columns, ","))
@@ -126,10 +123,6 @@ def _packs(home: Path, given: Path, data: str) -> list[Input]:
     with zipfile.ZipFile(packs / "p.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for name, source in files.items():
             archive.write(given / source, name)
-    for ending, mode in ((".tar", "w"), (".tar.gz", "w:gz")):
-        with tarfile.open(packs / f"p{ending}", mode) as tape:  # type: ignore[call-overload]
-            for name, source in files.items():
-                tape.add(given / source, name)
     read = (("eval", "reconstruction", "FILE"), ("check", "FILE"))
     made = [
         Input(f"reconstruction/{path.name}", packs, path.name, spoil_bytes, read, data, 0.5)
