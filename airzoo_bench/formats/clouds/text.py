@@ -119,7 +119,11 @@ def open_text(path: Path) -> FileCloud:
         )
     separator, width = _find_separator(path, offset)
     places = _find_columns(path, names, width)
-    read = partial(_read, path, offset, separator, places, width, count)
+
+    def read(points: int) -> Iterator[Cloud]:
+        for rows in read_rows(path, offset, 0, count, width, points, separator):
+            yield cloud_of_columns({name: rows[:, place] for name, place in places.items()})
+
     kind = f"text (separated by {_SEPARATORS[separator]})"
     note = "columns, counted from 1: x y z from " + ", ".join(str(places[a] + 1) for a in "xyz")
     if "confidence" in places:
@@ -127,19 +131,6 @@ def open_text(path: Path) -> FileCloud:
     if width > len(places):
         note += f"; {width - len(places)} of {width} passed over"
     return FileCloud(path, kind, count, read, np.dtype(np.float64), (note,))
-
-
-def _read(
-    path: Path,
-    offset: int,
-    separator: str,
-    places: dict[str, int],
-    width: int,
-    count: int,
-    points: int,
-) -> Iterator[Cloud]:
-    for rows in read_rows(path, offset, 0, count, width, points, separator):
-        yield cloud_of_columns({name: rows[:, place] for name, place in places.items()})
 
 
 def _find_start(path: Path) -> tuple[int, str | None, int | None]:
