@@ -81,9 +81,10 @@ class Engine:
     ) -> Generator[Any, None, None]:
         waiting: deque[Callable[[], Any]] = deque()
         with self._submitter(work, shared, stage, len(items)) as submit:
+            ahead = self._ahead
             for item in items:
                 waiting.append(submit(item))
-                if len(waiting) >= self._ahead:
+                if len(waiting) >= ahead:
                     yield waiting.popleft()()
             while waiting:
                 yield waiting.popleft()()
