@@ -87,7 +87,8 @@ def url_at(path: Path) -> str | None:
 @contextmanager
 def client_of(url: str) -> Iterator[Any]:
     """Yield fsspec's file system of a URL, and turn what it raises into one message."""
-    scheme, settings = url.partition("://")[0], {}
+    scheme = url.partition("://")[0]
+    settings: dict[str, Any] = {}
     where = url.partition("?")[0]  # what follows may be a signature
     try:
         if scheme == "s3":
@@ -97,9 +98,9 @@ def client_of(url: str) -> Iterator[Any]:
             settings["anon"] = unsigned in ("YES", "TRUE", "1")
         elif scheme.startswith("http"):
             limit = resolve("aiohttp:ClientTimeout")
-            waits = limit(total=None, sock_connect=_CONNECT_S, sock_read=_READ_S)
+            timeout = limit(total=None, sock_connect=_CONNECT_S, sock_read=_READ_S)
             plain = {"Accept-Encoding": "identity"}  # so that sizes are those of the files
-            settings["client_kwargs"] = {"timeout": waits, "trust_env": True, "headers": plain}
+            settings["client_kwargs"] = {"timeout": timeout, "trust_env": True, "headers": plain}
         client = resolve("fsspec:filesystem")(scheme, use_listings_cache=False, **settings)
         client.invalidate_cache()
         yield client
