@@ -70,9 +70,9 @@ def test_its_workers_outlive_a_run(address: str) -> None:
         assert os.getpid() not in {int(one["who"]) for one in found}
 
 
-def test_a_fault_of_the_user_comes_whole_and_names_its_block(workers: Standing) -> None:
+def test_a_fault_of_the_user_comes_whole_and_names_its_block(address: str) -> None:
     for folder, said in (("long", "row 3"), ("unreadable", "shard 3")):
-        with pytest.raises(UserError) as caught, connect(workers.address) as place:
+        with pytest.raises(UserError) as caught, connect(address) as place:
             list(place.map(work.faulty, range(6), shared=Path(folder), stage="s", name=named))
         assert caught.value.where == said
 
