@@ -16,14 +16,13 @@ from airzoo_bench.report.figures import heading
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
-    AgainstBest,
     Pair,
-    against_best,
     compare,
     floor_note,
     is_share,
     make_sample,
     notes_of,
+    tied_with_best,
 )
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
@@ -109,7 +108,7 @@ class Findings:
     """Intervals by scope and score, tests against the best by scope, and how both were made."""
 
     limits: Mapping[str, Mapping[str, Limits]]
-    tests: Mapping[str, Mapping[str, AgainstBest]]
+    tests: Mapping[str, Mapping[str, list[bool]]]
     notes: list[str]
 
 
@@ -177,16 +176,16 @@ def _plan(section: Section, comparisons: int) -> ResamplingConfig | None:
     return ResamplingConfig(resamples) if values * resamples <= _WORK else None
 
 
-def _tests(section: Section) -> tuple[dict[str, Mapping[str, AgainstBest]], str]:
+def _tests(section: Section) -> tuple[dict[str, Mapping[str, list[bool]]], str]:
     methods, scores = section.methods, section.headline
     if len(methods) < 2:
         return {}, ""
     plan = _plan(section, 2 * len(methods))
     if plan is None:
         return {}, "no tests against the best: there are too many queries and methods"
-    found: dict[str, Mapping[str, AgainstBest]] = {OVERALL: against_best(methods, scores, plan)}
+    found: dict[str, Mapping[str, list[bool]]] = {OVERALL: tied_with_best(methods, scores, plan)}
     for scene in section.first.scenes if section.by_query else ():
-        found[scene] = against_best(methods, scores, plan, scene)
+        found[scene] = tied_with_best(methods, scores, plan, scene)
     return found, (
         f"≈ marks what a paired test does not tell from the best (p above "
         f"{share_to_percent(LEVEL):g} % after Holm's correction for all pairs of methods, "
@@ -195,7 +194,7 @@ def _tests(section: Section) -> tuple[dict[str, Mapping[str, AgainstBest]], str]
     )
 
 
-def marks_of(score: ScoreColumn, values: _Row, tests: AgainstBest | None = None) -> list[str]:
+def marks_of(score: ScoreColumn, values: _Row, ties: list[bool] | None = None) -> list[str]:
     """Mark a score's values by method: the best by the digits shown, and who ties with them.
 
     One method by itself has no mark.
@@ -205,7 +204,7 @@ def marks_of(score: ScoreColumn, values: _Row, tests: AgainstBest | None = None)
     best = best_texts(column, cells)[:1]
     if not best or len(values) < 2:
         return [""] * len(values)
-    tied = tests.tied if tests else [False] * len(values)
+    tied = ties or [False] * len(values)
     return [
         _BEST if cell.text(column.decimals) == best[0] else _TIED if is_tied else ""
         for cell, is_tied in zip(cells, tied, strict=True)

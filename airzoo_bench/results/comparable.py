@@ -13,21 +13,18 @@ if TYPE_CHECKING:  # records need pandas, which tables of results do without
     from airzoo_bench.results.records import Scored
 
 _SHOWN = 3
-_LONGEST = 60
 
 
 def find_scene(titles: Mapping[str, str], wanted: str) -> str:
     """Return the id of a scene that is named by id or title; an id goes before a title."""
-    if wanted in titles:
-        return wanted
-    found = [scene for scene, title in titles.items() if title == wanted]
+    found = [wanted] if wanted in titles else [s for s, title in titles.items() if title == wanted]
     if len(found) == 1:
         return found[0]
-    known = list(dict.fromkeys([*titles, *titles.values()]))
+    near = nearest(wanted, list(dict.fromkeys([*titles, *titles.values()])))
     raise ResultError(
         f"{len(found)} scenes have the title {wanted!r}"
         if found
-        else f"there is no scene {wanted!r} in the results{nearest(wanted, known)}",
+        else f"there is no scene {wanted!r} in the results{near}",
         expected="one of " + ", ".join(found or titles),
     )
 
@@ -60,11 +57,8 @@ def choose_scores(
     if not wanted:
         found = [column for column in shared if every or column.headline]
         if not found:
-            raise ResultError(
-                "the results have no score in common",
-                expected="results of one track, with the same scores",
-                fix="score all predictions again with the same version and protocol",
-            )
+            fix = "score all predictions again with the same version and protocol"
+            raise ResultError("the results have no score in common", fix=fix)
         return found
     some = named_scores(column for method in methods for column in method.result.columns)
     for name in wanted:
@@ -84,64 +78,32 @@ def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) ->
 
 
 def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
-    """Refuse results of different protocols, truths or meanings of a score."""
-    for what, explain in (("protocol", _explain_protocols), ("truth", _explain_truths)):
-        prints = [getattr(result, what).fingerprint for result in results]
-        others = [place for place, found in enumerate(prints) if found != prints[0]]
-        if others:
-            first, second = results[0], results[others[0]]
-            why, expected, fix = explain(first, second)
-            if len(others) > 1:
-                many = first_names([names[place] for place in others])
-                why += f"; {len(others)} of {len(results)} results differ from the first: {many}"
+    """Refuse results of different protocols or truths."""
+    first = results[0]
+    for name, other in zip(names[1:], results[1:], strict=True):
+        both = f"{names[0]} and {name}"
+        if other.protocol.fingerprint != first.protocol.fingerprint:
+            one, two = first.protocol, other.protocol
+            said = f"{one.name} v{one.version} against {two.name} v{two.version}"
+            if one.name == two.name:
+                said += f"; {other_settings(one.settings, two.settings)}"
             raise ResultError(
-                f"{names[0]} and {names[others[0]]} were "
-                f"{'made with' if what == 'protocol' else 'compared with'} different {what}s "
-                f"({prints[0][:12]} and {prints[others[0]][:12]}): {why}",
-                expected=expected,
-                fix=fix,
+                f"{both} were made with different protocols: {said}",
+                expected="one protocol: a difference would be its doing as well as the methods'",
+                fix="score all predictions with the same --protocol, or name results of one only",
             )
-    known: dict[str, tuple[str, ScoreColumn]] = {}
-    for name, result in zip(names, results, strict=True):
-        for column in result.columns:
-            whose, first_column = known.setdefault(column.key, (name, column))
-            if column.model_copy(update={"headline": first_column.headline}) != first_column:
-                raise ResultError(
-                    f"{whose} and {name} mean different things by the score {column.key}",
-                    expected="the same title, unit, direction and average, as one protocol gives",
-                    fix="score all predictions again with the same version",
-                )
+        if other.truth.fingerprint != first.truth.fingerprint:
+            prints = f"{first.truth.fingerprint[:12]} and {other.truth.fingerprint[:12]}"
+            raise ResultError(
+                f"{both} were compared with different truths ({prints}) of {first.truth.benchmark}",
+                expected="one truth: the same queries with the same answers",
+                fix="score all predictions again with the same benchmark folder",
+            )
 
 
-def _explain_protocols(first: Result, other: Result) -> tuple[str, str, str]:
-    """Return how two protocols differ, the expectation, and the remedy."""
-    one, two = first.protocol, other.protocol
-    expected = "one protocol: a difference would be its doing as well as the methods'"
-    fix = "name results of one protocol only"
-    names = f"{one.name} v{one.version} against {two.name} v{two.version}"
-    if one.name != two.name:  # they ask different things: one is no slip for the other
-        return names, expected, f"{fix}; `airzoo-bench table` takes several"
-    said = [names] if one.version != two.version else []
-    why = other_settings(one.settings, two.settings, *said)
-    fix = f"score all predictions again with the same --protocol, or {fix}"
-    return why, expected, fix
-
-
-def _explain_truths(first: Result, other: Result) -> tuple[str, str, str]:
-    one, two = (f"{r.truth.benchmark} v{r.truth.version}" for r in (first, other))
-    why = f"benchmark {one}" + (f" against {two}" if one != two else ", prepared anew")
-    for scene in first.truth.scene_titles:
-        counts = [r.counts[scene]["queries"] for r in (first, other) if scene in r.counts]
-        if len(set(counts)) > 1:
-            why += f"; scene {scene}: {counts[0]} against {counted(counts[1], 'query')}"
-            break
-    fix = "score all predictions again with the same benchmark folder"
-    return why, "one truth: the same queries with the same answers", fix
-
-
-def other_settings(one: Mapping[str, Any], two: Mapping[str, Any], *said: str) -> str:
-    """List the first settings in which two protocols differ, after what is said of them."""
-    found = [*said, *_compare_settings(one, two)]
+def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
+    """List the first settings in which two protocols differ."""
+    found = list(_compare_settings(one, two))
     more = len(found) - _SHOWN
     rest = f"; and {counted(more, 'more setting')}" if more > 0 else ""
     return "; ".join(found[:_SHOWN]) + rest
@@ -154,8 +116,7 @@ def _compare_settings(one: Any, two: Any, key: str = "") -> Iterator[str]:
             inner = f"{key}.{name}" if key else str(name)
             yield from _compare_settings(one.get(name), two.get(name), inner)
     elif one != two:
-        texts = ["absent" if value is None else str(value) for value in (one, two)]
-        first, second = (t if len(t) <= _LONGEST else t[: _LONGEST - 3] + "..." for t in texts)
+        first, second = ("absent" if value is None else str(value)[:60] for value in (one, two))
         yield f"{key} is {first} against {second}"
 
 
@@ -165,16 +126,12 @@ def check_same_queries(methods: Sequence[Scored]) -> None:
     first = methods[0]
     for other in methods[1:]:
         one, two = (m.records["query"] for m in (first, other))
-        if one.equals(two) or set(one) == set(two):
-            continue
-        lonely = first_of(sorted({*one} ^ {*two}), len({*one} | {*two}))
-        common = len({*one} & {*two})
-        shared = f"only {counted(common, 'query')}" if common else "no query"
-        raise ResultError(
-            f"{first.name} and {other.name} have {shared} in common; not in both: {lonely}",
-            expected="results on the same queries",
-            fix="score all predictions again with the same benchmark folder",
-        )
+        if not one.equals(two):
+            lonely = first_of(sorted({*one} ^ {*two}), len({*one} | {*two}))
+            raise ResultError(
+                f"{first.name} and {other.name} are not on the same queries; not in both: {lonely}",
+                fix="score all predictions again with the same benchmark folder",
+            )
 
 
 def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:

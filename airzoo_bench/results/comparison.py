@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -65,12 +65,13 @@ def make_sample(
 def pooled_sample(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> Sample:
     """Gather variables as `make_sample` does, of all records as one group, in their order."""
     unit = methods[0].result.unit
-    columns = [m.records[s.key].to_numpy(np.float64) for s in scores for m in methods]
-    values = np.array(columns).reshape(len(columns), -1)
+    variables = [(score, method) for score in scores for method in methods]
+    values = np.array([m.records[s.key].to_numpy(np.float64) for s, m in variables])
     # One record a scene: their mean over scenes, whatever the average within a scene.
-    medians = [unit == "query" and s.average == "median" for s in scores for _ in methods]
-    shares = [is_share(s) for s in scores for _ in methods]
-    return Sample(unit, ("",), (values,), np.array(medians, np.bool_), np.array(shares, np.bool_))
+    medians = [unit == "query" and score.average == "median" for score, _ in variables]
+    shares = np.array([is_share(score) for score, _ in variables], np.bool_)
+    values = values.reshape(len(variables), -1)
+    return Sample(unit, ("",), (values,), np.array(medians, np.bool_), shares)
 
 
 def score_intervals(
@@ -124,36 +125,25 @@ def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> fl
     return values[score.key]
 
 
-def best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None = None) -> int:
+def _best_place(methods: Sequence[Scored], score: ScoreColumn, scene: str | None) -> int:
     """Return the place of the best method by a score, the first of equals."""
     sign = 1 if score.higher_is_better else -1
     return int(np.argmax([sign * value_of(method, score, scene) for method in methods]))
 
 
-def find_one(
+def _find_one(
     methods: Sequence[Scored],
-    reference: str | None,
-    method: str | None,
+    option: str,
+    wanted: str | None,
     score: ScoreColumn,
-    scene: str | None = None,
+    scene: str | None,
 ) -> int:
-    """Return the place of the reference, or of the method that all others are compared with."""
-    if method is not None and reference is not None:
-        raise UsageError(
-            "--method and --reference exclude each other",
-            expected="--method for what NAME is against each other, --reference for what they "
-            "are against NAME",
-            fix="leave one of them out",
-        )
-    wanted = reference if method is None else method
+    """Return the place of the method that all others are compared with."""
     names = [one.name for one in methods]
-    if wanted is None:
-        return 0
-    if wanted in names:
-        return names.index(wanted)
+    if wanted is None or wanted in names:
+        return 0 if wanted is None else names.index(wanted)
     if wanted == _BEST:
-        return best_place(methods, score, scene)
-    option = "--reference" if method is None else "--method"
+        return _best_place(methods, score, scene)
     raise UsageError(
         f"{option} {wanted[:80]!r} is no method of these results{nearest(wanted[:80], names)}",
         expected=f"{_BEST}, or one of " + ", ".join(names),
@@ -167,45 +157,37 @@ def family_of(names: Sequence[str], reference: str | None) -> int:
     return len(names) * others // 2 if is_chosen_by_value else others
 
 
-@dataclass(frozen=True)
-class AgainstBest:
-    """Every method against the best by a score, the first of equals, at the place `best`.
-
-    p is paired, two-sided, after Holm's correction for all pairs of methods, since the best was
-    chosen for its value; that of the best itself is 1.
-    """
-
-    best: int
-    p_values: tuple[float, ...]
-
-    @property
-    def tied(self) -> tuple[bool, ...]:
-        """Which methods cannot be told from the best at a level of 5 %; the best is one of them."""
-        return tuple(p_value > LEVEL for p_value in self.p_values)
+def _test_others(
+    sample: Sample, places: Sequence[int], family: int, resampling: ResamplingConfig, of_one: bool
+) -> Iterator[tuple[int, int, tuple[Interval, PairedTest, float]]]:
+    """Test all methods against the one at a place for each score; with Holm's p of a score."""
+    count = len(sample.medians) // len(places)
+    pairs = [(s * count + m, s * count + p) for s, p in enumerate(places) for m in range(count)]
+    pairs = [pair[::-1] if of_one else pair for pair in pairs if pair[0] != pair[1]]
+    intervals, tests = paired_tests(sample, resampling, pairs)
+    p_values = np.array([test.p_value for test in tests]).reshape(len(places), -1)
+    adjusted = [p for row in p_values for p in holm(row, family).tolist()]
+    found = zip(intervals, tests, adjusted, strict=True)
+    yield from ((*pair, numbers) for pair, numbers in zip(pairs, found, strict=True))
 
 
-def against_best(
+def tied_with_best(
     methods: Sequence[Scored],
     scores: Sequence[ScoreColumn],
     resampling: ResamplingConfig,
     scene: str | None = None,
-) -> dict[str, AgainstBest]:
-    """Test every method against the best by each score, as `compare` with the best of it does."""
+) -> dict[str, list[bool]]:
+    """Say by each score which methods cannot be told from the best, which is one of them.
+
+    p is corrected for all pairs of methods, since the best was chosen for its value.
+    """
     count = len(methods)
-    best = [best_place(methods, score, scene) for score in scores]
-    places = [
-        (number * count + other, number * count + place)
-        for number, place in enumerate(best)
-        for other in range(count)
-        if other != place
-    ]
-    _, tests = paired_tests(make_sample(methods, scores, scene), resampling, places)
-    found = np.array([test.p_value for test in tests]).reshape(len(scores), count - 1)
-    corrected = [holm(row, count * (count - 1) // 2) for row in found]
-    return {
-        score.key: AgainstBest(place, tuple(np.insert(row, place, 1.0).tolist()))
-        for score, place, row in zip(scores, best, corrected, strict=True)
-    }
+    best = [_best_place(methods, score, scene) for score in scores]
+    tied = np.ones((len(scores), count), np.bool_)
+    sample, family = make_sample(methods, scores, scene), count * (count - 1) // 2
+    for row, _, (_, _, p_holm) in _test_others(sample, best, family, resampling, of_one=False):
+        tied.flat[row] = p_holm > LEVEL
+    return {score.key: row.tolist() for score, row in zip(scores, tied, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -281,23 +263,23 @@ def compare(
     resampling: ResamplingConfig,
 ) -> Comparison:
     """Compare methods with one of them, or one of them with the others."""
+    if method is not None and reference is not None:
+        raise UsageError(
+            "--method and --reference exclude each other",
+            expected="--method for what NAME is against each other, --reference for what they "
+            "are against NAME",
+        )
     check_same_queries(methods)
     if scene is not None:
         scene = find_scene(methods[0].result.truth.scene_titles, scene)
-    base, count = find_one(methods, reference, method, scores[0], scene), len(methods)
-    sample = make_sample(methods, scores, scene)
-    others = [place for place in range(count) if place != base]
-    places = [(s * count + other, s * count + base) for s in range(len(scores)) for other in others]
-    if method is not None:
-        places = [(one, other) for other, one in places]
-    intervals, tests = paired_tests(sample, resampling, places)
-    family = family_of([m.name for m in methods], reference if method is None else method)
-    p_values = np.array([test.p_value for test in tests]).reshape(-1, len(others))
-    adjusted = np.array([holm(row, family) for row in p_values]).ravel().tolist()
+    option, wanted = ("--reference", reference) if method is None else ("--method", method)
+    base = _find_one(methods, option, wanted, scores[0], scene)
+    sample, count = make_sample(methods, scores, scene), len(methods)
+    family, of_one = family_of([m.name for m in methods], wanted), method is not None
     pairs = []
-    for (one, other), *found in zip(places, intervals, tests, adjusted, strict=True):
-        sides = (methods[one % count], methods[other % count])
+    for one, other, found in _test_others(sample, [base] * len(scores), family, resampling, of_one):
         values = [np.concatenate([part[row] for part in sample.values]) for row in (one, other)]
+        sides = methods[one % count], methods[other % count]
         pairs.append(_pair(scores[one // count], sides, values, scene, *found))
     return Comparison(
         reference=methods[base].name,
@@ -308,7 +290,7 @@ def compare(
         family=family,
         resampling=resampling,
         notes=_notes(methods),
-        of_one=method is not None,
+        of_one=of_one,
         no_better=frozenset(m.name for m in methods if floor_note(m.result)),
     )
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
-import re
-from collections import Counter
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,21 +21,18 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import csv as arrow_csv
 
-from airzoo_bench.core.errors import ResultError, counted
+from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.files import method_names, records_path, result_paths
-from airzoo_bench.results.result import SHARE_SLACK, Result, ScoreColumn, read_result
+from airzoo_bench.results.result import SHARE_SLACK, Result, read_result
 from airzoo_bench.results.scores import Score, summarise
 
-SCORE_AGAIN = "score the predictions again with `airzoo-bench eval ... --out DIR`"
-
+_FIX = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 # Scores are averaged in the order of the rows, which need not be that of the time of writing.
 _ROUNDING = 1e-9
-_READ_BYTES = 8 << 20
 
-# What only looks like a number, such as a sequence "007" or "1e5", is a text, and so are integers
-# of which a float64 would lose digits.
+# A text such as a sequence "007" or "1e5" only looks like a number, and so does an integer of which
+# a float64 would lose digits.
 _INTEGER = "^-?(0|[1-9][0-9]*)$"
 _NUMBER = r"^-?((0|[1-9][0-9]{0,14})|(0|[1-9][0-9]*)(\.[0-9]+|(\.[0-9]+)?e[+-][0-9]{1,3})|inf)$"
 _TRUTH = "^(True|False)$"
@@ -75,14 +70,27 @@ def read_records(
     """
     result = read_result(path) if result is None else result
     file = records_path(path)
-    content = _read_content(path, file, result)
+    if not file.is_file():
+        raise ResultError(
+            "no such file",
+            where=file,
+            expected="the records that were written next to result.json",
+            fix=f"keep both in one folder, or {_FIX}",
+        )
+    content = file.read_bytes()
+    if hashlib.sha256(content).hexdigest() != result.records_sha256:
+        raise ResultError(
+            "not the records of the result next to it: the checksum does not fit",
+            where=file,
+            expected="the file as `airzoo-bench eval` wrote it together with result.json",
+            fix=_FIX,
+        )
     scores = [column.key for column in result.columns]
     names = column_names(file)
-    twice = [name for name, times in Counter(names).items() if times > 1]
-    lacking = [name for name in ("scene", *scores) if name not in names]
-    for fault, odd in (("has twice", twice), ("lacks", lacking)):
-        if odd:
-            raise ResultError(f"{fault} the column {', '.join(odd)}", where=file, fix=SCORE_AGAIN)
+    if len(set(names)) < len(names) or not {"scene", *scores} <= {*names}:
+        lacking = ", ".join(name for name in ("scene", *scores) if name not in names)
+        fault = f"lacks the column {lacking}" if lacking else "has a column twice"
+        raise ResultError(fault, where=file, fix=_FIX)
     if columns is not None:
         names = [name for name in names if name in ("scene", "query") or name in columns]
     records: pd.DataFrame = _read_table(file, content, names, scores).to_pandas()
@@ -91,58 +99,27 @@ def read_records(
     return checked_records(records, result, file)
 
 
-def _read_content(path: Path, file: Path, result: Result) -> bytes:
-    """Read the bytes of records and check them against the hash that their result states."""
-    if not result.records_sha256:
-        raise ResultError("does not say which records belong to it", where=path, fix=SCORE_AGAIN)
-    if not file.is_file():
-        raise ResultError(
-            "no such file",
-            where=file,
-            expected="the records that were written next to result.json",
-            fix="keep both in one folder (records of a.json may be called a.records.csv), or "
-            + SCORE_AGAIN,
-        )
-    content = file.read_bytes()
-    if hashlib.sha256(content).hexdigest() == result.records_sha256:
-        return content
-    raise ResultError(
-        "not the records of the result next to it: the checksum does not fit",
-        where=file,
-        expected="the file as `airzoo-bench eval` wrote it together with result.json",
-        fix=SCORE_AGAIN,
-    )
-
-
 def column_names(file: Path) -> list[str]:
     """Return the columns of a file of records, in their order."""
     try:
         with file.open(encoding="utf-8", newline="") as stream:
             return next(csv.reader(stream), [])
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ResultError(f"not a table: {error}", where=file, fix=SCORE_AGAIN) from error
+        raise ResultError(f"not a table: {error}", where=file, fix=_FIX) from error
 
 
 def _read_table(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
     """Read columns of records as an Arrow table; Arrow rounds to the nearest, as IEEE 754 asks."""
     types = {name: pa.float64() if name in scores else pa.string() for name in names}
+    converting = arrow_csv.ConvertOptions(
+        column_types=types, include_columns=names, null_values=[""], strings_can_be_null=True
+    )
+    parsing = arrow_csv.ParseOptions(newlines_in_values=True)
+    reading = arrow_csv.ReadOptions(block_size=8 << 20)
     try:
-        table = arrow_csv.read_csv(
-            pa.BufferReader(content),
-            read_options=arrow_csv.ReadOptions(block_size=_READ_BYTES),
-            parse_options=arrow_csv.ParseOptions(newlines_in_values=True),
-            convert_options=arrow_csv.ConvertOptions(
-                column_types=types,
-                include_columns=list(types),
-                null_values=[""],
-                strings_can_be_null=True,
-            ),
-        )
+        table = arrow_csv.read_csv(pa.BufferReader(content), reading, parsing, converting)
     except pa.ArrowInvalid as error:
-        place = re.search(r"column #(\d+): .*conversion error to double", str(error))
-        if place is not None:
-            raise _no_number(column_names(file)[int(place[1])], file) from error
-        raise ResultError(f"not a table: {error}", where=file, fix=SCORE_AGAIN) from error
+        raise ResultError(f"not a table of scores: {error}", where=file, fix=_FIX) from error
     as_read = (*scores, "scene", "query")
     return pa.table({n: table[n] if n in as_read else _with_type(table[n]) for n in names})
 
@@ -155,77 +132,48 @@ def _with_type(texts: Any) -> Any:
         return all(pc.all(part, min_count=0).as_py() for part in parts)  # most fail by the first
 
     if texts.null_count == 0 and all_are(_INTEGER):
-        for kind in (pa.int64(), pa.uint64()):
-            with suppress(pa.ArrowInvalid):  # too large
-                return texts.cast(kind)
-        return texts
-    if all_are(_NUMBER):
+        with suppress(pa.ArrowInvalid):  # too large
+            return texts.cast(pa.int64())
+    elif all_are(_NUMBER):
         return texts.cast(pa.float64())
-    if texts.null_count == 0 and all_are(_TRUTH):
+    elif texts.null_count == 0 and all_are(_TRUTH):
         return pc.equal(texts, "True")
     return texts
 
 
 def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
     """Return records sorted by ``query``, where they give the averages that a result states."""
+
+    def refuse(what: str, expected: object = "records as `airzoo-bench eval` wrote them") -> None:
+        raise ResultError(what, where=file, expected=str(expected), fix=_FIX)
+
     columns = [column for column in result.columns if column.key in records]
     for column in columns:
-        _check_values(records[column.key].to_numpy(np.float64), column, file)
-    rows, scenes = pd.factorize(records["scene"])
-    queries = records["query"]
-    is_of_scenes = (rows >= 0).all() and set(scenes) == set(result.scenes)
-    if not is_of_scenes or queries.isna().any() or not queries.is_unique:
-        raise ResultError(
-            "its scenes are not those of the result, or a query stands twice or has no name",
-            where=file,
-            fix=SCORE_AGAIN,
+        values = records[column.key].to_numpy(np.float64)
+        wrong = ~(
+            (values >= 0) & (values <= (1.0 + SHARE_SLACK if column.unit == "share" else np.inf))
         )
-    for scene, count in zip(scenes, np.bincount(rows).tolist(), strict=True):
-        expected = result.counts[scene]["queries"]
-        if count != expected:
-            raise _unlike(f"scene {scene} has {counted(count, 'query')}", expected, file)
+        if wrong.any():
+            refuse(f"{column.key} has a score of {values[wrong][0]:g}")
+    queries = {scene: counts["queries"] for scene, counts in result.counts.items()}
+    if records["scene"].value_counts(dropna=False).to_dict() != queries:
+        refuse("its scenes, or how many queries they have, are not those of the result")
+    if records["query"].isna().any() or not records["query"].is_unique:
+        refuse("a query has no name, or is there twice")
+    rows, scenes = pd.factorize(records["scene"])
     # Numbers in place of names: a scene's rows are found much faster.
     numbered = records[[column.key for column in columns]].assign(scene=rows)
     scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
-    summary = summarise(numbered, scores, [*range(len(scenes))])
-    parts = [
-        (f"in scene {scene}", values, result.scenes[scene])
-        for scene, values in zip(scenes, summary.scenes.values(), strict=True)
-    ]
-    parts.append(("over scenes", summary.overall, result.overall))
-    parts.append(("over all queries", summary.pooled, result.pooled))
-    for part, values, stated in parts:
-        for key, value in values.items():
-            if not math.isclose(value, stated[key], rel_tol=_ROUNDING):
-                raise _unlike(f"{key} {part} is {value!r}", stated[key], file)
-    return records.sort_values("query", ignore_index=True)
-
-
-def _check_values(values: Floats, column: ScoreColumn, file: object) -> None:
-    if np.isnan(values).any() or np.isneginf(values).any():
-        raise _no_number(column.key, file)
-    most = 1.0 + SHARE_SLACK if column.unit == "share" else np.inf
-    wrong = values[(values < 0) | (values > most)]
-    if wrong.size:
-        raise ResultError(
-            f"a score is {wrong[0]:g}",
-            where=f"{file}, {column.key}",
-            expected="0 to 1" if column.unit == "share" else "0 or more",
-            fix=SCORE_AGAIN,
-        )
-
-
-def _no_number(key: str, file: object) -> ResultError:
-    return ResultError("a score is not a number", where=f"{file}, {key}", fix=SCORE_AGAIN)
-
-
-def _unlike(what: str, expected: float, file: object) -> ResultError:
-    return ResultError(
-        f"does not fit the result next to it: {what}",
-        where=file,
-        expected=f"{expected!r}, as the result has it",
-        fix=SCORE_AGAIN,
+    found = summarise(numbered, scores, [*range(len(scenes))])
+    parts = list(
+        zip(found.scenes.values(), (result.scenes[scene] for scene in scenes), strict=True)
     )
+    parts += [(found.overall, result.overall), (found.pooled, result.pooled)]
+    for own, stated in parts:
+        for key, value in own.items():
+            if not math.isclose(value, stated[key], rel_tol=_ROUNDING):
+                refuse(f"does not fit the result next to it: {key} is {value!r}", stated[key])
+    return records.sort_values("query", ignore_index=True)
 
 
 def write_csv(records: pd.DataFrame, path: Path) -> str:
@@ -248,6 +196,4 @@ def _writable(column: pd.Series[Any]) -> Any:
         values = pa.Array.from_pandas(column)
     except (pa.ArrowTypeError, pa.ArrowInvalid):
         values = pa.Array.from_pandas(column.where(column.isna(), column.astype(str)))
-    if pa.types.is_boolean(values.type):
-        return pc.if_else(values, "True", "False")
-    return values
+    return pc.if_else(values, "True", "False") if pa.types.is_boolean(values.type) else values

@@ -7,13 +7,11 @@ checksum over the content tells a result that was edited by hand.
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -33,14 +31,7 @@ from airzoo_bench.results.scores import Score
 SHARE_SLACK = 1e-9
 """By how much rounding may lift a share above 1."""
 
-
-def _refuse_nan(value: float) -> float:
-    if math.isnan(value):
-        raise ValueError("a score is never NaN")
-    return value
-
-
-Value = Annotated[float, AfterValidator(_refuse_nan)]
+Scores = dict[str, Annotated[float, Field(ge=0)]]  # which NaN is not
 # The largest is that which JavaScript still counts with.
 Count = Annotated[int, Field(ge=0, le=(1 << 53) - 1)]
 
@@ -125,9 +116,9 @@ class Reference(ResultModel):
     """
 
     meaning: str
-    scenes: dict[str, dict[str, Value]]
-    overall: dict[str, Value]
-    pooled: dict[str, Value]
+    scenes: dict[str, Scores]
+    overall: Scores
+    pooled: Scores
 
 
 class Result(ResultModel):
@@ -149,30 +140,32 @@ class Result(ResultModel):
     counts: dict[str, dict[str, Count]]
     extra_queries: Count
     notes: tuple[str, ...]
-    scenes: dict[str, dict[str, Value]]
-    overall: dict[str, Value]
-    pooled: dict[str, Value]
+    scenes: dict[str, Scores]
+    overall: Scores
+    pooled: Scores
     references: dict[Name, Reference] = Field(default_factory=dict)
     records_sha256: str = ""
     checksum: str = ""
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Result:
-        columns = {column.key: column for column in self.columns}
-        for part in (*self.scenes.values(), self.overall, self.pooled):
-            if set(part) != set(columns):
-                differing = sorted(set(columns) ^ set(part))
-                raise ValueError(f"scores do not fit the columns: {differing[:3]}")
-            _check_ranges(part, columns)
-        for what in (self.counts, self.truth.scene_titles):
-            if not what or set(what) != set(self.scenes):
-                raise ValueError("counts, titles and scores are not of the same scenes")
+        shares = {column.key: column.unit == "share" for column in self.columns}
+        every: list[Result | Reference] = [self, *self.references.values()]
+        by_scene: list[dict[str, Any]] = [self.counts, self.truth.scene_titles]
+        by_scene += [one.scenes for one in every]
+        if not self.scenes or any(set(part) != set(self.scenes) for part in by_scene):
+            raise ValueError("counts, titles and scores are not of the same scenes")
+        for one in every:
+            keys = set(shares) if one is self else set(one.overall) & set(shares)
+            for part in (*one.scenes.values(), one.overall, one.pooled):
+                if not part or set(part) != keys:
+                    raise ValueError("scores do not fit the columns")
+                if any(value > 1 + SHARE_SLACK for key, value in part.items() if shares[key]):
+                    raise ValueError("a share is above 1")
         if not all("queries" in counts for counts in self.counts.values()):
             raise ValueError("a scene has no count of queries")
         if "airzoo-bench" not in self.versions:
             raise ValueError("the version of airzoo-bench is not given")
-        for name, reference in self.references.items():
-            _check_reference(name, reference, columns, set(self.scenes))
         return self
 
     @property
@@ -199,25 +192,6 @@ class Result(ResultModel):
         return fingerprint(content)
 
 
-def _check_ranges(part: dict[str, float], columns: dict[str, ScoreColumn]) -> None:
-    for key, value in part.items():
-        is_share = columns[key].unit == "share"
-        if value < 0 or (is_share and value > 1 + SHARE_SLACK):
-            allowed = "0 to 1" if is_share else "0 or more"
-            raise ValueError(f"the score {key} is {value:g}, expected {allowed}")
-
-
-def _check_reference(
-    name: str, reference: Reference, columns: dict[str, ScoreColumn], scenes: set[str]
-) -> None:
-    if set(reference.scenes) != scenes:
-        raise ValueError(f"the reference {name!r} and the scores are not of the same scenes")
-    for part in (*reference.scenes.values(), reference.overall, reference.pooled):
-        if not set(part) or set(part) != set(reference.overall) or set(part) - set(columns):
-            raise ValueError(f"scores of the reference {name!r} do not fit the columns")
-        _check_ranges(part, columns)
-
-
 def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
     """Turn a track's scores into a result's columns."""
     fields = [asdict(score) for score in scores]
@@ -232,24 +206,14 @@ def write_result(path: Path, result: Result) -> None:
 
 def read_result(path: Path) -> Result:
     """Read a result and hold it to its checksum."""
-    mend = "score the predictions again"
+    expected = "a result.json as `airzoo-bench eval ... --out DIR` wrote it"
+    fix = "score the predictions again"
     try:
         result = Result.model_validate_json(read_text(path, ResultError, "result file"))
     except ValidationError as error:
-        is_json = error.errors()[0]["type"] != "json_invalid"
-        # Of what is no JSON, Pydantic names line and column.
-        what = "not a result of this version:\n    " if is_json else "not a result: "
-        raise ResultError(
-            f"{what}{validation_message(error, Result)}",
-            where=path,
-            expected="a result.json that `airzoo-bench eval ... --out DIR` wrote",
-            fix=mend,
-        ) from error
+        what = f"not a result of this version:\n    {validation_message(error, Result)}"
+        raise ResultError(what, where=path, expected=expected, fix=fix) from error
     if not result.is_intact():
-        raise ResultError(
-            "its content was changed after it was written: the checksum does not fit",
-            where=path,
-            expected="a result as `airzoo-bench eval` wrote it",
-            fix=mend,
-        )
+        what = "its content was changed after it was written: the checksum does not fit"
+        raise ResultError(what, where=path, expected=expected, fix=fix)
     return result

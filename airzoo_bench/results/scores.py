@@ -56,14 +56,9 @@ def concatenate(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 def summarise(records: pd.DataFrame, scores: list[Score], scenes: list[str]) -> Summary:
     """Average records."""
-    per_scene = {
-        scene: _average(records, (records["scene"] == scene).to_numpy(np.bool_), scores)
-        for scene in scenes
-    }
-    overall = {
-        score.column: float(np.mean([values[score.column] for values in per_scene.values()]))
-        for score in scores
-    }
+    of_row, keys = records["scene"].to_numpy(), [score.column for score in scores]
+    per_scene = {scene: _average(records, np.asarray(of_row == scene), scores) for scene in scenes}
+    overall = {key: float(np.mean([part[key] for part in per_scene.values()])) for key in keys}
     return Summary(per_scene, overall, _average(records, slice(None), scores))
 
 

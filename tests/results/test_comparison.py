@@ -7,7 +7,7 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.results.comparable import choose_scores
-from airzoo_bench.results.comparison import Comparison, against_best, compare
+from airzoo_bench.results.comparison import Comparison, compare, tied_with_best
 from airzoo_bench.results.records import Scored
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import holm
@@ -106,17 +106,12 @@ def test_equal_averages_are_equal_whatever_their_rounding():
     assert table.notes[0].startswith(said)
 
 
-def test_every_method_against_the_best_as_compare_does() -> None:
+def test_ties_with_the_best_are_those_of_compare() -> None:
     methods = random_methods(4, {"east": 60, "west": 50}, (HIT, ERROR))[::-1]
     for scene in (None, "west"):
-        found = against_best(methods, [HIT, ERROR], FAST, scene)
+        found = tied_with_best(methods, [HIT, ERROR], FAST, scene)
         assert list(found) == ["recall@1", "error_m"]
         for score in (HIT, ERROR):
             pairs = compare(methods, [score], reference="best", scene=scene, resampling=FAST)
-            of_best = found[score.key]
-            assert methods[of_best.best].name == pairs.reference
-            p_values = {methods[of_best.best].name: 1.0}
-            p_values |= {pair.method: pair.p_holm for pair in pairs.pairs}
-            assert of_best.p_values == tuple(p_values[method.name] for method in methods)
-            assert of_best.tied == tuple(p > 0.05 for p in of_best.p_values)
-            assert of_best.tied[of_best.best]
+            p_values = {pairs.reference: 1.0} | {pair.method: pair.p_holm for pair in pairs.pairs}
+            assert found[score.key] == [p_values[method.name] > 0.05 for method in methods]

@@ -61,7 +61,7 @@ def without(*keys: str) -> dict[str, Any]:
         (without("counts", "s"), "counts, titles and scores are not of the same scenes"),
         (without("counts", "s", "queries"), "no count of queries"),
         (without("versions", "airzoo-bench"), "version of airzoo-bench is not given"),
-        (without("scenes", "s", "recall@1"), r"do not fit the columns: \['recall@1'\]"),
+        (without("scenes", "s", "recall@1"), "do not fit the columns"),
     ],
 )
 def test_parts_that_do_not_fit(content: dict[str, Any], message: str, tmp_path: Path) -> None:
@@ -120,9 +120,9 @@ def test_a_result_of_a_version_without_references_is_read(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"scenes": {}}, "'chance' and the scores are not of the same scenes"),
-        ({"overall": {"distance_m": 3.0}}, "'chance' do not fit the columns"),
-        ({"pooled": {"recall@1": 1.5}}, "recall@1 is 1.5, expected 0 to 1"),
+        ({"scenes": {}}, "not of the same scenes"),
+        ({"overall": {"distance_m": 3.0}}, "do not fit the columns"),
+        ({"pooled": {"recall@1": 1.5}}, "above 1"),
     ],
 )
 def test_references_that_do_not_fit(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
