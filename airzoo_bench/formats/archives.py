@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import lzma
 import shutil
 import stat
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
+from airzoo_bench.core.errors import PredictionError, UnreadableError, readable
 from airzoo_bench.core.files import temporary_folder
 
 ARCHIVE_SUFFIXES = (".zip",)
 _PACKED = (".zip", ".tar", ".tgz", ".gz", ".xz", ".bz2", ".7z")
 _MOST_FILES = 10_000
-_DAMAGE = (
-    *(EOFError, LookupError, NotImplementedError, OSError, OverflowError, RuntimeError, ValueError),
-    *(lzma.LZMAError, zipfile.BadZipFile, zlib.error),
-)
 
 
 @dataclass(frozen=True)
@@ -54,15 +48,12 @@ class Bundle:
                     where=self.path,
                     fix="set TMPDIR to a folder on a larger disk",
                 )
-            try:
-                with zipfile.ZipFile(self.path) as archive, target.open("wb") as out:
-                    shutil.copyfileobj(archive.open(member.name), out)
-            except _DAMAGE as error:
-                raise PredictionError(
-                    f"{member.name!r} cannot be unpacked: {str(error)[:100]}",
-                    where=self.path,
-                    fix="write or copy the archive again",
-                ) from error
+            with (
+                readable(self.path, f"{member.name!r} cannot be unpacked"),
+                zipfile.ZipFile(self.path) as archive,
+                target.open("wb") as out,
+            ):
+                shutil.copyfileobj(archive.open(member.name), out)
             yield target
 
     def text(self, member: Member, limit_bytes: int) -> str:
@@ -81,19 +72,13 @@ def open_bundle(path: Path, limit_bytes: int) -> Bundle:
             expected="a folder, or a .zip archive",
             fix="unpack archives of other kinds, and name the folder",
         )
-    try:
+    what, expected = "cannot be read", "plain files only, such as school.ply, each name once"
+    with readable(path, what, kind=UnreadableError, expected=expected):
         members = _zip_members(path) if packed else _folder_members(path)
         _check_names(members, packed=packed)
         total = sum(member.size for member in members)
         if total > limit_bytes and packed:
             raise ValueError(f"unpacks to {total:,} bytes, more than {limit_bytes:,}")
-    except _DAMAGE as error:
-        raise UnreadableError(
-            str(error)[:200] or "is damaged",
-            where=path,
-            expected="plain files only, such as school.ply, each name once",
-            fix="pack or copy the files again, or give the folder",
-        ) from error
     hidden = (".", "__MACOSX")
     shown = (one for one in members if not any(p.startswith(hidden) for p in one.name.split("/")))
     return Bundle(path, tuple(sorted(shown, key=lambda member: member.name)))

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 import struct
-import tokenize
-import warnings
 import zipfile
 from collections.abc import Collection
 from dataclasses import dataclass, field
@@ -28,11 +26,6 @@ _PIECE_BYTES = 1 << 22
 _MAX_CODE_POINT, _SURROGATES = 0x10FFFF, (0xD800, 0xDFFF)
 _DAMAGED = "field '{}' is damaged or cut off"
 _FIX_LARGE = "save arrays of numbers by numpy.savez, uncompressed, to have them read in pieces"
-# What `ast.literal_eval` and `numpy.dtype` raise over a text, and NumPy over what they return.
-_HEADER_FAULTS = (
-    *(EOFError, MemoryError, OverflowError, RecursionError, SyntaxError, TypeError, ValueError),
-    *(struct.error, tokenize.TokenError),
-)
 
 
 @dataclass(frozen=True)
@@ -97,29 +90,27 @@ def read_header(stream: IO[bytes]) -> NpyHeader:
     if version not in readers:
         raise ValueError(f"version {version} of the npy format is not for plain arrays")
     try:
-        with warnings.catch_warnings(action="ignore"):  # of headers that NumPy needs to fix
-            return NpyHeader(*readers[version](stream))
-    except _HEADER_FAULTS as error:
+        return NpyHeader(*readers[version](stream))
+    except Exception as error:  # of NumPy over a text: SyntaxError, RecursionError, TokenError
         raise ValueError(str(error) or type(error).__name__) from error
 
 
 def map_numbers(path: Path) -> NDArray[Any]:
     """Map the numbers that ``numpy.save`` wrote without reading them."""
     what = "no array of numbers, or a damaged one"
-    with readable(path, what, expected="a file as numpy.save writes it"):
-        with path.open("rb") as stream:
-            header = read_header(stream)
-            offset = stream.tell()
+    expected = "a file as numpy.save writes it"
+    with readable(path, what, expected=expected), path.open("rb") as stream:
+        header = read_header(stream)
         shape, fortran_order, dtype = header
         if dtype.kind not in _NUMBERS or not dtype.isnative:
             objects = "pickled Python objects, never loaded"
             raise ValueError(objects if dtype.hasobject else f"{dtype.str} data")
-        size = path.stat().st_size - offset
+        size = path.stat().st_size - stream.tell()
         if not header.fits(size):
             raise ValueError(f"it states the shape {str(shape)[:80]}, and holds {size:,} bytes")
-    if not size:
-        return np.empty(shape, dtype)
-    return np.memmap(path, dtype, "r", offset, shape, "F" if fortran_order else "C")
+        if not size:
+            return np.empty(shape, dtype)
+        return np.memmap(path, dtype, "r", stream.tell(), shape, "F" if fortran_order else "C")
 
 
 class NpzFile:

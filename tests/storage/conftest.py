@@ -10,7 +10,7 @@ from uuid import uuid4
 
 import pytest
 
-from tests.storage.servers import Front, files_of, moto, passed_on, serving
+from tests.storage.servers import Front, files_of, serving
 
 KEYS = {
     "AWS_ACCESS_KEY_ID": "testing",
@@ -23,10 +23,9 @@ KEYS = {
 
 @dataclass
 class Bucket:
-    """A bucket on a real server, behind a front that counts."""
+    """A bucket on a real server."""
 
     name: str
-    front: Front
     client: Any
 
     def url(self, *names: str) -> str:
@@ -44,35 +43,29 @@ class Bucket:
 
 
 @pytest.fixture(scope="session")
-def s3() -> Iterator[tuple[Front, Any]]:
+def s3_address() -> Iterator[str]:
     pytest.importorskip("s3fs", reason="the extra storage is not installed")
-    pytest.importorskip("moto.server", reason="moto, an S3 server, is not installed")
-    import boto3
-
-    names = {"aws_access_key_id": "testing", "aws_secret_access_key": "testing"}
-    with moto() as port, serving(passed_on(port)) as front:
-        endpoint = f"http://127.0.0.1:{port}"
-        yield front, boto3.client("s3", endpoint_url=endpoint, region_name="us-east-1", **names)
+    moto = pytest.importorskip("moto.server", reason="moto, an S3 server, is not installed")
+    server = moto.ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    yield "http://{}:{}".format(*server.get_host_and_port())
+    server.stop()
 
 
 @pytest.fixture
-def bucket(
-    s3: tuple[Front, Any], copies: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Bucket]:
-    """Return an empty bucket; everything goes through a front."""
+def bucket(s3_address: str, copies: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bucket]:
+    """Return an empty bucket."""
+    import boto3
     import s3fs
 
-    front, client = s3
     for name, value in KEYS.items():
         monkeypatch.setenv(name, value)
     monkeypatch.delenv("AWS_PROFILE", raising=False)
-    monkeypatch.setenv("AWS_ENDPOINT_URL", front.address)
-    front.asked.clear()
-    front.change = None
-    name = f"b-{uuid4().hex[:12]}"
-    client.create_bucket(Bucket=name)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", s3_address)
+    made = Bucket(f"b-{uuid4().hex[:12]}", boto3.client("s3"))
+    made.client.create_bucket(Bucket=made.name)
     s3fs.S3FileSystem.clear_instance_cache()
-    yield Bucket(name, front, client)
+    yield made
     s3fs.S3FileSystem.clear_instance_cache()
 
 

@@ -1,14 +1,8 @@
-"""Real servers for tests: files by HTTP, and a front that passes on, counts and changes answers."""
+"""A real server for tests: files by HTTP; it counts, and may answer otherwise."""
 
 from __future__ import annotations
 
-import http.client
-import os
-import socket
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,10 +10,6 @@ from hashlib import sha256
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
-
-from tests.support import HANGS_S
-
-_NOT_PASSED_ON = {"transfer-encoding", "connection", "content-length", "date", "server"}
 
 
 @dataclass
@@ -38,8 +28,6 @@ class Asked:
 
     method: str
     path: str
-    headers: dict[str, str]
-    body: bytes = b""
 
 
 Answering = Callable[[Asked], Answer]
@@ -66,8 +54,7 @@ class _Handler(BaseHTTPRequestHandler):
     answering: Answering
 
     def answer_one(self) -> None:
-        length = int(self.headers.get("Content-Length") or 0)
-        asked = Asked(self.command, self.path, dict(self.headers), self.rfile.read(length))
+        asked = Asked(self.command, self.path)
         self.front.asked.append(asked)
         answer = self.answering(asked)
         if self.front.change is not None:
@@ -82,7 +69,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(answer.body)
             self.close_connection |= size != len(answer.body)
 
-    do_GET = do_HEAD = do_PUT = do_POST = do_DELETE = answer_one  # noqa: N815
+    do_GET = do_HEAD = answer_one  # noqa: N815
 
     def log_message(self, *_: object) -> None:
         pass
@@ -122,42 +109,3 @@ def files_of(folder: Path) -> Answering:
         return Answer(200, headers, content, len(content))
 
     return answer
-
-
-def passed_on(port: int) -> Answering:
-    """Ask another server of this machine, and answer as it does."""
-
-    def answer(asked: Asked) -> Answer:
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=HANGS_S)
-        connection.request(asked.method, asked.path, asked.body, asked.headers)
-        found = connection.getresponse()
-        headers = {k: v for k, v in found.getheaders() if k.lower() not in _NOT_PASSED_ON}
-        size = int(found.getheader("Content-Length") or 0) if asked.method == "HEAD" else None
-        body = found.read()
-        connection.close()
-        return Answer(found.status, headers, body, size)
-
-    return answer
-
-
-@contextmanager
-def moto() -> Iterator[int]:
-    """Run moto's S3 server in a process of its own; yields its port."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen(command, env=os.environ | {"PYTHONWARNINGS": ""}, **quiet) as process:
-        try:
-            end = time.monotonic() + HANGS_S
-            while time.monotonic() < end:
-                try:
-                    socket.create_connection(("127.0.0.1", port), 1).close()
-                    break
-                except OSError:
-                    assert process.poll() is None, "moto's server does not start"
-                    time.sleep(0.1)
-            yield port
-        finally:
-            process.terminate()
