@@ -97,7 +97,9 @@ def solve(_: Path, lens: Sequence[float], run: Run, queries: int) -> Work:
     asked = joined(problems(lens, queries))
 
     def work() -> dict[str, Any]:
-        return {"centres": np.array([one.centre for one in solve_queries(asked, SOLVER, run)])}
+        return {
+            "centres": np.array([one.centre for one in solve_queries(*asked, SOLVER, run, "made")])
+        }
 
     return work
 

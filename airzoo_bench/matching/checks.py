@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import (
@@ -103,9 +103,7 @@ def _check_image_size(content: Correspondences, truth: MatchingTruth, answered: 
     true, stated = _photo_sizes(truth)[answered], content.image_size[answered]
     bad = np.flatnonzero((stated != true).any(axis=1))
     if bad.size:
-        fix = "multiply x and y by the ratio of the widths and of the heights"
-        if (stated[bad] == true[bad, ::-1]).all():
-            fix = f"{_X_FIRST}, and width before height"
+        fix = f"scale x and y by the ratio of the sizes; {_X_FIRST}, and width before height"
         what = f"matches in another image size than that of {_name(truth, answered[bad])}: "
         what += f"{_sides(stated[bad[0]])}, the first is {_sides(true[bad[0]])}"
         raise _fault(what, "image_size", fix)
@@ -127,9 +125,8 @@ def _check_map_pixels(content: Correspondences, truth: MatchingTruth) -> str | N
     if content.map_frame == "crop":
         fix = "say map_frame='map' if they are pixels of the whole map; crops.csv has the crops"
         _refuse_outside("map_xy", content.map_xy - corner, size, content, truth, fix)
-    as_map = _inside(content.map_xy - corner, size).mean()
-    exchanged = _inside(content.map_xy[:, ::-1] - corner, size).mean()
-    of_crop = _inside(content.map_xy, size).mean()
+    readings = content.map_xy - corner, content.map_xy[:, ::-1] - corner, content.map_xy
+    as_map, exchanged, of_crop = (float(_inside(xy, size).mean()) for xy in readings)
     if as_map > 0.8 or max(exchanged, of_crop) < 0.98:
         return None
     what, share, fix = "pixels of the crop", of_crop, "say map_frame='crop', or map_frame='map'"
@@ -155,40 +152,36 @@ def _doubt_image_size(content: Correspondences, truth: MatchingTruth) -> str | N
 
 def _check_points(content: Correspondences, truth: MatchingTruth) -> None:
     """Judge by the true poses whether x and y are exchanged, or heights of points are in feet."""
-    diagonal = float(np.hypot(*_photo_sizes(truth).T).max(initial=0.0))
-    parts = [(query, part) for query, part in enumerate(content.parts()) if part.stop > part.start]
-    chosen = [
-        (query, np.linspace(part.start, part.stop - 1, 40).astype(int))
-        for query, part in parts[:: -(-len(parts) // 10) or 1]
-    ]
-    if not chosen:
-        return
-    off, left = (
-        [_misfits_px(content, truth, *one, otherwise=otherwise) for one in chosen]
-        for otherwise in (False, True)
-    )
     what, name, fix = "x and y exchanged", "map_xy", _X_FIRST
     if content.map_xy is None:
         what, name, fix = "heights in feet", "points3d", "multiply heights by 0.3048"
-    # What no camera sees is as far away as can be.
-    medians = [float(np.median(np.fmin(np.concatenate(one), diagonal))) for one in (off, left)]
-    _judge(what, name, fix, medians[0], medians[1], 0.05 * diagonal, "px")
+    diagonal = float(np.hypot(*_photo_sizes(truth).T).max(initial=0.0))
+    off, left = (_misfit_px(content, truth, diagonal, otherwise=one) for one in (False, True))
+    _judge(what, name, fix, off, left, 0.05 * diagonal, "px")
 
 
-def _misfits_px(
-    content: Correspondences, truth: MatchingTruth, query: int, rows: Ints, *, otherwise: bool
-) -> Floats:
-    """Return how far matches lie from where the true pose sees them, read in one of two ways."""
-    if content.map_xy is None:
-        assert content.points3d is not None
-        points = content.points3d[rows] * (_FEET if otherwise else 1.0)
-    else:
-        corner, reference = truth.crops[query, :2], truth.map_of(query)
-        xy = corner + (content.map_xy[rows] - corner)[:, :: -1 if otherwise else 1]
-        points = lift(xy, reference.dom, reference.dsm, jobs=1).points
-    seen = world_to_camera(truth.poses.take(query), points[None])
-    away = project(truth.cameras.take(query), seen)[0] - content.query_xy[rows]
-    return _length(away)
+def _misfit_px(
+    content: Correspondences, truth: MatchingTruth, diagonal: float, *, otherwise: bool
+) -> float:
+    """Return how far some matches lie from where the true poses see them, read in one of two ways.
+
+    What no camera sees is as far away as can be.
+    """
+    parts = [(query, part) for query, part in enumerate(content.parts()) if part.stop > part.start]
+    off = [np.zeros(1)]
+    for query, part in parts[:: -(-len(parts) // 10) or 1]:
+        rows = np.linspace(part.start, part.stop - 1, 40).astype(int)
+        if content.points3d is not None:
+            points = content.points3d[rows] * (_FEET if otherwise else 1.0)
+        else:
+            assert content.map_xy is not None
+            corner, reference = truth.crops[query, :2], truth.map_of(query)
+            xy = corner + (content.map_xy[rows] - corner)[:, :: -1 if otherwise else 1]
+            points = lift(xy, reference.dom, reference.dsm, jobs=1).points
+        seen = world_to_camera(truth.poses.take(query), points[None])
+        away = project(truth.cameras.take(query), seen)[0] - content.query_xy[rows]
+        off.append(np.fmin(_length(away), diagonal))
+    return float(np.median(np.concatenate(off[1:] or off)))
 
 
 # --- poses ---
@@ -292,15 +285,14 @@ def _check_heights(centres: Floats, true: Floats) -> str | None:
 def _doubt_crs(places: Floats, gps: Floats, noun: str, limit: float) -> str | None:
     """Doubt places that lie beyond any error of GPS, and any view."""
     far = int((_length(places - gps) > limit).sum())
-    lying = f"{far:,} of {counted(len(places), noun)} {agreeing(far, 'lies', 'lie')}"
-    doubt = f"more than {limit:,g} m from the photo's GPS position"
-    return f"{lying} {doubt}: are all coordinates in the scene's CRS?" if far else None
+    said = f"{far:,} of {counted(len(places), noun)} more than {limit:,g} m from the photo's GPS"
+    return f"{said} position: are all coordinates in the scene's CRS?" if far else None
 
 
 def _doubt_copies(given: Poses, priors: Poses) -> str | None:
     near = count_near(given, priors, NEAR_M, NEAR_DEG)
-    what = f"{near:,} of {counted(len(given), 'answer')} {agreeing(near, 'equals', 'equal')}"
-    return f"{what} the prior, the photo's own GPS and gimbal angles" if near else None
+    said = f"{near:,} of {counted(len(given), 'answer')} equal to the prior, the photo's own GPS "
+    return f"{said}and gimbal angles" if near else None
 
 
 def count_near(poses: Poses, priors: Poses, metres: float, degrees: float) -> int:

@@ -220,19 +220,15 @@ def _coordinates(arrays: Arrays, name: str) -> Floats:
 
 
 def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
-    values = numbers(arrays, "poses", (None, 3, 4)).astype(np.float64)
-    check_length(arrays, "poses", values, len(query_ids))
-    where = f"{arrays.path}, field 'poses'"
-    return given_poses(where, query_ids, values[:, :, :3], values[:, :, 3])
-
-
-def _read_centres(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
-    rotations = numbers(arrays, "rotations", (None, 3, 3)).astype(np.float64)
-    centres = _coordinates(arrays, "centres")
-    for name, values in (("rotations", rotations), ("centres", centres)):
-        check_length(arrays, name, values, len(query_ids))
-    where = f"{arrays.path}, field 'rotations'"
-    return given_poses(where, query_ids, rotations, centres, centred=True)
+    """Read ``poses`` or, beside centres, ``rotations``."""
+    centred = "centres" in arrays.names()
+    name, columns = ("rotations", 3) if centred else ("poses", 4)
+    matrices = numbers(arrays, name, (None, 3, columns)).astype(np.float64)
+    place = _coordinates(arrays, "centres") if centred else matrices[:, :, 3]
+    for field, values in ((name, matrices), ("centres", place)):
+        check_length(arrays, field, values, len(query_ids))
+    where = f"{arrays.path}, field '{name}'"
+    return given_poses(where, query_ids, matrices[:, :, :3], place, centred=centred)
 
 
 def given_poses(
@@ -319,5 +315,5 @@ _FORMS: tuple[Fields[Correspondences | GivenPoses], ...] = (
     Fields("map_xy", _MATCHES, ("map_frame", "image_size"), _read_correspondences),
     Fields("points3d", _PAIRS, ("image_size",), _read_correspondences),
     Fields("poses", ("poses",), (), _read_poses),
-    Fields("centres", ("rotations", "centres"), (), _read_centres),
+    Fields("centres", ("rotations", "centres"), (), _read_poses),
 )

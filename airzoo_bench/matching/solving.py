@@ -23,8 +23,9 @@ from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.matching.predictions import Correspondences
 from airzoo_bench.matching.settings import Solver
 
 MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
@@ -84,48 +85,39 @@ class PoseEstimate(Shown):
         return {"status": self.status.value, "inliers": inliers, "centre": centre}
 
 
-@dataclass(frozen=True, eq=False)
-class PoseQueries:
-    """Matches of Q queries; query q has the rows ``offsets[q]:offsets[q + 1]``."""
-
-    name: str  # what they are called in messages
-    cameras: Cameras
-    offsets: Ints
-    query_xy: Floats
-    points: Floats
-
-
-def solve_queries(queries: PoseQueries, solver: Solver, run: Run) -> list[PoseEstimate]:
-    """Solve for the poses of queries in blocks, wherever the engine has it done."""
-    jobs, engine, count = run.jobs, run.engine, len(queries.offsets) - 1
+def solve_queries(
+    cameras: Cameras, pairs: Correspondences, solver: Solver, run: Run, name: str
+) -> list[PoseEstimate]:
+    """Solve for the poses of Q queries, which messages call the name's, in blocks."""
+    jobs, engine, count = run.jobs, run.engine, len(pairs.offsets) - 1
     size = min(_QUERIES_A_BLOCK, max(1, count // _BLOCKS))
     blocks = engine.cut(count, size if jobs == 1 else max(size, _QUERIES_A_THREAD * jobs))
     found = engine.map(
         _solve_block,
         blocks,
         # Where all is one block, it shows how far it is; several are shown by the engine.
-        shared=(queries, solver, jobs, run.progress if len(blocks) == 1 else silent),
+        shared=(cameras, pairs, solver, jobs, run.progress if len(blocks) == 1 else silent),
         stage="blocks of queries",
-        name=lambda block: f"queries {block.start + 1:,} to {block.stop:,} of {queries.name}",
+        name=lambda block: f"queries {block.start + 1:,} to {block.stop:,} of {name}",
     )
     return [estimate for estimates in found for estimate in estimates]
 
 
 def _solve_block(
-    shared: tuple[PoseQueries, Solver, int, Progress], block: slice
+    shared: tuple[Cameras, Correspondences, Solver, int, Progress], block: slice
 ) -> list[PoseEstimate]:
     """Solve some queries by threads, one a query, as long as nothing fails."""
-    queries, solver, jobs, progress = shared
+    cameras, pairs, solver, jobs, progress = shared
+    points = pairs.points3d
+    assert points is not None
     load_pycolmap()  # here, since signals that it takes are given back in the main thread only
 
     def solve(query: int) -> PoseEstimate:
-        rows = slice(*queries.offsets[query : query + 2].tolist())
-        camera = queries.cameras.take(query)
-        return solve_pose(camera, queries.query_xy[rows], queries.points[rows], solver)
+        rows = slice(*pairs.offsets[query : query + 2].tolist())
+        return solve_pose(cameras.take(query), pairs.query_xy[rows], points[rows], solver)
 
-    pool = ThreadPoolExecutor(jobs)
+    pool, rows = ThreadPoolExecutor(jobs), range(block.start, block.stop)
     try:
-        rows = range(block.start, block.stop)
         return list(progress(pool.map(solve, rows), "poses", len(rows)))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

@@ -29,7 +29,7 @@ from airzoo_bench.matching.predictions import (
     read_matching,
 )
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
-from airzoo_bench.matching.solving import PoseEstimate, PoseQueries, Status, solve_queries
+from airzoo_bench.matching.solving import PoseEstimate, Status, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score, concatenate, summarise
@@ -198,14 +198,14 @@ def _solve(
     enough = (given >= protocol.solver.least_matches)[matches.query]
     lifted = (status == LiftStatus.LIFTED) & enough
     offsets = np.concatenate([[0], np.cumsum(lifted)])[matches.offsets]
+    pairs = Correspondences(offsets, matches.query_xy[lifted], points3d=points[lifted])
+    run = replace(run, progress=Headed(truth.scene, run.progress))
     name = f"scene {truth.scene}"
-    queries = PoseQueries(name, truth.cameras, offsets, matches.query_xy[lifted], points[lifted])
-    progress = Headed(truth.scene, run.progress)
-    solved = solve_queries(queries, protocol.solver, replace(run, progress=progress))
+    solved = solve_queries(truth.cameras, pairs, protocol.solver, run, name)
     inliers = np.zeros(len(lifted), np.bool_)
     inliers[lifted] = np.concatenate([np.zeros(0, np.bool_), *(one.inliers for one in solved)])
-    pairs = zip(solved, matches.parts(), strict=True)
-    estimates = [replace(one, inliers=inliers[part]) for one, part in pairs]
+    parts = zip(solved, matches.parts(), strict=True)
+    estimates = [replace(one, inliers=inliers[part]) for one, part in parts]
 
     def count(chosen: Bools) -> Ints:
         return np.bincount(matches.query[chosen], minlength=len(given))

@@ -9,8 +9,9 @@ import numpy as np
 
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg, world_to_camera
+from airzoo_bench.matching.predictions import Correspondences
 from airzoo_bench.matching.settings import Solver
-from airzoo_bench.matching.solving import PoseEstimate, PoseQueries
+from airzoo_bench.matching.solving import PoseEstimate
 from tests.geometry.support import looking_down
 
 SOLVER = Solver(
@@ -87,14 +88,12 @@ def fingerprint(estimate: PoseEstimate) -> tuple[bytes, bytes, bytes, str]:
     return (*(np.ascontiguousarray(array).tobytes() for array in arrays), estimate.status)
 
 
-def joined(problems: Sequence[Problem]) -> PoseQueries:
+def joined(problems: Sequence[Problem]) -> tuple[Cameras, Correspondences]:
     """Put queries one after the other."""
-    fields = ("width", "height", "focal", "principal_point", "distortion")
-    cameras = [np.concatenate([getattr(p.camera, name) for p in problems]) for name in fields]
-    return PoseQueries(
-        "the made scene",
-        Cameras(*cameras),
-        np.cumsum([0, *(len(problem.points) for problem in problems)]),
-        np.concatenate([problem.query_xy for problem in problems]),
-        np.concatenate([problem.points for problem in problems]),
-    )
+    cameras = [
+        np.concatenate(values)
+        for values in zip(*(vars(p.camera).values() for p in problems), strict=True)
+    ]
+    offsets = np.cumsum([0, *(len(problem.points) for problem in problems)])
+    query_xy, points = (np.concatenate([p[part] for p in problems]) for part in (1, 2))
+    return Cameras(*cameras), Correspondences(offsets, query_xy, points3d=points)

@@ -140,10 +140,10 @@ def test_quaternions_in_another_order(world: World, tmp_path: Path) -> None:
 
 NOTED: dict[str, tuple[Callable[[World], dict[str, Any]], str]] = {
     "another datum": (lambda w: moved(w, 0.1, 0.2, 31.0), "vertical datum? They lie +31.0 m"),
-    "another place": (lambda w: moved(w, 5e4, 0, 0), "5 of 5 poses lie more than 1,000 m"),
+    "another place": (lambda w: moved(w, 5e4, 0, 0), "5 of 5 poses more than 1,000 m"),
     "the priors": (
         lambda w: centred(w, w.truth.priors.rotation, w.truth.priors.centres),
-        "5 of 5 answers equal the prior",
+        "5 of 5 answers equal to the prior",
     ),
 }
 

@@ -167,5 +167,5 @@ def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> 
     ]
     alone = [fingerprint(solve(problem)) for problem in problems]
     run = Run(jobs=jobs, engine=Scattered(size))
-    found = solve_queries(joined(problems), SOLVER, run)
+    found = solve_queries(*joined(problems), SOLVER, run, "the made scene")
     assert [fingerprint(estimate) for estimate in found] == alone

@@ -39,14 +39,9 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
     assert not rows["failed"].any()
     assert result.predictions.kind == GIVEN[form]
     assert f"scored from {GIVEN[form]}" in result.notes
-    assert result.truth.fingerprint == _fingerprint(world, tmp_path)
     assert result.overall["within_1m_1deg"] == 1.0
     if form != "poses":
         assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
-
-
-def _fingerprint(world: World, folder: Path) -> str:
-    return evaluated(world, folder, world.poses()).result.truth.fingerprint
 
 
 @pytest.fixture
@@ -64,13 +59,8 @@ def test_failures_stay_in_median_and_denominator(
     run = evaluated(world, tmp_path, failing)
     rows, result = run.records, run.result
     assert rows["failed"].tolist() == [True, True, True, False, False]
-    assert rows["status"].tolist() == [
-        "missing from the predictions",
-        "too few matches",
-        "too few matches",
-        "solved",
-        "solved",
-    ]
+    few, found = ["too few matches"] * 2, ["solved"] * 2
+    assert rows["status"].tolist() == ["missing from the predictions", *few, *found]
     for column in ("error_m", "horizontal_m", "vertical_m", "rotation_deg"):
         assert np.isposinf(rows[column][:3]).all()
     assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
@@ -85,10 +75,9 @@ def test_failures_stay_in_median_and_denominator(
     counts = result.counts["hills"]
     assert (counts["queries"], counts["missing"], counts["failed"]) == (5, 1, 3)
     said = " | ".join(result.notes)
-    assert "queries that the predictions lack, scored at their worst: 1 of 5 (" in said
-    assert "2 answered queries have no pose (2 too few matches)" in said
-    assert f"{N_MATCHES} of {3 + 3 * N_MATCHES} matches could not be lifted" in said
-    assert f"were dropped: {N_MATCHES} outside the map" in said
+    for part in ("1 of 5 (", "2 too few matches", f"{N_MATCHES} of {3 + 3 * N_MATCHES} matches"):
+        assert part in said
+    assert f"{N_MATCHES} outside the map" in said
 
 
 def test_records_do_not_depend_on_order(world: World, tmp_path: Path) -> None:

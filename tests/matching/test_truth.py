@@ -20,45 +20,34 @@ from tests.matching.world import SCENE, World
 @pytest.fixture
 def copied(world: World, tmp_path: Path) -> Path:
     """Return a copy of the benchmark folder with the surface model in it."""
-    folder = tmp_path / SCENE
+    folder, dsm = tmp_path / SCENE, world.truth.maps[0].dsm
     shutil.copytree(world.folder, folder)
-    shutil.copy(world.truth.maps[0].dsm, folder / "dsm.tif")
+    shutil.copy(dsm, folder / "dsm.tif")
     file = folder / "benchmark.toml"
-    file.write_text(file.read_text().replace(f'"{world.truth.maps[0].dsm}"', '"dsm.tif"'))
+    file.write_text(file.read_text().replace(f'"{dsm}"', '"dsm.tif"'))
     return folder
 
 
-@pytest.mark.parametrize("column", ["fx", "cy", "k1", "p2", "width", *POSE_COLUMNS[1:], "id"])
-def test_fingerprint_sees_the_queries(world: World, column: str) -> None:
-    queries = world.truth.queries.copy()
-    if column == "id":
-        queries["id"] += "x"
-    elif column == "width":
-        queries.loc[1, column] += 1
-    else:
-        queries.loc[1, column] += 1e-6
-    assert replace(world.truth, queries=queries).fingerprint != world.truth.fingerprint
-
-
-def test_fingerprint_sees_crops_map_and_surface(world: World) -> None:
+def test_fingerprint_sees_all_that_scores_depend_on(world: World) -> None:
     truth, known = world.truth, world.truth.maps[0]
-    dom = known.dom
+    others = []
+    for column in ("id", "width", "fx", "cy", "k1", "p2", *POSE_COLUMNS[1:]):
+        queries = truth.queries.copy()
+        step = {"id": "x", "width": 1}.get(column, 1e-6)
+        queries.loc[1, column] += step
+        others.append(replace(truth, queries=queries))
     crops = truth.crops.copy()
     crops[2, 3] += 1
-    shifted = dom.transform @ Affine.translation(0.5, 0.5)
-    others = [
-        replace(truth, crops=crops),
-        *(
-            replace(truth, maps=(replace(known, **{name: value}),))
-            for name, value in (
-                ("dsm_sha256", "0" * 64),
-                ("dom", replace(dom, transform=shifted)),
-                ("dom", replace(dom, width=dom.width + 1)),
-            )
-        ),
-    ]
+    others.append(replace(truth, crops=crops))
+    shifted = known.dom.transform @ Affine.translation(0.5, 0.5)
+    for one in (
+        replace(known, dsm_sha256="0" * 64),
+        replace(known, dom=replace(known.dom, transform=shifted)),
+        replace(known, dom=replace(known.dom, width=known.dom.width + 1)),
+    ):
+        others.append(replace(truth, maps=(one,)))
     prints = {truth.fingerprint, *(other.fingerprint for other in others)}
-    assert len(prints) == 5
+    assert len(prints) == 1 + len(others) == 17
 
 
 def test_crops_of_other_queries_are_refused(copied: Path) -> None:
@@ -74,18 +63,16 @@ def test_crops_of_other_queries_are_refused(copied: Path) -> None:
 
 def rewritten(folder: Path, name: str, old: str, new: str) -> Benchmark:
     """Change a file of the truth and its checksum, as one who makes a folder by hand does."""
-    path = folder / "scenes" / SCENE / "matching" / name
-    before = sha256_of(path)
-    text = path.read_text()
+    path, file = folder / "scenes" / SCENE / "matching" / name, folder / "benchmark.toml"
+    before, text = sha256_of(path), path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    file = folder / "benchmark.toml"
     file.write_text(file.read_text().replace(before, sha256_of(path)))
     return Benchmark.open(folder)
 
 
 @pytest.mark.parametrize("value", ["wide", "12.5", "0", "-3", "299", "9999999999999999999999"])
-def test_a_bad_crop_is_named_by_its_cell(world: World, copied: Path, value: str) -> None:
+def test_a_bad_crop_is_named_by_its_row(world: World, copied: Path, value: str) -> None:
     x, y, width, _ = world.truth.crops[1].tolist()
     row = f"{world.ids[1]},{x},{y},"
     benchmark = rewritten(copied, "crops.csv", f"{row}{width},", f"{row}{value},")

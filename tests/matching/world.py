@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import rasterio
 import tomli_w
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
@@ -85,20 +86,16 @@ class World:
     def poses(self) -> dict[str, Any]:
         """Return the true poses as R and t."""
         poses = self.truth.poses
-        matrices = np.concatenate([poses.rotation, poses.translation[:, :, None]], axis=2)
-        return self.named(poses=matrices)
+        return self.named(poses=np.dstack([poses.rotation, poses.translation]))
 
     def correspondences(self, query_xy: list[Any], **lists: list[Any]) -> dict[str, Any]:
-        offsets = np.concatenate([[0], np.cumsum([len(part) for part in query_xy])])
+        offsets = np.cumsum([0, *map(len, query_xy)])
         parts = {key: np.concatenate(rows) for key, rows in {"query_xy": query_xy, **lists}.items()}
         return self.named(offsets=offsets, **parts)
 
     def named(self, **fields: Any) -> dict[str, Any]:
-        return {
-            "protocol": np.array(self.protocol.name),
-            "query_ids": np.array(self.ids),
-            **fields,
-        }
+        name, ids = np.array(self.protocol.name), np.array(self.ids)
+        return {"protocol": name, "query_ids": ids, **fields}
 
     def write(self, path: Path, fields: dict[str, Any]) -> Path:
         np.savez(path, **fields)
@@ -135,21 +132,14 @@ def made_inputs(folder: Path) -> SceneInputs:
 
 
 def made_cameras() -> Cameras:
-    return Cameras(
-        np.full(N_QUERIES, SIZE[0]),
-        np.full(N_QUERIES, SIZE[1]),
-        np.full((N_QUERIES, 2), FOCAL),
-        np.tile((SIZE[0] / 2 + 3, SIZE[1] / 2 - 2), (N_QUERIES, 1)).astype(np.float64),
-        np.tile(LENS, (N_QUERIES, 1)),
-    )
+    K = ((FOCAL, 0, SIZE[0] / 2 + 3), (0, FOCAL, SIZE[1] / 2 - 2), (0, 0, 1))
+    return Cameras.from_matrices([K] * N_QUERIES, *SIZE, [LENS] * N_QUERIES)
 
 
 def made_poses() -> Poses:
     rotation = np.concatenate([looking_down(20 + 2 * q, 63 * q) for q in range(N_QUERIES)])
-    east = EAST + 300 + 15 * np.arange(N_QUERIES)
-    north = NORTH - 310 + 11 * np.arange(N_QUERIES)
-    height = 260.0 + 9 * np.arange(N_QUERIES)
-    return Poses(rotation=rotation, centres=np.stack([east, north, height], axis=1))
+    start, step = (EAST + 300, NORTH - 310, 260.0), (15, 11, 9)
+    return Poses(rotation=rotation, centres=start + np.outer(EVERY, step).astype(np.float64))
 
 
 def make_world(folder: Path, protocol: MatchingProtocol | None = None) -> World:
@@ -158,7 +148,8 @@ def make_world(folder: Path, protocol: MatchingProtocol | None = None) -> World:
     inputs = made_inputs(folder / "sources")
     truth = build_truth(inputs, chosen.crop, chosen.prior)
     write_benchmark(folder / "data" / SCENE, inputs, truth, chosen)
-    heights = read_heights(inputs.dsm)
+    with rasterio.open(inputs.dsm) as dataset:
+        heights = dataset.read(1)
     matched = [_exact_matches(truth, row, heights) for row in range(len(truth.queries))]
     query_xy, map_xy, points = (list(part) for part in zip(*matched, strict=True))
     return World(folder / "data", chosen, truth, query_xy, map_xy, points)
@@ -183,15 +174,9 @@ def write_benchmark(
         dsm=str(inputs.dsm),
         dsm_sha256=sha256_of(inputs.dsm),
     )
-    file = BenchmarkFile(
-        schema=1,
-        name=SCENE,
-        version=1,
-        title="Hills",
-        tracks={"matching": protocol.truth_settings()},
-        scenes=(entry,),
-        checksums={},
-    )
+    tracks = {"matching": protocol.truth_settings()}
+    named: dict[str, Any] = {"schema": 1, "name": SCENE, "version": 1, "title": "Hills"}
+    file = BenchmarkFile(**named, tracks=tracks, scenes=(entry,), checksums={})
     write_benchmark_file(folder, file)
 
 
@@ -202,13 +187,6 @@ def lifted(map_xy: np.ndarray[Any, Any], heights: np.ndarray[Any, Any]) -> np.nd
     row = (NORTH - DSM_OFFSET - north) / DSM_GSD - 0.5
     height = map_coordinates(heights.astype(np.float64), [row, column], order=1)
     return np.stack([east, north, height], axis=1)
-
-
-def read_heights(dsm: Path) -> np.ndarray[Any, Any]:
-    import rasterio
-
-    with rasterio.open(dsm) as dataset:
-        return dataset.read(1)
 
 
 def without(fields: dict[str, Any], *names: str) -> dict[str, Any]:
@@ -243,15 +221,13 @@ def refused(world: World, folder: Path, fields: dict[str, Any] | Path) -> str:
 def noisy(world: World, order: list[int]) -> dict[str, Any]:
     """Return matches with noise and outliers, the queries in some order."""
     query_xy = []
-    for query, xy in enumerate(world.query_xy):
-        random = np.random.default_rng(query)
+    for query in order:
+        random, xy = np.random.default_rng(query), world.query_xy[query]
         moved = xy + random.normal(0, 1.0, xy.shape)
-        moved[:20] = random.random((20, 2)) * (640, 480)
-        query_xy.append(np.clip(moved, 0, (640, 480)))
-    fields = world.correspondences(
-        [query_xy[q] for q in order], map_xy=[world.map_xy[q] for q in order]
-    )
-    return fields | {"query_ids": np.array([world.ids[q] for q in order])}
+        moved[:20] = random.random((20, 2)) * SIZE
+        query_xy.append(np.clip(moved, 0, SIZE))
+    fields = world.correspondences(query_xy, map_xy=[world.map_xy[q] for q in order])
+    return fields | {"query_ids": np.array(world.ids)[order]}
 
 
 def _exact_matches(truth: MatchingTruth, row: int, heights: np.ndarray[Any, Any]) -> Any:
