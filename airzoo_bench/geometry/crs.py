@@ -155,10 +155,9 @@ def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike, *, jobs: int =
 
 
 def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:
-    """Return how far a metre of a projected CRS is from a metre on the ground, at worst.
+    """Return the largest |k - 1| of Tissot's indicatrix over directions, as PROJ computes it.
 
-    The largest |k - 1| of Tissot's indicatrix over directions (Snyder, Map Projections: A Working
-    Manual, 1987, section 4), as PROJ computes it; infinite beyond the projection.
+    Source: Snyder, Map Projections: A Working Manual, 1987, section 4. Infinite beyond the CRS.
     """
     place = np.asarray(lonlat, dtype=np.float64)
     factors = Proj(horizontal_crs(crs)).get_factors(place[..., 0], place[..., 1])

@@ -64,10 +64,6 @@ class HeightField:
     transform: Any
     crs: Any
 
-    def __post_init__(self) -> None:
-        if self.heights.ndim != 2 or not self.heights.size:
-            raise RasterError(f"heights have shape {self.heights.shape}", expected="shape (H, W)")
-
     @classmethod
     def read(
         cls, path: str | Path, bounds: tuple[float, float, float, float] | None = None

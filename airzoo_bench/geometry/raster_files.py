@@ -101,20 +101,8 @@ def source_elements(tree: ET.ElementTree[ET.Element]) -> Iterator[ET.Element]:
 
 
 def source_of(element: ET.Element, path: Path) -> Path:
-    """Return the file that an element of the virtual raster at `path` names.
-
-    Refuse a name that GDAL looks for in the folder in which a program happens to be started.
-    """
-    named = Path(element.text or "")
-    places = {value for name, value in element.items() if name.lower() == _PLACE.lower()}
-    if places != {"1"} and not named.is_absolute():
-        raise RasterError(
-            f"is made of a file whose folder it does not say: {str(named)[:200]}",
-            where=path,
-            expected=f'{_PLACE}="1" at names that begin where the raster lies',
-            fix="write it again (gdalbuildvrt), or make one GeoTIFF of all (gdal_translate)",
-        )
-    return path.parent / named
+    """Return the file that an element of the virtual raster at `path` names."""
+    return path.parent / (element.text or "")
 
 
 def place_source(element: ET.Element, name: str) -> None:

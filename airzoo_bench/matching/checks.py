@@ -85,7 +85,7 @@ def _check_poses(
     true = truth.poses if truth.has_poses else truth.priors
     _check_degrees(given.centres, truth, "poses")
     _check_camera_to_world(given, priors)
-    _check_axes(given.rotation, priors.rotation, quaternions=content.quaternions)
+    _check_axes(given.rotation, priors.rotation)
     # After the convention, which decides the digits that count.
     yield check_digits(content, truth.queries["id"].to_numpy(str), true.centres, finest_m)
     yield _doubt_crs(given.centres, priors.centres, "pose", 1_000.0)
@@ -206,41 +206,33 @@ def _check_camera_to_world(given: Poses, priors: Poses) -> None:
     _judge("camera-to-world poses", "poses", fix, off, left, 0.0, "m from GPS")
 
 
-def _check_axes(given: Floats, priors: Floats, *, quaternions: bool) -> None:
+def _check_axes(given: Floats, priors: Floats) -> None:
     """Refuse rotations far from the gimbal's that another reading brings near, by a factor of 3.
 
     Yaw may be wrong by 180 degrees in a few photos, which does not move medians. Quarter turns,
     such as those of a map's tile, are no reading of a camera's.
     """
-    if np.isin(np.abs(np.round(given, 12)), (0.0, 1.0)).all():
+    off, back, axes = _angle(given, priors), np.swapaxes(given, 1, 2), "OpenGL's camera axes"
+    if off <= 20.0 or np.isin(np.abs(np.round(given, 12)), (0.0, 1.0)).all():
         return
-    readings = _read_otherwise(given, quaternions=quaternions)
-    errors = {name: _angle(rotation, priors) for name, rotation in readings.items()}
-    fitting = {name: left for name, left in errors.items() if left < 20.0}
-    # Of cameras that look down and north, OpenGL's matrices fit that order of quaternions too.
-    likely = {name for name in fitting if quaternions or "x y z w" not in name} or fitting
-    if likely:
-        best = min(likely, key=errors.__getitem__)
-        fix = "convert them" + "; OpenGL's w2c becomes diag(1, -1, -1) @ R" * ("OpenGL" in best)
-        off = _angle(given, priors)
-        _judge(best, "rotations", fix, off, errors[best], 20.0, "degrees from the IMU's", 1 / 3)
-
-
-def _read_otherwise(given: Floats, *, quaternions: bool) -> dict[str, Floats]:
-    """Return rotations (N, 3, 3) as they would be if they had been written in another way."""
-    back, order = np.swapaxes(given, 1, 2), "quaternions in the order x y z w"
-    axes = "OpenGL's camera axes (x right, y up, z backward)"
-    reordered = quaternion_to_matrix(np.roll(matrix_to_quaternion(given), 1, axis=1))
+    of_world = np.roll(matrix_to_quaternion(back), -1, axis=1)
     readings = {
         "camera-to-world rotations": back,
-        axes: _OPENGL @ given,
+        f"{axes} (x right, y up, z backward)": _OPENGL @ given,
         f"camera-to-world rotations with {axes}": _OPENGL @ back,
-        order if quaternions else f"matrices made of {order}": reordered,
+        "quaternions read in the order x y z w": quaternion_to_matrix(
+            np.roll(matrix_to_quaternion(given), 1, axis=1)
+        ),
+        # Of camera-to-world ones, as TUM has them and CUT3R has not.
+        "quaternions in the order w x y z": np.swapaxes(quaternion_to_matrix(of_world), 1, 2),
     }
-    if quaternions:  # of camera-to-world ones, as TUM has them and CUT3R has not
-        first = quaternion_to_matrix(np.roll(matrix_to_quaternion(back), -1, axis=1))
-        readings["quaternions in the order w x y z"] = np.swapaxes(first, 1, 2)
-    return readings
+    errors = {name: _angle(rotation, priors) for name, rotation in readings.items()}
+    fitting = {name: left for name, left in errors.items() if left < min(20.0, off / 3.0)}
+    if fitting:
+        # Of cameras that look down several may fit.
+        what = f"looks like {' or '.join(sorted(fitting, key=fitting.__getitem__))}: they differ "
+        what += f"from the IMU's by {off:.4g} degrees, read so by {min(fitting.values()):.4g}"
+        raise _fault(what, "rotations", "convert them; OpenGL's w2c becomes diag(1, -1, -1) @ R")
 
 
 def check_digits(

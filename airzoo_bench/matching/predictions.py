@@ -81,7 +81,6 @@ class GivenPoses:
 
     poses: Poses  # NaN where there is none
     errors_m: Floats  # (Q,), how far rounding in the file may have moved the cameras; else NaN
-    quaternions: bool  # the file has rotations as quaternions, and not as matrices
     centred: bool  # the file has centres, and not translations
     kind = "poses"
 
@@ -271,7 +270,7 @@ def given_poses(
         return every
 
     poses = Poses(rotation=spread(known.rotation), centres=spread(known.centres))
-    return GivenPoses(poses, spread(moved), quaternions is not None, centred)
+    return GivenPoses(poses, spread(moved), centred)
 
 
 def _read_pose_list(path: Path) -> MatchingPredictions:

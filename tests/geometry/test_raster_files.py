@@ -11,10 +11,9 @@ import rasterio
 import rasterio.shutil
 from rasterio.errors import NotGeoreferencedWarning
 
-from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.folder import copy_map
 from airzoo_bench.geometry.raster_files import raster_sha256
-from airzoo_bench.geometry.rasters import opened
 from airzoo_bench.matching.truth import check_dsm
 from tests.support import write_raster
 
@@ -100,18 +99,3 @@ def test_the_checksum_of_a_virtual_raster_is_the_same_wherever_it_stands(
     assert raster_sha256(tmp_path / "data" / "dsm.vrt") == one
     (halves / "b.tif").write_bytes((halves / "a.tif").read_bytes())
     assert raster_sha256(halves / "one.vrt") != one
-
-
-def test_a_file_whose_folder_depends_on_where_a_run_is_started(
-    halves: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """GDAL reads that of the folder of the run, which is not the one beside the raster."""
-    path = virtual(halves / "one.vrt", ("a.tif", 0), relative=0)
-    other = tmp_path / "elsewhere"
-    other.mkdir()
-    (other / "a.tif").write_bytes((halves / "b.tif").read_bytes())
-    monkeypatch.chdir(other)
-    with opened(path) as dataset:
-        assert dataset.read(1)[0, 0] == 2.0
-    with pytest.raises(RasterError, match=r"whose folder it does not say: a\.tif"):
-        raster_sha256(path)
