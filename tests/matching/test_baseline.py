@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,14 +17,7 @@ from airzoo_bench.matching.baseline import Task, lie_on_map, match, match_task, 
 from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
 
-SETTINGS = SiftSettings(
-    doubled=False,
-    max_features=4096,
-    max_map_features=8192,
-    peak_threshold=0.0067,
-    ratio=0.8,
-    long_side_px=2000,
-)
+SETTINGS = SiftSettings(doubled=False, max_features=4096, max_map_features=8192)
 
 
 def texture(width: int, height: int, seed: int = 0) -> np.ndarray:
@@ -46,8 +40,14 @@ def moved(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return ends[:, :2] / ends[:, 2:]
 
 
-def camera(width: int, height: int) -> Cameras:
-    return Cameras.from_matrices([np.diag((width, width, 1.0))], width, height)
+def camera(width: int, height: int, focal: float = 500.0) -> Cameras:
+    return Cameras.from_matrices([np.diag((focal, focal, 1.0))], width, height)
+
+
+def matched(query: np.ndarray, crop: np.ndarray, size: tuple[int, int], **how: float) -> Any:
+    """Match a picture of a photo of this size with a crop."""
+    how = {"turn_deg": 0.0, "crop_scale": 1.0} | how
+    return match(query, camera(*size), crop, settings=SETTINGS, **how)
 
 
 def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
@@ -61,14 +61,7 @@ def test_matches_follow_a_known_homography(wrong_deg: float) -> None:
     H = similarity(0.9, 30.0, 130.0, 40.0)
     H[2, :2] = (2e-4, -3e-4)
     query = seen_through(crop, H, 300, 240)
-    found, there = match(
-        query,
-        camera(300, 240),
-        crop,
-        turn_deg=30.0 + wrong_deg,
-        crop_scale=1.0,
-        settings=SETTINGS,
-    )
+    found, there = matched(query, crop, (300, 240), turn_deg=30.0 + wrong_deg)
     off = there - moved(H, found)
     assert len(found) > 200
     assert (np.linalg.norm(off, axis=1) < 1).mean() > 0.97
@@ -82,9 +75,7 @@ def test_pixels_are_those_of_the_full_sizes(shown: tuple[int, int], crop_scale: 
     crop = texture(400, 300, seed=1)
     large = seen_through(crop, np.diag((0.5, 0.5, 1.0)), 800, 600)
     query = np.asarray(Image.fromarray(large).resize(shown, Image.Resampling.LANCZOS))
-    found, there = match(
-        query, camera(800, 600), crop, turn_deg=-90.0, crop_scale=crop_scale, settings=SETTINGS
-    )
+    found, there = matched(query, crop, (800, 600), turn_deg=-90.0, crop_scale=crop_scale)
     off = found - 2 * there
     assert len(off) > 60
     assert np.abs(np.median(off, axis=0)).max() < 0.15
@@ -95,39 +86,28 @@ def test_nothing_is_matched_where_the_map_has_no_data() -> None:
     spots = np.stack(np.meshgrid(np.arange(20, 300, 40), np.arange(20, 240, 40)), -1).reshape(-1, 2)
     away = np.linalg.norm(np.stack(np.indices((240, 300))[::-1], -1)[..., None, :] - spots, axis=-1)
     crop[away.min(axis=-1) < 5] = 0  # round holes are good features
-    found, there = match(
-        crop, camera(300, 240), crop, turn_deg=0.0, crop_scale=1.0, settings=SETTINGS
-    )
+    found, there = matched(crop, crop, (300, 240))
     column, row = np.floor(there).astype(int).T
     assert len(found) > 50
     assert (crop[row, column] > 0).all()
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
-    """Return two photos of a map, 3.1 times as fine; libjpeg's reductions do not divide them."""
-    folder = tmp_path_factory.mktemp("made")
+@pytest.mark.parametrize("corner", [(110.0, 60.0), (200.0, 150.0)])
+def test_photos_are_matched_with_the_whole_map(tmp_path: Path, corner: tuple[float, float]) -> None:
+    # A photo of a map, 3.1 times as fine; libjpeg's reductions do not divide it.
     grey = texture(500, 400, seed=2)
-    dom = write_tif(folder / "dom.tif", np.stack((grey, grey, grey)))
-    tasks = []
-    for name, corner in (("a", (110.0, 60.0)), ("b", (200.0, 150.0))):
-        H = similarity(1 / 3.1, 0.0, *corner)
-        Image.fromarray(seen_through(grey, H, 803, 651)).save(folder / f"{name}.jpg", quality=95)
-        window = (int(corner[0]) - 30, int(corner[1]) - 20, 320, 260)
-        tasks.append(Task(folder / f"{name}.jpg", camera(803, 651), dom, window, 0.0, 1 / 3.1))
-    return tasks
-
-
-def test_photos_are_matched_with_the_whole_map(made: list[Task]) -> None:
-    corners = ((110.0, 60.0), (200.0, 150.0))
-    for corner, task in zip(corners, made, strict=True):
-        query_xy, map_xy = match_task(SETTINGS, task)
-        off = query_xy - 3.1 * (map_xy - corner)
-        assert len(off) > 100
-        assert np.abs(np.median(off, axis=0)).max() < 0.3
-        # At the far edge, too: a reduced JPG may reach beyond the photo, here by up to 5 pixels.
-        far = query_xy[:, 0] > 600
-        assert np.abs(np.median(off[far], axis=0)).max() < 0.4
+    dom = write_tif(tmp_path / "dom.tif", np.stack((grey, grey, grey)))
+    shown = seen_through(grey, similarity(1 / 3.1, 0.0, *corner), 803, 651)
+    Image.fromarray(shown).save(tmp_path / "a.jpg", quality=95)
+    window = (int(corner[0]) - 30, int(corner[1]) - 20, 320, 260)
+    task = Task(tmp_path / "a.jpg", camera(803, 651), dom, window, 0.0, 1 / 3.1)
+    query_xy, map_xy = match_task(SETTINGS, task)
+    off = query_xy - 3.1 * (map_xy - corner)
+    assert len(off) > 100
+    assert np.abs(np.median(off, axis=0)).max() < 0.3
+    # At the far edge, too: a reduced JPG may reach beyond the photo, here by up to 5 pixels.
+    far = query_xy[:, 0] > 600
+    assert np.abs(np.median(off[far], axis=0)).max() < 0.4
 
 
 @pytest.mark.parametrize(
@@ -146,9 +126,8 @@ def test_plans_worked_by_hand(
 ) -> None:
     rotation = angles_to_rotations(yaw, pitch, 0.0, convergence_deg=0.0)[None]
     prior = Poses(rotation=rotation, centres=np.array(((576010.0, 5187990.0, height),)))
-    one = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
     dom = open_info(write_tif(tmp_path / "dom.tif", np.zeros((3, 40, 40), np.uint8)))
-    found = lie_on_map(one, prior, "EPSG:32615", dom, 50.0)
+    found = lie_on_map(camera(800, 600, 1000.0), prior, "EPSG:32615", dom, 50.0)
     assert found[0] == pytest.approx(turn, abs=1e-6)
     assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
 

@@ -39,10 +39,8 @@ GRID = Affine(2.0, 0.0, X - 500, 0.0, -2.0, Y + 1000)
 METADATA, TRUTH = Prior(source="metadata"), Prior(source="truth")
 
 
-def rule(margin: float, max_range_m: float) -> Crop:
-    return Crop(
-        margin=margin, max_range_m=max_range_m, missing_heights="nearest", nearest_of_px=10_000
-    )
+def rule(margin: float, far: float) -> Crop:
+    return Crop(margin=margin, max_range_m=far, missing_heights="nearest", nearest_of_px=10_000)
 
 
 def map_of(width: int, height: int, grid: Affine = GRID, crs: object = 32615) -> RasterInfo:
@@ -84,12 +82,8 @@ def test_nadir_by_hand() -> None:
     # A quarter of a metre to the east: outward to whole pixels.
     assert cut(LEVEL, rule(0.0, 300.0), (X + 10.25, Y - 20, 100.0), f=1000) == (240, 500, 31, 20)
     # On ground 50 m high the footprint is half as large: it is the DSM that counts.
-    assert cut(ground(np.full((200, 200), 50.0)), rule(0.0, 300.0), at, f=1000) == (
-        247,
-        505,
-        16,
-        10,
-    )
+    high = ground(np.full((200, 200), 50.0))
+    assert cut(high, rule(0.0, 300.0), at, f=1000) == (247, 505, 16, 10)
 
 
 def test_tilted_by_hand() -> None:

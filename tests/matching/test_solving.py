@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,15 +24,12 @@ from tests.matching.pose_support import (
     make_scene,
 )
 
-SOLVERS = ("colmap", "colmap+refine", "poselib")
-Solve = Callable[..., PoseEstimate]
-
 
 def solve(problem: Problem, **changes: Any) -> PoseEstimate:
     return solve_pose(*problem, SOLVER.model_copy(update=changes))
 
 
-@pytest.fixture(params=SOLVERS)
+@pytest.fixture(params=("colmap", "colmap+refine", "poselib"))
 def name(request: pytest.FixtureRequest) -> str:
     if request.param == "poselib":
         pytest.importorskip("poselib", reason="the optional PoseLib is not installed")
