@@ -63,18 +63,7 @@ class UserError(Exception):
         super().__init__(str(self))
 
     def inside(self, place: object) -> Self:
-        """Return the same error inside of a larger place.
-
-        Parameters
-        ----------
-        place : object
-            Such as a file; it precedes the error's own place.
-
-        Returns
-        -------
-        Self
-            The new error.
-        """
+        """Return the same error inside of a larger place, such as a file."""
         where = str(place) if self.where is None else f"{place}, {self.where}"
         return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
 

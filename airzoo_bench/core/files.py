@@ -1,9 +1,8 @@
 """Files and folders that appear whole or not at all, checks of where to write, and hashes.
 
 What is being written lies beside its target under a temporary name, locked by the process that
-fills it; a lock ends with its process. The next writer of a target clears what a killed one left:
-only what carries a name that is made here for that very target, and that nobody holds. On disks
-and systems without locks nothing is cleared.
+fills it; a lock ends with its process. The next writer of a target takes over what a killed one
+left. On disks without locks nothing is taken over.
 """
 
 from __future__ import annotations
@@ -15,11 +14,9 @@ import re
 import shutil
 import sys
 import tempfile
-import time
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from functools import lru_cache
 from operator import methodcaller
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -42,11 +39,9 @@ DATA_VARIABLE = "AIRZOO_BENCH_DATA"
 LIMIT_BYTES = 16 << 20
 """The most that is read of a text that a person wrote, unless a caller wants less."""
 
-_OLD = ".airzoo-old"
-_LONGEST = 40  # letters of a target in another name: systems allow 255 bytes
-_TRIES, _PAUSE_S = 5, 0.02
+_OLD, _LOCK = ".airzoo-old", ".lock"
+_LONGEST = 50  # letters of a target in another name: systems allow 255 bytes
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-_CHUNK_BYTES = 1 << 20
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 _own: set[Path] = set()
@@ -56,7 +51,7 @@ _own: set[Path] = set()
 def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     """Open a file that appears under its name only when it has been written to the end."""
     check_output_file(path)
-    target = _followed(path)
+    target = Path(os.path.realpath(path))
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": ""}
     with _writing(path):
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -77,12 +72,10 @@ def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Ite
         with temporary_folder(path.parent, path.name) as temporary:
             yield temporary
             _give_usual_permissions(temporary, 0o777)
-            if path.exists():  # a writer that is killed in between leaves the old one aside
-                old = _old(path)
-                _move_all([(path, old), (temporary, path)])
-                _remove(old)
-            else:
-                temporary.replace(path)
+            old = _hidden(path, _OLD)
+            # A writer that is killed in between leaves the old one aside.
+            _move_all([(path, old)] * path.exists() + [(temporary, path)])
+            _remove(old)
 
 
 @contextmanager
@@ -96,7 +89,7 @@ def atomic_entries(folder: Path, names: Sequence[str]) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         with temporary_folder(folder, folder.name) as temporary:
             yield temporary
-            aside = folder / _old(folder).name
+            aside = folder / _hidden(folder, _OLD).name
             _remove(aside)
             aside.mkdir()
             there = [name for name in names if os.path.lexists(folder / name)]
@@ -133,9 +126,13 @@ def _move_all(moves: Sequence[tuple[Path, Path]]) -> None:
 @contextmanager
 def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
     """Make an empty file next to `target`; it is removed at the end if it is still there."""
-    _clear(target.parent, target.name, _parts_at_first(target.parent))
-    prefix = f"{_stem(target.name)}."
-    handle, path = _locked(lambda: tempfile.mkstemp(PART, prefix, target.parent))
+    path = _hidden(target, PART)
+    handle = os.open(path, os.O_CREAT | os.O_RDWR | _NO_LINK, 0o600)
+    if _take_over(handle, path):
+        os.ftruncate(handle, 0)
+    else:  # another process writes the same file
+        handle, name = tempfile.mkstemp(PART, _hidden(target, ".").name, target.parent)
+        path = Path(name)
     with _removed_at_the_end(path, os.dup(handle)):  # the copy outlives the caller's handle
         yield handle, path
 
@@ -143,14 +140,15 @@ def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
 @contextmanager
 def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
     """Make an empty folder in `parent`, and remove what is left of it at the end."""
-    name = Path(name).name
-    _clear(parent, name, _parts(parent))
-
-    def make() -> tuple[int, str]:
-        folder = tempfile.mkdtemp(PART, f"{_stem(name)}.", parent)
-        return os.open(folder, os.O_RDONLY), folder
-
-    lock, path = _locked(make)
+    path = _hidden(parent / Path(name).name, PART)
+    path.mkdir(0o700, exist_ok=True)
+    lock = os.open(path, os.O_RDONLY | _NO_LINK)
+    if _take_over(lock, path):
+        for entry in path.iterdir():
+            _remove(entry)
+    else:
+        path = Path(tempfile.mkdtemp(PART, _hidden(parent / Path(name).name, ".").name, parent))
+        lock = os.open(path, os.O_RDONLY)
     with _removed_at_the_end(path, lock):
         yield path
 
@@ -158,10 +156,11 @@ def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
 @contextmanager
 def only_writer(target: Path) -> Iterator[None]:
     """Hold a file or folder that is to be written; raise BlockingIOError where another does."""
-    target = Path(os.path.realpath(target))
-    path = target.parent / f"{_stem(target.name)}{PART}"
-    flags = os.O_CREAT | os.O_RDWR | _NO_LINK
-    lock, _ = _locked(lambda: (os.open(path, flags, 0o600), str(path)))
+    path = _hidden(Path(os.path.realpath(target)), _LOCK + PART)
+    lock = os.open(path, os.O_CREAT | os.O_RDWR | _NO_LINK, 0o600)
+    if _try_lock(lock) is False or not _is_at(lock, path):
+        os.close(lock)
+        raise BlockingIOError(f"{path} is locked")
     with _removed_at_the_end(path, lock):
         yield
 
@@ -190,8 +189,14 @@ def only_run(folder: Path, what: str, where: object, otherwise: str) -> Iterator
 
 def clear_abandoned(target: Path) -> None:
     """Remove what killed writers of a target left beside it, or put their old folder back."""
-    _clear(target.parent, target.name, _parts(target.parent))
-    old = _old(target)
+    part, old = _hidden(target, PART), _hidden(target, _OLD)
+    with suppress(OSError):
+        handle = os.open(part, os.O_RDONLY | _NO_LINK)
+        try:
+            if _try_lock(handle):
+                _remove(part)
+        finally:
+            os.close(handle)
     if target.exists():
         _remove(old)
     elif old.is_dir() and not old.is_symlink():
@@ -215,38 +220,9 @@ def _removed_at_the_end(path: Path, lock: int) -> Iterator[None]:
         os.close(lock)
 
 
-def _stem(name: str) -> str:
-    """Return how all names begin that are made here for a target."""
-    if len(name) > _LONGEST:
-        name = f"{name[: _LONGEST - 9]}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
-    return f".{name}"
-
-
-def _old(target: Path) -> Path:
-    return target.parent / f"{_stem(target.name)}{_OLD}"
-
-
-def _parts(folder: Path) -> list[str]:
-    with suppress(OSError):
-        return [entry.name for entry in folder.iterdir() if entry.name.endswith(PART)]
-    return []
-
-
-# Folders of photos are written to thousands of times.
-_parts_at_first = lru_cache(maxsize=4096)(_parts)
-
-
-def _clear(folder: Path, name: str, parts: Iterable[str]) -> None:
-    ours = rf"{re.escape(_stem(name))}(\.[a-z0-9_]{{8}})?{re.escape(PART)}"
-    for path in (folder / part for part in parts if re.fullmatch(ours, part)):
-        with suppress(OSError):
-            handle = os.open(path, os.O_RDONLY | _NO_LINK)
-            try:
-                # Held until it is gone: who has just made it, and would lock it, then sees that.
-                if _try_lock(handle):
-                    _remove(path)
-            finally:
-                os.close(handle)
+def _hidden(target: Path, ending: str) -> Path:
+    """Return the name beside a target that its writers use for a purpose."""
+    return target.parent / f".{target.name[:_LONGEST]}{ending}"
 
 
 def _remove(path: Path) -> None:
@@ -256,17 +232,22 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _locked(make: Callable[[], tuple[int, str]]) -> tuple[int, Path]:
-    """Make and lock a file or folder, again where another run was quick to clear it."""
-    for _ in range(_TRIES):
-        handle, path = make()
-        locked = _try_lock(handle)
-        with suppress(FileNotFoundError):
-            if locked is None or (locked and os.path.samestat(os.fstat(handle), Path(path).stat())):
-                return handle, Path(path)
-        os.close(handle)
-        time.sleep(_PAUSE_S)  # who looks for what is abandoned holds it for a moment
-    raise BlockingIOError(f"{path} is locked")
+def _take_over(handle: int, path: Path) -> bool:
+    """Lock an open file or folder, or close it where another process holds it."""
+    locked = _try_lock(handle)
+    if locked and _is_at(handle, path):
+        return True
+    os.close(handle)
+    if locked is None:
+        _remove(path)
+    return False
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    """Tell whether an open file is still the one at a path: its last holder may have removed it."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(handle), path.stat())
+    return False
 
 
 def _try_lock(handle: int) -> bool | None:
@@ -311,26 +292,33 @@ def data_root() -> Path:
 
 def check_output_folder(folder: Path, names: Iterable[str]) -> None:
     """Refuse a folder for output that cannot take files of these names, before any is written."""
-    _refuse_url(folder)
+    if re.fullmatch(r"[a-z][a-z0-9+.-]+:", folder.parts[0] if folder.parts else "", re.IGNORECASE):
+        raise UsageError(
+            "looks like a URL, and this is written to a disk",
+            where=folder,
+            expected="a path",
+            fix="upload it afterwards, with your storage's own tools",
+        )
     place = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not place.is_dir():
         raise UsageError("a file, not a folder", where=place, fix="name a folder")
-    for name in names:
-        _check_replaceable(folder / name, "name another --out")
+    if not os.access(place, os.W_OK | os.X_OK):
+        fix = "name another one"
+        raise UsageError("nothing may be written into this folder", where=place, fix=fix)
+    for path in (folder / name for name in names):
+        if path.exists() and not path.is_file():
+            kind = "a folder" if path.is_dir() else "a pipe or a device"
+            raise UsageError(f"{kind}, not a file", where=path, fix="name another place")
+        # Even root would not want to replace what is marked as read-only.
+        if path.exists() and not path.stat().st_mode & 0o222:
+            fix = "name another place"
+            raise UsageError("a read-only file, which is not replaced", where=path, fix=fix)
 
 
 def check_output_file(path: Path) -> None:
     """Refuse a file that cannot be written, before the work that it is to hold."""
-    _refuse_url(path)
     with _writing(path):
-        _check_replaceable(path, "name another file")
-        parents = _followed(path).absolute().parents
-        place = next(place for place in parents if place.exists())
-    if not place.is_dir():
-        raise UsageError("a file, not a folder", where=place, fix=f"{path.name} needs a folder")
-    if not os.access(place, os.W_OK | os.X_OK):
-        fix = "name another one"
-        raise UsageError("nothing may be written into this folder", where=place, fix=fix)
+        check_output_folder(path.parent, [path.name])
 
 
 def check_new_folder(path: Path, *, replace: bool, mark: str = MARK) -> None:
@@ -360,60 +348,28 @@ def cannot_write(path: Path, error: OSError) -> UserError:
     )
 
 
-def _refuse_url(path: Path) -> None:
-    if re.fullmatch(r"[a-z][a-z0-9+.-]+:", path.parts[0] if path.parts else "", re.IGNORECASE):
-        raise UsageError(
-            "looks like a URL, and this is written to a disk",
-            where=path,
-            expected="a path",
-            fix="upload it afterwards, with your storage's own tools",
-        )
-
-
-def _followed(path: Path) -> Path:
-    """Return what a symbolic link leads to; anything else as it is."""
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
-
-
-def _check_replaceable(path: Path, fix: str) -> None:
-    if not path.exists():
-        return
-    if not path.is_file():
-        kind = "a folder" if path.is_dir() else "a pipe or a device"
-        raise UsageError(f"{kind}, not a file", where=path, fix=fix)
-    # Even root would not want to replace what is marked as read-only.
-    if not path.stat().st_mode & 0o222 or not os.access(path, os.W_OK):
-        raise UsageError("a read-only file, which is not replaced", where=path, fix=fix)
-
-
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal, read in pieces."""
-    digest = hashlib.sha256()
     with path.open("rb") as stream:
-        while chunk := stream.read(_CHUNK_BYTES):
-            digest.update(chunk)
-    return digest.hexdigest()
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def sha256_of_tree(path: Path) -> str:
     """Return the SHA-256 of a file, or of all files of a folder, through links, by their names."""
     if path.is_file():
         return sha256_of(path)
-    files = sorted(one for one in files_below(path) if one.is_file())
-    return fingerprint([[one.relative_to(path).as_posix(), sha256_of(one)] for one in files])
-
-
-def files_below(folder: Path) -> Iterator[Path]:
-    """Yield all that is no folder in a folder and in those below it, through links, each once."""
-    seen = set[str]()
-    for home, folders, names in os.walk(folder, followlinks=True):
+    files, seen = [], set[str]()
+    for home, folders, names in os.walk(path, followlinks=True):
         real = os.path.realpath(home)
         if real in seen:  # links may lead round
             folders.clear()
             continue
         seen.add(real)
         folders.sort()
-        yield from (Path(home) / name for name in names)
+        files += [one for one in (Path(home) / name for name in names) if one.is_file()]
+    return fingerprint(
+        [[one.relative_to(path).as_posix(), sha256_of(one)] for one in sorted(files)]
+    )
 
 
 def canonical_json(value: object) -> str:

@@ -1,8 +1,7 @@
 """Tables of tracks, datasets and readers by name, and options of the command line.
 
 Built-in modules are named here and imported when they are chosen; another package adds its own by
-an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``. A package
-that uses a name that is taken is refused by name.
+an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``.
 """
 
 from __future__ import annotations
@@ -14,8 +13,6 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
-
-from airzoo_bench.core.errors import UsageError
 
 
 @dataclass(frozen=True)
@@ -71,17 +68,9 @@ class Registry:
         return self._added[name] if name in self._added else self._installed()[name].load()
 
     def _installed(self) -> dict[str, EntryPoint]:
-        found: dict[str, EntryPoint] = {}
-        for point in _entry_points(self.group, tuple(sys.path)):
-            if point.name in self._places or point.name in found:
-                package = point.dist.name if point.dist else point.value
-                raise UsageError(
-                    f"package {package} adds {point.name!r}, which is there already",
-                    where=f"entry points {self.group}",
-                    fix=f"uninstall {package}, or rename its entry point",
-                )
-            found[point.name] = point
-        return found
+        """Return what other packages add; built-in names stay."""
+        points = _entry_points(self.group, tuple(sys.path))
+        return {point.name: point for point in points if point.name not in self._places}
 
 
 @cache

@@ -10,7 +10,6 @@ such as ``bwrap ... {files} --bind {folder} {folder}``, runs the child instead; 
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import json
 import os
 import shlex
@@ -186,10 +185,9 @@ def _described(value: Any, folder: Path, where: Path) -> Any:
         return value.item()
     if isinstance(value, np.ndarray):
         return _described_array(value, folder, where)
-    if isinstance(value, Path):
-        return {_KEY: "path", "text": str(value)}
-    if isinstance(value, np.dtype):
-        return {_KEY: "dtype", "text": value.str}
+    if isinstance(value, Path | np.dtype):
+        is_path = isinstance(value, Path)
+        return {_KEY: "path" if is_path else "dtype", "text": str(value) if is_path else value.str}
     if isinstance(value, UserError):
         texts = {name: getattr(value, name) for name in ("what", "where", "expected", "fix")}
         return {_KEY: "error", "kind": type(value).__name__, **texts}
@@ -205,9 +203,9 @@ def _described_array(array: np.ndarray[Any, Any], folder: Path, where: Path) -> 
     while isinstance(root, np.memmap) and isinstance(root.base, np.memmap):
         root = root.base
     if isinstance(root, np.memmap) and root.filename and array.flags.c_contiguous:
-        start = int(root.offset) + array.ctypes.data - root.ctypes.data
         path = str(Path(str(root.filename)).resolve())
         if _is_below(path, folder, where):
+            start = int(root.offset) + array.ctypes.data - root.ctypes.data
             map_of = {"path": path, "start": start, "dtype": array.dtype.str}
             return {_KEY: "map", **map_of, "shape": array.shape}
     number = len(list(folder.glob("[0-9]*.npy")))
@@ -245,12 +243,11 @@ def _restored(found: dict[str, Any], folder: Path, where: Path) -> Any:
             texts = {name: found[name] for name in ("where", "expected", "fix")}
             return getattr(errors, kind)(found["what"], **texts)
         case "dataclass":
-            module, _, name = found["kind"].partition(":")
-            of: Any = getattr(importlib.import_module(module), name)
-            if module.split(".")[0] == _PACKAGE and dataclasses.is_dataclass(of):
-                made: Any = of
-                return made(**found["fields"])
-            raise ValueError(f"{found['kind']} is no type of the suite")
+            module, _, _ = found["kind"].partition(":")
+            made = resolve(found["kind"]) if module.split(".")[0] == _PACKAGE else None
+            if not dataclasses.is_dataclass(made):
+                raise ValueError(f"{found['kind']} is no type of the suite")
+            return made(**found["fields"])  # type: ignore[operator]
     return found
 
 

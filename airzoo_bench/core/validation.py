@@ -6,7 +6,6 @@ import datetime
 import difflib
 import json
 import tomllib
-from collections import Counter
 from pathlib import Path
 from reprlib import Repr
 from typing import Annotated, Any, TypeVar, get_args
@@ -95,23 +94,6 @@ def toml_value(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def unambiguous_json(text: str) -> Any:
-    """Read JSON, and refuse a repeated key, whose last value other readers would take."""
-
-    def each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
-            times = Counter(name for name, _ in pairs)
-            twice = next(name for name in times if times[name] > 1)
-            raise ValueError(f"key {twice[:80]!r} stands twice")
-        return found
-
-    try:
-        return json.loads(text, object_pairs_hook=each_once)
-    except RecursionError as error:
-        raise ValueError("nested too deep") from error
-
-
 def validated(
     data: dict[str, Any], model: type[M], kind: type[UserError], path: Path, what: str
 ) -> M:
@@ -125,18 +107,9 @@ def validated(
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
     """Put pydantic's findings into lines that name key, value and expectation."""
-    every = error.errors()
-    found = [item for item in every if not _lacks_what_was_refused(item, every)]
+    found = error.errors()
     more = [f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
     return "\n    ".join([*(_finding(item, model) for item in found[:_SHOWN]), *more])
-
-
-def _lacks_what_was_refused(item: Any, every: list[Any]) -> bool:
-    """Tell whether a list is only too short since its items, which are findings too, are wrong."""
-    loc = item["loc"]
-    return item["type"] == "too_short" and any(
-        other["loc"][: len(loc)] == loc and len(other["loc"]) > len(loc) for other in every
-    )
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
@@ -199,21 +172,16 @@ def nearest(name: str, known: list[str], offered: int = _OFFERED) -> str:
 
 def near_names(name: str, known: list[str], offered: int = _OFFERED) -> list[str]:
     """Return the known names that are most like a mistyped one, or hold it."""
-    alike = [other for other in known if _letters(other) == _letters(name)][:offered]
-    if alike:
-        return alike
-    some = known[:_MOST_COMPARED]
-    near = difflib.get_close_matches(name, some, n=offered, cutoff=0.6)
-    near = [other for other in near if _ratio(name, other) > _ratio(name, near[0]) - _AS_NEAR]
+    near = [other for other in known if _letters(other) == _letters(name)]
+    if not near:
+        near = difflib.get_close_matches(name, known[:_MOST_COMPARED], n=offered, cutoff=0.6)
+        ratios = [difflib.SequenceMatcher(None, other, name).ratio() for other in near]
+        near = [n for n, ratio in zip(near, ratios, strict=True) if ratio > ratios[0] - _AS_NEAR]
     if not near and len(name) >= _SHORTEST_PART:
-        near = [n for n in known if name.casefold() in n.casefold()][:offered]
-    return near
+        near = [other for other in known if name.casefold() in other.casefold()]
+    return near[:offered]
 
 
 def _letters(name: str) -> str:
     """Return a name in the one spelling that UAV-VisLoc, uav_visloc and UAVVisLoc share."""
     return "".join(letter for letter in name.casefold() if letter.isalnum()) or name
-
-
-def _ratio(name: str, other: str) -> float:
-    return difflib.SequenceMatcher(None, other, name).ratio()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, readable
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.validation import nearest, unambiguous_json
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.cameras import Cameras
 
@@ -32,7 +33,7 @@ def read_camera_file(path: Path) -> dict[str, float]:
     """Read a camera from JSON: an object of numbers."""
     text, known = read_text(path, BenchmarkError, "camera file"), [*LENS_KEYS, "width", "height"]
     with readable(path, "no camera as JSON", kind=BenchmarkError, expected=_EXPECTED):
-        values: dict[str, Any] = unambiguous_json(text)
+        values: dict[str, Any] = json.loads(text)
         strange = next((key for key in values if key not in known), None)
         if strange is not None:
             raise ValueError(f"unknown key {strange[:40]!r}{nearest(strange, known)}")

@@ -21,7 +21,7 @@ from pydantic import (
 from airzoo_bench.core.errors import CameraError, counted, first_of, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.optional_imports import load_pycolmap
-from airzoo_bench.core.validation import unambiguous_json, validation_message
+from airzoo_bench.core.validation import validation_message
 from airzoo_bench.datasets.scenes import PosedPhotos, check_centred
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
@@ -94,10 +94,9 @@ def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
     text = read_text(path, CameraError, "pose file", _JSON_LIMIT_BYTES)
     try:
         file = _File.model_validate_json(text)
-        unambiguous_json(text)
-    except ValueError as error:
+    except ValidationError as error:
         raise CameraError(
-            validation_message(error, _File) if isinstance(error, ValidationError) else str(error),
+            validation_message(error, _File),
             where=path,
             expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}, each once",
             fix="see docs/brighton.md",

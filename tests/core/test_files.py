@@ -20,11 +20,11 @@ from airzoo_bench.core.files import (
     canonical_json,
     check_output_folder,
     clear_abandoned,
-    files_below,
     fingerprint,
     only_writer,
     read_text,
     sha256_of,
+    sha256_of_tree,
     temporary_file,
     temporary_folder,
     write_npz,
@@ -47,7 +47,7 @@ def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
 def test_a_file_where_a_folder_should_be(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with (
-        pytest.raises(UsageError, match=r"file: a file, not a folder\n.*a\.txt needs a folder"),
+        pytest.raises(UsageError, match=r"file: a file, not a folder"),
         atomic_write(tmp_path / "file" / "a.txt"),
     ):
         pass
@@ -170,16 +170,13 @@ def test_a_lock_follows_no_link(tmp_path: Path) -> None:
 
 
 def test_links_are_followed_and_end(tmp_path: Path) -> None:
-    tree, other = tmp_path / "tree", tmp_path / "other"
-    for folder in (tree / "a", other / "deep"):
+    plain, linked, other = (tmp_path / name for name in ("plain", "linked", "other"))
+    for folder in (plain / "a", plain / "b", linked / "a", other):
         folder.mkdir(parents=True)
-        (folder / "x").touch()
-    (tree / "b").symlink_to(other)
-    (other / "round").symlink_to(tree)
-    (tree / "again").symlink_to(other)
-    found = [one.relative_to(tree).as_posix() for one in files_below(tree)]
-    # What two links lead to is named by the first of them.
-    assert found == ["a/x", "again/deep/x"]
+        (folder / "x").write_text(folder.name.replace("other", "b"))
+    (linked / "b").symlink_to(other)
+    (other / "round").symlink_to(linked)
+    assert sha256_of_tree(linked) == sha256_of_tree(plain)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks")

@@ -4,9 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import TRACKS, Registry
-from tests.support import run_main
 
 
 def install(folder: Path, package: str, *names: str) -> None:
@@ -23,27 +21,6 @@ def test_a_package_adds_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.syspath_prepend(tmp_path)
     assert TRACKS.names() == ["retrieval", "matching", "reconstruction", "depth", "height"]
     assert TRACKS.get("height") is Path
-
-
-def test_a_package_with_a_name_that_is_taken_is_refused_by_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    install(tmp_path, "other-matching", "matching")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(UserError, match="package other-matching adds 'matching'"):
-        TRACKS.names()
-    assert run_main("check", "preds.npz") == 2
-    assert "uninstall other-matching" in capsys.readouterr().err
-
-
-def test_two_packages_with_one_name_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for package in ("one", "other"):
-        install(tmp_path / package, package, "height")
-        monkeypatch.syspath_prepend(tmp_path / package)
-    with pytest.raises(UserError, match=r"package (one|other) adds 'height'"):
-        TRACKS.names()
 
 
 def test_a_name_is_added_once_and_taken_back() -> None:

@@ -73,17 +73,6 @@ def test_rotations_rounded_in_the_file_become_exact(tmp_path: Path) -> None:
     np.testing.assert_allclose(rotation, tilted(), atol=1e-5)
 
 
-@pytest.mark.parametrize("key", ["K", "images", "a.jpg", "center"])
-def test_a_key_that_stands_twice(key: str, tmp_path: Path) -> None:
-    """Readers of JSON take the last one, without a word."""
-    path = json_file(tmp_path)
-    text = path.read_text()
-    read_poses(path, SIZES)
-    path.write_text(text.replace(f'"{key}": ', f'"{key}": 0, "{key}": ', 1))
-    with pytest.raises(CameraError, match=f"key '{key}' stands twice"):
-        read_poses(path, SIZES)
-
-
 def colmap(
     folder: Path, model: str = "PINHOLE", params: Any = (64.0, 65.0, 31.0, 25.0), **options: Any
 ) -> Path:
