@@ -185,9 +185,10 @@ def _described(value: Any, folder: Path, where: Path) -> Any:
         return value.item()
     if isinstance(value, np.ndarray):
         return _described_array(value, folder, where)
-    if isinstance(value, Path | np.dtype):
-        is_path = isinstance(value, Path)
-        return {_KEY: "path" if is_path else "dtype", "text": str(value) if is_path else value.str}
+    if isinstance(value, Path):
+        return {_KEY: "path", "text": str(value)}
+    if isinstance(value, np.dtype):
+        return {_KEY: "dtype", "text": value.str}
     if isinstance(value, UserError):
         texts = {name: getattr(value, name) for name in ("what", "where", "expected", "fix")}
         return {_KEY: "error", "kind": type(value).__name__, **texts}
