@@ -354,7 +354,8 @@ def align_cameras(
     with arg.refused("predicted, true"):
         if robust:
             fit = fit_cameras(source, target, shipped_alignment(inlier_below_m=limit, seed=seed))
-            transform, inliers[rows], turned = fit.transform, fit.inliers, fit.used_orientations
+            transform, turned = fit.transform, fit.used_orientations
+            inliers[rows] = np.isin(target.names, fit.inlier_names)
         else:
             transform = umeyama(source.centres, target.centres, with_scale=with_scale)
             inliers[rows], turned = True, False

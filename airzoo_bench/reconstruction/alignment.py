@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.settings import AlignmentSettings
@@ -68,7 +68,7 @@ Residuals = dict[str, float]
 class Alignment:
     """A transform into the frame of the truth, and how well it fits.
 
-    The transform is fitted to `inliers` of the `cameras` that have a partner in the truth, or to
+    The transform is fitted to the inliers of the `cameras` that have a partner in the truth, or to
     all of them where fewer than 3 agreed, and so it is not `robust`. Residuals are those of all
     partners, in units of the truth, and of the inliers.
     """
@@ -77,7 +77,7 @@ class Alignment:
     transform: Similarity
     cameras: int = 0
     cameras_missing: int = 0
-    inliers: int = 0
+    inlier_names: tuple[str, ...] = ()
     inlier_limit_m: float | None = None
     used_orientations: bool = False
     robust: bool = True
@@ -86,14 +86,17 @@ class Alignment:
     rotations_deg: Residuals | None = None
     icp: dict[str, Any] | None = None
     icp_failure: str | None = None
-    inlier_names: tuple[str, ...] = ()
+
+    @property
+    def inliers(self) -> int:
+        """The number of inliers."""
+        return len(self.inlier_names)
 
     @property
     def values(self) -> dict[str, Any]:
         """The content of ``alignment.json``: method, scale, matrix and residuals of a scene."""
-        values = asdict(self)
+        matrix, values = self.transform.matrix.tolist(), asdict(self) | {"inliers": self.inliers}
         del values["transform"]
-        matrix = self.transform.matrix.tolist()
         return {"scale": self.transform.scale, "matrix": matrix, **values}
 
 
@@ -101,27 +104,20 @@ def align(
     predicted: PosedCameras | None, truth: PosedCameras, settings: AlignmentSettings
 ) -> Alignment:
     """Find the transform of a prediction into the frame of the truth, by cameras."""
-    if predicted is None or settings.method == "none":
-        found = Alignment("none", Similarity.identity())
-        return found if predicted is None else with_residuals(found, predicted, truth)
-    rows, true_rows = partners(predicted, truth)
-    if len(rows) < LEAST_CAMERAS:
-        raise AlignmentError(
-            f"a similarity needs {LEAST_CAMERAS} cameras, and {len(rows)} of "
-            f"{len(predicted.names)} predicted ones have a position and a partner in the truth",
-            expected=f"at least {LEAST_CAMERAS} cameras",
-            fix="give poses of more images, or predict in the truth's frame and align by 'none'",
-        )
-    fit = fit_cameras(predicted.take(rows), truth.take(true_rows), settings)
-    found = Alignment(
-        method=settings.method,
-        transform=fit.transform,
-        inliers=int(fit.inliers.sum()),
-        inlier_limit_m=fit.limit,
-        used_orientations=fit.used_orientations,
-        robust=fit.robust,
-        inlier_names=truth.take(true_rows[fit.inliers]).names,
-    )
+    found = Alignment("none", Similarity.identity())
+    if predicted is None:
+        return found
+    if settings.method != "none":
+        rows, true_rows = partners(predicted, truth)
+        if len(rows) < LEAST_CAMERAS:
+            raise AlignmentError(
+                f"a similarity needs {LEAST_CAMERAS} cameras, and {len(rows)} of "
+                f"{len(predicted.names)} predicted ones have a position and a partner in the truth",
+                expected=f"at least {LEAST_CAMERAS} cameras",
+                fix="give poses of more images, or predict in the truth's frame and align by "
+                "'none'",
+            )
+        found = fit_cameras(predicted.take(rows), truth.take(true_rows), settings)
     return with_residuals(found, predicted, truth)
 
 
@@ -179,32 +175,23 @@ def _apart(a: Floats, b: Floats) -> Floats:
 # --- the similarity that most partners agree with ---
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFit:
-    """A similarity fitted to partner cameras; `Alignment` explains the attributes."""
-
-    transform: Similarity
-    inliers: Bools
-    limit: float
-    used_orientations: bool
-    robust: bool
-
-
 def fit_cameras(
     source: PosedCameras, target: PosedCameras, settings: AlignmentSettings
-) -> CameraFit:
+) -> Alignment:
     """Fit the similarity that takes cameras to their partners."""
     if 0 in (point_rank(one.centres, RANK_TOLERANCE) for one in (source, target)):
         raise AlignmentError(
             "the camera centres all lie at one point, which has no scale",
             expected="cameras that move",
         )
-    tolerance = max(settings.line_ratio, RANK_TOLERANCE)
+    found, tolerance = None, max(settings.line_ratio, RANK_TOLERANCE)
     if point_rank(target.centres, tolerance) > 1:
-        fit = _Consensus(source, target, settings, strip=False).find()
+        found = _Consensus(source, target, settings, strip=False).find()
+    if found is not None:
+        inliers = np.isin(target.names, found.inlier_names)
         # A plane may have been a strip with an outlier.
-        if fit is not None and point_rank(target.centres[fit.inliers], tolerance) > 1:
-            return fit
+        if point_rank(target.centres[inliers], tolerance) > 1:
+            return found
     if source.rotation is None or target.rotation is None:
         whose = "truth" if target.rotation is None else "prediction"
         raise AlignmentError(
@@ -214,10 +201,10 @@ def fit_cameras(
             fix="add photos off the line, give camera poses, or predict in the truth's frame "
             "and align by 'none'",
         )
-    fit = _Consensus(source, target, settings, strip=True).find()
-    if fit is None:
+    found = _Consensus(source, target, settings, strip=True).find()
+    if found is None:
         raise AlignmentError("the camera centres determine no similarity")
-    return fit
+    return found
 
 
 _Best = tuple[list[Similarity], Floats]
@@ -235,25 +222,21 @@ class _Consensus:
         *,
         strip: bool,
     ) -> None:
-        self.a, self.b, self.settings, self.strip = source.centres, target.centres, settings, strip
-        none = np.zeros((0, 3, 3))
-        self.turned = none if source.rotation is None else source.rotation
-        self.true = none if target.rotation is None else target.rotation
-        self.all = self.fits(np.arange(len(self.a))[None])
-        limit = settings.inlier_below_m
-        self.limit = _LEAST_LIMIT * float(_apart(self.b, self.b[:1]).max())
+        self.source, self.target, self.settings, self.strip = source, target, settings, strip
+        self.all = self.fits(np.arange(len(source.names))[None])
+        limit, true = settings.inlier_below_m, target.centres
+        self.limit = _LEAST_LIMIT * float(_apart(true, true[:1]).max())
         if not isinstance(limit, str):
             self.limit = limit
         elif self.all:
-            here = self.b[0]
-            away, _ = cKDTree(self.b - here).query(self.all[0].apply(self.a) - here)
-            self.limit = max(float(np.median(away)), self.limit)
+            found = self.all[0].apply(source.centres) - true[0]
+            self.limit = max(float(np.median(cKDTree(true - true[0]).query(found)[0])), self.limit)
 
     def fits(self, samples: Ints) -> list[Similarity]:
         """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
-        a, b = self.a[samples], self.b[samples]
-        if self.strip:
-            turns = (np.swapaxes(self.true, -1, -2) @ self.turned)[samples]
+        a, b = self.source.centres[samples], self.target.centres[samples]
+        if self.strip and self.source.rotation is not None and self.target.rotation is not None:
+            turns = (np.swapaxes(self.target.rotation, -1, -2) @ self.source.rotation)[samples]
             found = fit_strips(a, b, turns, axis_share=self.settings.line_ratio)
         else:
             found = fit_many(a, b, with_scale=True)
@@ -261,26 +244,37 @@ class _Consensus:
 
     def residuals(self, fits: list[Similarity]) -> Floats:
         """Return distances of centres (S, N), infinite where a camera is no inlier."""
-        away = _apart(np.stack([fit.apply(self.a) for fit in fits]), self.b)
+        moved = np.stack([fit.apply(self.source.centres) for fit in fits])
+        away = _apart(moved, self.target.centres)
         inliers = away < self.limit
-        if self.strip:
+        if self.strip and self.source.rotation is not None and self.target.rotation is not None:
             back = np.array([fit.rotation.T for fit in fits])
-            angles = rotation_angle_deg(self.turned[None] @ back[:, None], self.true[None])
+            turned = self.source.rotation[None] @ back[:, None]
+            angles = rotation_angle_deg(turned, self.target.rotation[None])
             inliers &= angles < self.settings.inlier_below_deg
         return np.where(inliers, away, np.inf)
 
-    def find(self) -> CameraFit | None:
+    def find(self) -> Alignment | None:
         """Find the largest set of cameras that agree; None where no fit is determined."""
         fits, residuals = self._search()
         inliers = np.isfinite(residuals)
         robust = int(inliers.sum()) >= LEAST_CAMERAS
-        if not robust:
-            inliers[:] = True
-        final = self.fits(np.flatnonzero(inliers)[None]) or self.all or fits
-        return CameraFit(final[0], inliers, self.limit, self.strip, robust) if final else None
+        rows = np.flatnonzero(inliers | (not robust))
+        final = self.fits(rows[None]) or self.all or fits
+        if not final:
+            return None
+        return Alignment(
+            self.settings.method,
+            final[0],
+            inlier_names=self.target.take(rows).names,
+            inlier_limit_m=self.limit,
+            used_orientations=self.strip,
+            robust=robust,
+        )
 
     def _search(self) -> _Best:
-        settings, count, size = self.settings, len(self.a), 2 if self.strip else 3
+        settings, count = self.settings, len(self.source.names)
+        size = 2 if self.strip else 3
         if not isinstance(settings.sample_share, str):
             size = min(count, max(size, math.ceil(settings.sample_share * count)))
         best = self._better(([], np.full(count, np.inf)), self.all)

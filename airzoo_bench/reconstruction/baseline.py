@@ -38,11 +38,10 @@ from airzoo_bench.reconstruction.truth import read_truth
 _LEAST_PHOTOS = 3
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 
-Colours = NDArray[np.uint8]
 Lens = tuple[int, int, tuple[float, ...]]
 """Width, height and parameters of COLMAP's model FULL_OPENCV."""
-Features = list[tuple[Floats, NDArray[np.uint8], Colours]]
-"""Of each photo: pixels at full size (F, 2), descriptors (F, 128) and colours (F, 3)."""
+Features = tuple[Floats, NDArray[np.uint8]]
+"""Of a photo: pixels at full size (F, 2) and descriptors (F, 128)."""
 Pair = tuple[int, int, int, Ints]
 """Two photos, COLMAP's number of the motion or plane that explains them, and matches (M, 2)."""
 
@@ -54,7 +53,6 @@ class Model:
     rows: Ints
     poses: Poses
     points: Floats
-    colours: Colours
 
 
 def predict(
@@ -82,7 +80,7 @@ def predict(
             found = sparse_reconstruction(paths, truth.cameras, positions, settings, scratch, run)
         posed = f"{len(found.rows)} of {len(names)} photos"
         note(f"{scene.id}: {posed}, {len(found.points):,} points")
-        write_ply(out / f"{scene.id}.ply", Cloud(found.points, found.colours))
+        write_ply(out / f"{scene.id}.ply", Cloud(found.points))
         poses = found.poses
         extrinsics = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
         cameras = {"image_names": names[found.rows].astype(str), "extrinsics": extrinsics}
@@ -125,7 +123,7 @@ def sparse_reconstruction(
     matched = run.processes.map(
         _match_photo,
         [(first, pairs[pairs[:, 0] == first, 1].tolist()) for first in firsts],
-        shared=(settings, lenses, [one[:2] for one in features]),
+        shared=(settings, lenses, features),
         stage="matches",
         name=lambda item: str(photos[item[0]]),
     )
@@ -147,24 +145,18 @@ def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) ->
     return np.argwhere(np.triu(wanted | wanted.T, k=1))
 
 
-def _extract_features(
-    settings: SfmSettings, item: tuple[Path, Lens]
-) -> tuple[Floats, NDArray[np.uint8], Colours]:
-    """Return pixels at full size, descriptors and colours of a photo's features."""
+def _extract_features(settings: SfmSettings, item: tuple[Path, Lens]) -> Features:
     path, (width, height, _) = item
-    colour = read_rgb_photo(path, settings.long_side_px)
-    grey = np.round(colour @ _GREY).astype(np.uint8)
+    grey = np.round(read_rgb_photo(path, settings.long_side_px) @ _GREY).astype(np.uint8)
     seen, found = extract(
         grey, settings.max_features, settings.peak_threshold, doubled=settings.doubled
     )
-    column, row = np.floor(seen).astype(np.int64).T
     scale = np.array((width, height)) / (grey.shape[1], grey.shape[0])
-    return seen * scale, found.astype(np.uint8), colour[row, column]
+    return seen * scale, found.astype(np.uint8)
 
 
 def _match_photo(
-    shared: tuple[SfmSettings, list[Lens], list[tuple[Floats, NDArray[np.uint8]]]],
-    item: tuple[int, list[int]],
+    shared: tuple[SfmSettings, list[Lens], list[Features]], item: tuple[int, list[int]]
 ) -> list[Pair]:
     """Match a photo with others, and keep what one motion of the camera explains."""
     settings, lenses, features = shared
@@ -208,7 +200,7 @@ def _camera(lens: Lens, number: int) -> Any:
 
 def _map_photos(
     lenses: list[Lens],
-    features: Features,
+    features: list[Features],
     pairs: Sequence[Pair],
     folder: Path,
     settings: SfmSettings,
@@ -216,7 +208,7 @@ def _map_photos(
     """Reconstruct incrementally, and return the model with the most photos."""
     pycolmap = load_pycolmap()
     with pycolmap.Database.open(folder / "database.db") as database:
-        _write_photos(pycolmap, database, lenses, features)
+        _write_photos(pycolmap, database, lenses, [places for places, _ in features])
         for first, second, config, found in pairs:
             matches = found.astype(np.uint32)
             geometry = pycolmap.TwoViewGeometry(
@@ -242,12 +234,21 @@ def _map_photos(
     triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = error_px
     pycolmap.set_random_seed(settings.seed)
     models = pycolmap.incremental_mapping(folder / "database.db", folder, folder, options)
-    ordered = [models[key] for key in sorted(models)]
-    size = lambda model: (model.num_reg_images(), model.num_points3D())  # noqa: E731
-    return _read_model(max(ordered, key=size, default=pycolmap.Reconstruction()), features)
+    sizes = {key: (one.num_reg_images(), one.num_points3D()) for key, one in models.items()}
+    best = max(sorted(models), key=lambda key: sizes[key], default=None)
+    model = pycolmap.Reconstruction() if best is None else models[best]
+    images = [model.images[key] for key in sorted(model.images) if model.images[key].has_pose]
+    poses = [image.cam_from_world().matrix() for image in images]
+    matrices = np.array(poses).reshape(-1, 3, 4)
+    points = [model.points3D[key].xyz for key in sorted(model.points3D)]
+    return Model(
+        rows=np.array([image.image_id - 1 for image in images], np.int64),
+        poses=Poses.from_translations(matrices[:, :, :3], matrices[:, :, 3]),
+        points=np.array(points).reshape(-1, 3),
+    )
 
 
-def _write_photos(pycolmap: Any, database: Any, lenses: list[Lens], features: Features) -> None:
+def _write_photos(pycolmap: Any, database: Any, lenses: list[Lens], places: list[Floats]) -> None:
     # Photos of one lens share its camera. Image n + 1 is photo n.
     numbers = {lens: n for n, lens in enumerate(dict.fromkeys(lenses), start=1)}
     for lens, number in numbers.items():
@@ -255,29 +256,10 @@ def _write_photos(pycolmap: Any, database: Any, lenses: list[Lens], features: Fe
         rig = pycolmap.Rig(rig_id=number)
         rig.add_ref_sensor(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number))
         database.write_rig(rig, use_rig_id=True)
-    for row, (lens, (places, *_)) in enumerate(zip(lenses, features, strict=True), start=1):
-        number = numbers[lens]
-        image = pycolmap.Image(name=f"{row}", camera_id=number, image_id=row)
+    for row, (lens, keypoints) in enumerate(zip(lenses, places, strict=True), start=1):
+        image = pycolmap.Image(name=f"{row}", camera_id=numbers[lens], image_id=row)
         database.write_image(image, use_image_id=True)
-        frame = pycolmap.Frame(frame_id=row, rig_id=number)
+        frame = pycolmap.Frame(frame_id=row, rig_id=numbers[lens])
         frame.add_data_id(image.data_id)
         database.write_frame(frame, use_frame_id=True)
-        database.write_keypoints(row, places.astype(np.float32))
-
-
-def _read_model(model: Any, features: Features) -> Model:
-    images = [model.images[key] for key in sorted(model.images) if model.images[key].has_pose]
-    poses = [image.cam_from_world() for image in images]
-    points = [model.points3D[key] for key in sorted(model.points3D)]
-    rotation = np.array([pose.rotation.matrix() for pose in poses]).reshape(-1, 3, 3)
-    translation = np.array([pose.translation for pose in poses]).reshape(-1, 3)
-    colours = np.zeros((len(points), 3), np.uint8)
-    for row, point in enumerate(points):
-        seen = [features[one.image_id - 1][2][one.point2D_idx] for one in point.track.elements]
-        colours[row] = np.round(np.mean(seen, axis=0))
-    return Model(
-        rows=np.array([image.image_id - 1 for image in images], np.int64),
-        poses=Poses.from_translations(rotation, translation),
-        points=np.array([point.xyz for point in points]).reshape(-1, 3),
-        colours=colours,
-    )
+        database.write_keypoints(row, keypoints.astype(np.float32))

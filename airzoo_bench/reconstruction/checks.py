@@ -25,6 +25,7 @@ from airzoo_bench.reconstruction.similarity import Similarity, fit_many
 
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.predictions import ScenePrediction
+    from airzoo_bench.reconstruction.preparation import PreparedCloud
     from airzoo_bench.reconstruction.scoring import Comparison
     from airzoo_bench.reconstruction.settings import ReconstructionProtocol
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
@@ -48,16 +49,11 @@ def scene_notes(
     protocol: ReconstructionProtocol,
 ) -> list[str]:
     """Collect the notes on a prediction: oddities, points left out, the alignment."""
-    geometry, alignment, method = prediction.geometry, found.alignment, protocol.alignment.method
-    scale, (cloud, true) = alignment.transform.scale, found.clouds
-    finest = protocol.scores.finest_m / 20.0
+    geometry, alignment, scores = prediction.geometry, found.alignment, protocol.scores
+    scale, (cloud, true), finest = alignment.transform.scale, found.clouds, scores.finest_m / 20.0
     notes: list[str | None] = [*prediction.notes]
-    if prediction.images is None and method != "none":
-        notes.append(f"holds no cameras: taken as it is, without alignment by {method}")
     if not isinstance(geometry, FileCloud):
         notes += [check_shape(geometry, truth), check_views(prediction)]
-        if protocol.fusion.least_confidence is not None and geometry.confidence is None:
-            notes.append("has no confidence: all of it was taken")
     if isinstance(geometry, DepthMaps):
         depth = _median_depth(geometry) * scale
         notes.append(check_depth(depth, protocol.fusion.max_depth_m))
@@ -65,11 +61,11 @@ def scene_notes(
     notes += [
         check_pose_digits(prediction, scale, min(finest, 0.01)),
         check_digits(*_some_points(geometry), scale, min(finest, 0.01)),
-        *alignment_notes(alignment),
+        *alignment_notes(alignment, protocol.alignment.method),
         check_bounds(cloud.bounds, true.bounds)
-        or check_mirror(cloud.sample, true.sample, alignment.transform, protocol.scores.f1_below_m)
+        or check_mirror(cloud.sample, true.sample, alignment.transform, scores.f1_below_m)
         or check_datum(cloud.bounds, true.bounds),
-        *left_out_notes(found),
+        *left_out_notes(cloud),
     ]
     return [note for note in notes if note]
 
@@ -83,9 +79,8 @@ def relative_misfit_deg(given: Poses, truth: Poses) -> float:
     pairs = np.triu_indices(len(rows), 1)
     turn, sight = relative_poses(given.take(rows), *pairs)
     true_turn, true_sight = relative_poses(truth.take(rows), *pairs)
-    return float(
-        np.median(np.maximum(rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight)))
-    )
+    turned, off = rotation_angle_deg(turn, true_turn), angle_deg(sight, true_sight)
+    return float(np.median(np.maximum(turned, off)))
 
 
 def check_inversion(given: Poses, truth: Poses, where: str) -> str | None:
@@ -145,32 +140,32 @@ def _misfit_m(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float
     return float(np.median(np.linalg.norm(source - target, axis=1)))
 
 
-def alignment_notes(found: Alignment) -> list[str]:
+def alignment_notes(found: Alignment, method: str) -> list[str]:
     """Say how cameras were aligned where it is not the usual way, and how many agree."""
-    turns, agree, notes = found.rotations_deg, 2 * found.inliers >= found.cameras, []
-    if found.used_orientations:
-        notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
-    if turns is not None and agree and turns["median"] > 150.0:
-        notes.append(
-            f"cameras are turned by {turns['median']:.0f} degrees (median), though their centres "
-            "fit: are the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along "
-            "a straight strip, the image names in reverse order?"
-        )
-    if not found.robust:
-        notes.append("fewer than 3 cameras agree: aligned to all of them")
-    elif found.method != "none" and not agree:
-        notes.append(
-            f"only {found.inliers} of {counted(found.cameras, 'camera')} "
-            f"{agreeing(found.inliers, 'agrees', 'agree')} within "
-            f"{found.inlier_limit_m:.3g} m: the alignment may be that of a part"
-        )
-    if found.icp_failure is not None:
-        notes.append(f"{found.icp_failure}: aligned by cameras only")
-    if found.method != "none" and found.cameras_missing:
-        photos = counted(found.cameras + found.cameras_missing, "photo")
-        have = agreeing(found.cameras_missing, "has", "have")
-        notes.append(f"{found.cameras_missing} of {photos} {have} no pose in the prediction")
-    return notes
+    agree, cameras = 2 * found.inliers >= found.cameras, counted(found.cameras, "camera")
+    turned = (found.rotations_deg or {}).get("median", 0.0)
+    photos = counted(found.cameras + found.cameras_missing, "photo")
+    have = agreeing(found.cameras_missing, "has", "have")
+    is_aligned = found.method != "none"
+    said = {
+        f"holds no cameras: taken as it is, without alignment by {method}": (
+            found.cameras + found.cameras_missing == 0 and method != "none"
+        ),
+        "camera centres lie on a line: aligned by the cameras' orientations too": (
+            found.used_orientations
+        ),
+        f"cameras are turned by {turned:.0f} degrees (median), though their centres fit: are the "
+        "extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a straight strip, "
+        "the image names in reverse order?": turned > 150.0 and agree,
+        "fewer than 3 cameras agree: aligned to all of them": not found.robust,
+        f"only {found.inliers} of {cameras} within {found.inlier_limit_m} m: the alignment may be "
+        "that of a part": found.robust and is_aligned and not agree,
+        f"{found.icp_failure}: aligned by cameras only": found.icp_failure is not None,
+        f"{found.cameras_missing} of {photos} {have} no pose in the prediction": (
+            is_aligned and found.cameras_missing > 0
+        ),
+    }
+    return [note for note, holds in said.items() if holds]
 
 
 # --- views ---
@@ -330,21 +325,21 @@ def check_digits(
 # --- the cloud ---
 
 
-def left_out_notes(found: Comparison) -> list[str]:
+def left_out_notes(cloud: PreparedCloud) -> list[str]:
     """Say how many points were left out of a cloud, and where none is left."""
-    cloud, notes = found.clouds[0], []
-    if cloud.distrusted:
-        notes.append(f"left out: {counted(cloud.distrusted, 'point')} of too little confidence")
-    if cloud.not_finite:
-        notes.append(f"left out: {counted(cloud.not_finite, 'point')}, NaN, infinite or too large")
-    share = cloud.outside / max(cloud.source.count + cloud.thinned + cloud.outside, 1)
-    if share >= 0.005:  # less is 0 %
-        notes.append(f"{share:.0%} of the prediction lies outside the scored region, uncounted")
-    if not cloud.source.count:
-        if not cloud.outside + cloud.not_finite + cloud.distrusted:
-            notes.append("the prediction holds no point, or no depth within the protocol's range")
-        notes.append("no point is left to compare: it scores 0 and infinite distances")
-    return notes
+    left_out, left = cloud.outside + cloud.not_finite + cloud.distrusted, cloud.source.count
+    share = cloud.outside / max(left + cloud.thinned + cloud.outside, 1)
+    distrusted, odd = (counted(n, "point") for n in (cloud.distrusted, cloud.not_finite))
+    said = {
+        f"left out: {distrusted} of too little confidence": cloud.distrusted > 0,
+        f"left out: {odd}, NaN, infinite or too large": cloud.not_finite > 0,
+        f"{share:.0%} of the prediction lies outside the scored region, uncounted": share >= 0.005,
+        "the prediction holds no point, or no depth within the protocol's range": (
+            left + left_out == 0
+        ),
+        "no point is left to compare: it scores 0 and infinite distances": left == 0,
+    }
+    return [note for note, holds in said.items() if holds]
 
 
 def check_bounds(cloud: Floats, truth: Floats) -> str | None:

@@ -8,7 +8,6 @@
     plaza.npz               depth maps or point maps with cameras, or a cloud
     substation/cloud.laz    or a folder a scene, with one such file
     substation/cameras.npz
-    harbour/shards/*.laz    or a cloud in shards (.las, .laz), in the order of their names
 
 A file alone is a prediction of one scene, named as the file is. Files as methods write them come
 from readers, as `NativeScenes`.
@@ -19,8 +18,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -31,9 +30,8 @@ from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.formats.clouds.las import SHARD_SUFFIXES, open_shards
 from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES, TEXT_SUFFIXES
+from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.reconstruction.cameras import (
     CAMERA_FIELDS,
@@ -47,11 +45,10 @@ from airzoo_bench.reconstruction.checks import check_resolution
 from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 
 _PROTOCOL, _CAMERAS = "protocol.txt", "cameras.npz"
-_CLOUD, _SHARD = ("|".join(map(re.escape, endings)) for endings in (SUFFIXES, SHARD_SUFFIXES))
+_ENDING = "|".join(map(re.escape, SUFFIXES))
 _PLACES = {
-    "shards": re.compile(rf"([^/]+)/shards/[^/]+({_SHARD})", re.IGNORECASE),
     "cameras": re.compile(r"([^/]+)[./]cameras\.npz"),
-    "geometry": re.compile(rf"([^/]+?)(/[^/]+)?({_CLOUD})", re.IGNORECASE),
+    "geometry": re.compile(rf"([^/]+?)(?:/[^/]+)?(?:{_ENDING})", re.IGNORECASE),
 }
 _MAPS = {"depth": ("N", "H", "W"), "world_points": ("N", "H", "W", "3")}
 _MAPS["points"] = _MAPS["world_points"]
@@ -118,22 +115,13 @@ class NativeScenes(ScenePredictions):
         yield self.read_scene(self.places[scene], limit_bytes)
 
 
-@dataclass
-class _Entry:
-    """The files of a scene, by kind."""
-
-    geometry: list[Member] = field(default_factory=list)
-    cameras: list[Member] = field(default_factory=list)
-    shards: list[Member] = field(default_factory=list)
-
-
 @dataclass(frozen=True)
 class ListedFiles(ScenePredictions):
-    """Entries, by scene, of a folder or an archive, as `open_reconstruction` lists them."""
+    """Entries of a folder or an archive: by scene a cloud or maps, and perhaps cameras."""
 
     path: Path
     protocol: str | None
-    entries: dict[str, _Entry]
+    entries: dict[str, tuple[Member, Member | None]]
     unknown_files: tuple[str, ...]
     _bundle: Bundle
 
@@ -147,28 +135,24 @@ class ListedFiles(ScenePredictions):
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
     ) -> Iterator[ScenePrediction]:
         """See `ScenePredictions.opened`."""
-        entry, images = self.entries[scene], None
+        (geometry, cameras), images = self.entries[scene], None
         with ExitStack() as stack:
-            for member in entry.cameras:
-                path = stack.enter_context(self._bundle.file(member))
+            if cameras is not None:
+                path = stack.enter_context(self._bundle.file(cameras))
                 images = read_image_poses(path, limit_bytes)
-            files = entry.shards or entry.geometry
-            paths = [stack.enter_context(self._bundle.file(one)) for one in files]
-            if entry.shards:
-                cloud = open_shards(self.path / PurePosixPath(files[0].name).parent, paths)
-            elif paths[0].suffix.lower() != ".npz" or not _holds_maps(paths[0], limit_bytes):
-                cloud = open_cloud(paths[0], limit_bytes=limit_bytes, sampling=sampling)
-            else:
-                views = maps_of(open_arrays(paths[0], limit_bytes))
-                if views.images is not None and images is not None:
-                    raise PredictionError(
-                        f"holds extrinsics, and so does {entry.cameras[0].name}",
-                        where=f"{self.path}, {files[0].name}",
-                        fix="keep one of the two",
-                    )
-                yield replace(views, images=views.images or images)
+            path = stack.enter_context(self._bundle.file(geometry))
+            if path.suffix.lower() != ".npz" or not _holds_maps(path, limit_bytes):
+                cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
+                yield ScenePrediction(cloud, images, cloud.notes)
                 return
-            yield ScenePrediction(cloud, images, cloud.notes)
+            views = maps_of(open_arrays(path, limit_bytes))
+            if views.images is not None and cameras is not None:
+                raise PredictionError(
+                    f"holds extrinsics, and so does {cameras.name}",
+                    where=f"{self.path}, {geometry.name}",
+                    fix="keep one of the two",
+                )
+            yield replace(views, images=views.images or images)
 
 
 # --- listing ---
@@ -179,41 +163,27 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
         bundle = Bundle(path.parent, (member,))
-        return ListedFiles(path, None, {path.stem: _Entry([member])}, (), bundle)
+        return ListedFiles(path, None, {path.stem: (member, None)}, (), bundle)
     bundle = open_bundle(path, unpacked_limit_bytes)
-    entries: dict[str, _Entry] = {}
     wrapper, protocol, unknown_files = _wrapper(bundle.members), None, []
+    found: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
         scene, kind = _place_of(name)
         if name == _PROTOCOL:
             protocol = _protocol_name(bundle, member)
-        elif scene is None:
+        elif kind is None:
             unknown_files.append(name)
-        else:
-            getattr(entries.setdefault(scene, _Entry()), kind).append(member)
-    whole = {}
-    for scene, entry in sorted(entries.items()):
-        # A text may as well be a remark: beside another cloud of its scene it is not read.
-        texts_of_scene = [one for one in entry.geometry if _is_text(one.name)]
-        clouds = [one for one in entry.geometry if not _is_text(one.name)]
-        if clouds or entry.shards:
-            entry.geometry = clouds
-            unknown_files += [one.name for one in texts_of_scene]
-        both = [one.name for one in (*entry.geometry, *entry.shards[:1])]
-        if len(both) > 1 or len(entry.cameras) > 1:
-            twice = both if len(both) > 1 else [one.name for one in entry.cameras]
+        elif found[kind].setdefault(scene, member) is not member:
             raise PredictionError(
-                f"scene {scene!r} has two entries: {twice[0]} and {twice[1]}",
+                f"scene {scene!r} has two entries: {found[kind][scene].name} and {member.name}",
                 where=path,
                 expected="one cloud, mesh or npz a scene, and perhaps its cameras.npz",
                 fix="keep one of the two",
             )
-        if both:
-            whole[scene] = entry
-        else:
-            unknown_files += [one.name for one in entry.cameras]
-    if not whole:
+    geometry, cameras = found.values()
+    unknown_files += [one.name for scene, one in cameras.items() if scene not in geometry]
+    if not geometry:
         there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
         raise UnreadableError(
             f"holds no cloud, mesh or npz{there}",
@@ -222,7 +192,27 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
             f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
             fix="write clouds as .ply, and name the files by their scenes",
         )
-    return ListedFiles(path, protocol, whole, tuple(unknown_files), bundle)
+    entries = {scene: (geometry[scene], cameras.get(scene)) for scene in sorted(geometry)}
+    return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
+
+
+def _wrapper(members: tuple[Member, ...]) -> str:
+    """Return the folder, with its slash, that holds everything and is no scene; or nothing."""
+    prefix = members[0].name.partition("/")[0] + "/" if members else ""
+    if not all(member.name.startswith(prefix) for member in members):
+        return ""
+    inside = [member.name.removeprefix(prefix) for member in members]
+    clouds = [name for name in inside if _place_of(name)[1] == "geometry" and name != _CAMERAS]
+    is_scene = len(clouds) == 1 and "/" not in clouds[0] and _PROTOCOL not in inside
+    return "" if is_scene else prefix
+
+
+def _place_of(name: str) -> tuple[str, str | None]:
+    """Return the scene that a file belongs to, and whether it is its geometry or its cameras."""
+    matches = ((kind, pattern.fullmatch(name)) for kind, pattern in _PLACES.items())
+    if name == _PROTOCOL:
+        return "", None
+    return next(((match[1], kind) for kind, match in matches if match), ("", None))
 
 
 def _protocol_name(bundle: Bundle, member: Member) -> str:
@@ -236,30 +226,6 @@ def _protocol_name(bundle: Bundle, member: Member) -> str:
         expected="a line with a name, such as airzoo-real-reconstruction",
         fix="name a protocol's file with --protocol",
     )
-
-
-def _is_text(name: str) -> bool:
-    return name.lower().endswith(TEXT_SUFFIXES)
-
-
-def _wrapper(members: tuple[Member, ...]) -> str:
-    """Return the folder, with its slash, that holds everything and is no scene; or nothing."""
-    tops = {member.name.partition("/")[0] for member in members}
-    if len(tops) != 1 or any("/" not in member.name for member in members):
-        return ""
-    prefix = f"{tops.pop()}/"
-    rest = [member.name.removeprefix(prefix) for member in members]
-    files = [name for name in rest if name.lower().endswith(SUFFIXES) and name != _CAMERAS]
-    files = [name for name in files if not _is_text(name)] or files
-    is_scene = len(files) == 1 and "/" not in files[0] and _PROTOCOL not in rest
-    is_sharded = any(_place_of(member.name)[1] == "shards" for member in members)
-    return "" if is_scene or is_sharded else prefix
-
-
-def _place_of(name: str) -> tuple[str | None, str]:
-    """Return the scene that a file belongs to, and whether it is geometry, cameras or a shard."""
-    found = ((pattern.fullmatch(name), kind) for kind, pattern in _PLACES.items())
-    return next(((match[1], kind) for match, kind in found if match), (None, ""))
 
 
 # --- maps ---
@@ -281,13 +247,12 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     allowed = ("protocol", "pixel_centres", kind, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
     maps = _map_maps(arrays, kind)
-    count, height, width = maps.shape[:3]
     stated = _pixel_centres(arrays)
     shift = _HALF_A_PIXEL[stated or ("half" if "image_names" in names else "integer")]
-    pixels = height * width
+    pixels = maps.shape[1] * maps.shape[2]
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
     cameras = _map_cameras(arrays, maps.shape, shift)
-    images = image_poses(arrays, count) if "extrinsics" in names else None
+    images = image_poses(arrays, len(maps)) if "extrinsics" in names else None
     if name := _one_of(arrays, _CONFIDENCE):
         confidence = arrays.map(name)
         if confidence.shape != maps.shape[:3] or confidence.dtype.kind not in "biuf":
@@ -344,18 +309,16 @@ def _pixel_centres(arrays: Arrays) -> str | None:
 def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Cameras | None:
     if "intrinsics" not in arrays.names():
         return None
-    count, height, width = shape[:3]
     matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
-    check_count(arrays, "intrinsics", len(matrices), count)
+    check_count(arrays, "intrinsics", len(matrices), shape[0])
     with np.errstate(invalid="ignore"):  # of NaN, which is refused below by its row
         matrices[:, :2, 2] += shift
     named = texts(arrays, "image_names", 1).tolist() if "image_names" in arrays.names() else []
-    names = named if len(named) == count else None
+    names = named if len(named) == len(matrices) else None
     try:
-        cameras = Cameras.from_matrices(matrices, width, height, names=names)
+        cameras = Cameras.from_matrices(matrices, shape[2], shape[1], names=names)
     except CameraError as error:
-        raise fault(
-            arrays, error.what, error.expected, field="intrinsics", fix=error.fix
-        ) from error
+        what, expected, fix = error.what, error.expected, error.fix
+        raise fault(arrays, what, expected, field="intrinsics", fix=fix) from error
     check_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
     return cameras

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.metrics import (
     auc_of_depth_anything_3,
@@ -21,7 +22,6 @@ from airzoo_bench.reconstruction.metrics import (
 )
 from airzoo_bench.reconstruction.scoring import pose_scores
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, umeyama
-from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.world import protocol
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
@@ -192,11 +192,11 @@ def test_icp_of_open3d(with_scale: bool) -> None:
         "icp_with_scale": with_scale,
     }
     settings = protocol().alignment.model_copy(update=stated)
-    found, report = refine(Pieces(source), Pieces(truth), settings, memory_points=10**6)
+    found, report = refine(cloud_of(source), cloud_of(truth), settings, memory_points=10**6)
     moved = source @ theirs.transformation[:3, :3].T + theirs.transformation[:3, 3]
     np.testing.assert_allclose(found.apply(source), moved, atol=1e-6)
     assert report["after"]["fitness"] == pytest.approx(theirs.fitness)
     assert report["after"]["rmse"] == pytest.approx(theirs.inlier_rmse, rel=1e-6)
     # Far from the origin it is the same, shifted.
-    there, _ = refine(Pieces(source + UTM), Pieces(truth + UTM), settings, memory_points=10**6)
+    there, _ = refine(cloud_of(source + UTM), cloud_of(truth + UTM), settings, memory_points=10**6)
     np.testing.assert_allclose(there.apply(source + UTM) - UTM, found.apply(source), atol=1e-6)

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,7 @@ import laspy
 import numpy as np
 from hypothesis import strategies as st
 
-from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud
+from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.las import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.settings import Preparation
@@ -31,21 +30,6 @@ def surface(count: int, seed: int, *, far: float = 0.0) -> Floats:
     outside = random.random(count) < far
     points[outside] = random.uniform(-1000.0, 1000.0, (np.count_nonzero(outside), 3))
     return points
-
-
-class Pieces:
-    """A cloud in memory as a source."""
-
-    def __init__(self, points: Floats) -> None:
-        self._points = points
-
-    @property
-    def count(self) -> int:
-        return len(self._points)
-
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        for start in range(0, len(self._points), points):
-            yield Cloud(self._points[start : start + points])
 
 
 _SHAPES = (
@@ -83,21 +67,18 @@ def settings(**changes: Any) -> Preparation:
     return Preparation(**(crop | region | {"voxel_m": "none"} | changes))
 
 
-Write = Callable[[Path, Floats], None]
-
-
-def write_laz(path: Path, points: Floats, scale: float = 1e-3) -> None:
+def write_laz(path: Path, points: Floats) -> None:
     header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales, header.offsets = np.full(3, scale), np.floor([*points, np.zeros(3)][0])
+    header.scales, header.offsets = np.full(3, 1e-3), np.floor([*points, np.zeros(3)][0])
     cloud = laspy.LasData(header)
     cloud.xyz = points
     cloud.write(path)
 
 
-def in_shards(folder: Path, points: Floats, count: int, write: Write, suffix: str) -> Path:
+def in_shards(folder: Path, points: Floats, count: int) -> Path:
     folder.mkdir(parents=True)
     for number, part in enumerate(np.array_split(points, count)):
-        write(folder / f"tile-{number:02}{suffix}", part)
+        write_laz(folder / f"tile-{number:02}.laz", part)
     return folder
 
 
@@ -105,5 +86,5 @@ def opened(folder: Path) -> FileCloud:
     return open_shards(folder, shards_in(folder))
 
 
-def points_in(cloud: FileCloud, size: int = 50) -> Floats:
-    return np.concatenate([piece.points for piece in cloud.pieces(size)])
+def points_in(cloud: FileCloud) -> Floats:
+    return np.concatenate([piece.points for piece in cloud.pieces(50)])

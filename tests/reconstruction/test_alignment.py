@@ -11,10 +11,10 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.reconstruction.alignment import PosedCameras, align, partners
+from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import draw_points, refine
 from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.cloud_support import Pieces
 from tests.reconstruction.posed_cameras import (
     UTM,
     assert_same,
@@ -181,7 +181,7 @@ def icp(
     predicted: np.ndarray, truth: np.ndarray, held: int = 1 << 20, **changes: Any
 ) -> tuple[Similarity, dict[str, Any]]:
     settings = ransac(icp_points=2000, icp_iterations=60, **changes)
-    return refine(Pieces(predicted), Pieces(truth), settings, memory_points=held)
+    return refine(cloud_of(predicted), cloud_of(truth), settings, memory_points=held)
 
 
 OFF = Similarity(
@@ -224,10 +224,10 @@ def test_icp_figures_by_hand() -> None:
 def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     points = np.arange(3000.0).reshape(1000, 3)
     points[17] = np.nan
-    some = draw_points(Pieces(points), 10, seed=1)
+    some = draw_points(cloud_of(points), 10, seed=1)
     assert len(some) == 10
     assert (np.diff(some[:, 0]) > 0).all()
-    assert not np.array_equal(some, draw_points(Pieces(points), 10, seed=2))
-    assert len(draw_points(Pieces(points), 2000, seed=1)) == 999
+    assert not np.array_equal(some, draw_points(cloud_of(points), 10, seed=2))
+    assert len(draw_points(cloud_of(points), 2000, seed=1)) == 999
     monkeypatch.setattr("airzoo_bench.reconstruction.icp._PART", 37)
-    np.testing.assert_array_equal(some, draw_points(Pieces(points), 10, seed=1))
+    np.testing.assert_array_equal(some, draw_points(cloud_of(points), 10, seed=1))

@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import distances as neighbours
+from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.distances import (
     NeighbourSearch,
     cloud_distances,
     mutual_distances,
 )
 from tests.geometry.support import quick
-from tests.reconstruction.cloud_support import Pieces, all_pairs, clouds, surface
+from tests.reconstruction.cloud_support import all_pairs, clouds, surface
 
 
 def assert_exact(first: Floats, second: Floats, *, on_disk: bool = False) -> None:
@@ -134,7 +135,9 @@ def test_sources_in_memory_or_on_disk_with_points_that_are_not_finite(block_poin
     for points, row, value in ((prediction, 7, np.nan), (truth, 800, np.inf)):
         points[row, 1] = value
     finite = np.delete(prediction, 7, axis=0), np.delete(truth, 800, axis=0)
-    found = cloud_distances(Pieces(prediction), Pieces(truth), block_points=block_points, jobs=1)
+    found = cloud_distances(
+        cloud_of(prediction), cloud_of(truth), block_points=block_points, jobs=1
+    )
     assert np.array_equal(found.to_truth, all_pairs(*finite))
     assert np.array_equal(found.to_prediction, all_pairs(*finite[::-1]))
     with pytest.raises(ValueError, match="not finite"):
@@ -146,8 +149,8 @@ def test_sources_in_memory_or_on_disk_with_points_that_are_not_finite(block_poin
 def test_nothing_predicted_is_infinitely_far_and_no_truth_an_error(
     nothing: Floats, block_points: int
 ) -> None:
-    some = Pieces(surface(5, 0))
-    found = cloud_distances(Pieces(nothing), some, block_points=block_points, jobs=1)
+    some = cloud_of(surface(5, 0))
+    found = cloud_distances(cloud_of(nothing), some, block_points=block_points, jobs=1)
     assert (found.to_truth.tolist(), found.to_prediction.tolist()) == ([], [np.inf] * 5)
     with pytest.raises(BenchmarkError, match="no finite point"):
-        cloud_distances(some, Pieces(nothing), block_points=block_points, jobs=1)
+        cloud_distances(some, cloud_of(nothing), block_points=block_points, jobs=1)

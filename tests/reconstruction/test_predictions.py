@@ -15,16 +15,13 @@ from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.reconstruction.fusion import DepthMaps
 from airzoo_bench.reconstruction.predictions import ScenePrediction, maps_of, open_reconstruction
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
-from tests.reconstruction.cloud_support import in_shards, points_in, surface, write_laz
 from tests.reconstruction.depth_maps import H, N, W, matrices, poses
 from tests.reconstruction.depth_maps import made as made_views
-
-HARBOUR = np.rint(surface(100, 0))
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder of predictions of five scenes, in all the ways there are."""
+    """Return a folder of predictions of four scenes, in all the ways there are."""
     root = tmp_path / "preds"
     (root / "substation").mkdir(parents=True)
     (root / "protocol.txt").write_text("airzoo-real-reconstruction\n")
@@ -37,8 +34,6 @@ def folder(tmp_path: Path) -> Path:
     np.savez(root / "park.v2.npz", points=points_of(made()))
     write_ply(root / "substation" / "cloud.ply", made())
     np.savez(root / "substation" / "cameras.npz", **cameras)
-    in_shards(root / "harbour" / "shards", HARBOUR, 3, write_laz, ".laz")
-    (root / "harbour" / "notes.txt").write_text("made by hand")
     return root
 
 
@@ -62,11 +57,8 @@ def test_folders_and_archives(suffix: str, prefix: str, folder: Path) -> None:
     content = [(prefix + one.relative_to(folder).as_posix(), one.read_bytes()) for one in files]
     predictions = listed(pack(folder.parent / f"a{suffix}", content) if suffix else folder)
     assert predictions.protocol == "airzoo-real-reconstruction"
-    assert predictions.scenes == ("harbour", "park.v2", "plaza", "school", "substation")
-    assert [name.removeprefix(prefix) for name in predictions.unknown_files] == [
-        "notes.md",
-        "harbour/notes.txt",
-    ]
+    assert predictions.scenes == ("park.v2", "plaza", "school", "substation")
+    assert predictions.unknown_files == ("notes.md",)
     for scene, cameras in (("park.v2", False), ("school", True), ("substation", True)):
         with predictions.opened(scene, limit_bytes=LIMIT, sampling=SAMPLING) as given:
             assert isinstance(given.geometry, FileCloud)
@@ -76,9 +68,6 @@ def test_folders_and_archives(suffix: str, prefix: str, folder: Path) -> None:
     with predictions.opened("plaza", limit_bytes=LIMIT, sampling=SAMPLING) as given:
         assert isinstance(given.geometry, DepthMaps)
         np.testing.assert_array_equal(given.geometry.depth, made_views()["depth"])
-    with predictions.opened("harbour", limit_bytes=LIMIT, sampling=None) as given:
-        assert isinstance(given.geometry, FileCloud)
-        np.testing.assert_allclose(points_in(given.geometry), HARBOUR, atol=1e-6)
 
 
 def test_a_file_alone_or_a_folder_of_one_scene_is_a_scene(folder: Path) -> None:

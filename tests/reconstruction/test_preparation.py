@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
@@ -12,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
+from airzoo_bench.formats.clouds.cloud import ArrayPieces, CloudSource
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.clouds import VoxelGrid, cloud_of, transform_cloud
+from airzoo_bench.reconstruction.clouds import PieceCloud, VoxelGrid, cloud_of, transform_cloud
 from airzoo_bench.reconstruction.preparation import (
     PreparedCloud,
     box_of,
@@ -30,7 +29,7 @@ from airzoo_bench.reconstruction.preparation import (
 from airzoo_bench.reconstruction.settings import Preparation
 from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down, quick, seeds
-from tests.reconstruction.cloud_support import Pieces, clouds, settings
+from tests.reconstruction.cloud_support import clouds, settings
 
 UTM = np.array((500_000.0, 5_200_000.0, 100.0))
 
@@ -79,7 +78,7 @@ def test_voxels_beyond_the_limit_are_refused() -> None:
 def prepare(source: CloudSource, block: int, **changes: Any) -> PreparedCloud:
     """Prepare a cloud whose truth is two corners of the unit cube."""
     used: Preparation = settings(**changes)
-    truth = Pieces(np.array(((0.0, 0, 0), (1, 1, 1))))
+    truth = cloud_of(np.array(((0.0, 0, 0), (1, 1, 1))))
     region = cropped_region(truth, box_of(truth), used, block)
     return prepare_cloud(source, used, region, block)
 
@@ -94,7 +93,7 @@ def points_of(cloud: PreparedCloud, points: int = 3) -> np.ndarray[Any, Any]:
 
 def test_points_that_are_not_finite_are_counted_and_left_out() -> None:
     points = np.array([[0, 0, 0], [np.nan, 0, 0], [1, 2, np.inf], [5, 5, 5], [0, -1e200, 0]])
-    cloud = prepare(Pieces(points), 2)
+    cloud = prepare(cloud_of(points), 2)
     assert (cloud.not_finite, cloud.outside, cloud.thinned) == (3, 0, 0)
     np.testing.assert_array_equal(points_of(cloud), points[[0, 3]])
 
@@ -102,7 +101,7 @@ def test_points_that_are_not_finite_are_counted_and_left_out() -> None:
 def test_voxels_thin_the_points_that_the_crop_has_left() -> None:
     # Voxels begin at 0.191 of 0.5.
     points = np.array([[0.2, 0.1, 0.1], [0.4, 0.1, 0.1], [0.7, 0.1, 0.1], [9, 9, 9.0]])
-    cloud = prepare(Pieces(points), 1, crop="box", crop_margin_m=0.0, voxel_m=0.5)
+    cloud = prepare(cloud_of(points), 1, crop="box", crop_margin_m=0.0, voxel_m=0.5)
     assert (cloud.outside, cloud.thinned) == (1, 1)
     np.testing.assert_allclose(points_of(cloud), [[0.3, 0.1, 0.1], [0.7, 0.1, 0.1]], atol=1e-9)
 
@@ -114,26 +113,21 @@ def test_nothing_depends_on_the_pieces(seed: int, block: int) -> None:
     points = random.normal(size=(300, 3))
     points[random.random(300) < 0.1] = np.nan
     for used in ({}, {"crop": "box", "crop_margin_m": 0.3}, {"voxel_m": 0.2}):
-        one, other = (prepare(Pieces(points), size, **used) for size in (300, block))
+        one, other = (prepare(cloud_of(points), size, **used) for size in (300, block))
         np.testing.assert_array_equal(points_of(one), points_of(other, 7))
         np.testing.assert_array_equal(one.bounds, other.bounds)
         for count in ("not_finite", "outside", "thinned"):
             assert getattr(one, count) == getattr(other, count)
 
 
-class Confident(Pieces):
-    def pieces(self, points: int) -> Iterator[Cloud]:
-        for piece in super().pieces(points):
-            yield Cloud(piece.points, confidence=np.array([0.2, 0.5, 0.9], np.float32))
-
-
 def test_moving_keeps_the_more_confident_points() -> None:
     points = np.array([[1.0, 0, 0], [0, 1, 0], [np.inf, 0, 0]])
     transform = Similarity(2.0, np.eye(3), np.array((10.0, 0, 0)))
-    everything = next(transform_cloud(Confident(points), transform).pieces(10))
+    trusted = PieceCloud(3, ArrayPieces(points, np.array([0.2, 0.5, 0.9], np.float32)))
+    everything = next(transform_cloud(trusted, transform).pieces(10))
     np.testing.assert_array_equal(everything.points[:2], [[12, 0, 0], [10, 2, 0]])
     assert not np.isfinite(everything.points[2]).all()
-    kept = next(transform_cloud(Confident(points), transform, 0.2).pieces(10))
+    kept = next(transform_cloud(trusted, transform, 0.2).pieces(10))
     np.testing.assert_array_equal(kept.points[0], [10, 2, 0])
     assert len(kept) == 2
     # Clouds without confidences keep all points.
@@ -145,7 +139,7 @@ def test_moving_keeps_the_more_confident_points() -> None:
 def test_cells_hold_the_points_that_made_them_and_their_neighbours(seed: int) -> None:
     random = np.random.default_rng(seed)
     points = random.uniform(-9, 9, (40, 3)) + UTM
-    found = occupied_cells([points[:13], points[13:]], (2.0, 1.0, 0.5), box_of(Pieces(points)))
+    found = occupied_cells([points[:13], points[13:]], (2.0, 1.0, 0.5), box_of(cloud_of(points)))
     assert found.holds(points).all()
     others = random.uniform(-12, 12, (400, 3)) + UTM
     cells = {tuple(cell) for cell in np.floor(points / (2.0, 1.0, 0.5)).tolist()}
@@ -160,7 +154,7 @@ def test_columns_reach_as_far_as_the_margin(seed: int) -> None:
     points = random.uniform(0, 60, (5, 3)) + UTM
     margin, size = float(random.uniform(0.5, 12)), 4.0
     others = random.uniform(-30, 90, (2000, 3)) + UTM
-    held = covered_columns([points], size, box_of(Pieces(points)), margin)(others)
+    held = covered_columns([points], size, box_of(cloud_of(points)), margin)(others)
     away = np.linalg.norm(others[:, None, :2] - points[None, :, :2], axis=-1).min(axis=1)
     low, high = points[:, 2].min() - margin, points[:, 2].max() + margin
     upright = (others[:, 2] >= low) & (others[:, 2] <= high)
@@ -219,7 +213,7 @@ def test_points_that_one_photo_sees_are_not_observed() -> None:
     )
     cameras = plain_camera()
     both = (np.repeat(getattr(cameras, one.name), 2, axis=0) for one in fields(cameras))
-    given_all = (Pieces(points), box_of(Pieces(points)), Cameras(*both), poses)
+    given_all = (cloud_of(points), box_of(cloud_of(points)), Cameras(*both), poses)
     found = observed_cells(*given_all, settings(), 1000)
     x, y = np.abs(points - UTM)[:, :2].T
     off = y != 37.5  # the border of a photo

@@ -267,11 +267,6 @@ def _changed(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in (fields | changes).items() if value is not None}
 
 
-def both(world: World, folder: Path, shift: float = 0.0) -> Path:
-    clouds = {name: true_points(name) + np.array((0, 0, shift)) for name in ("yard", "lot")}
-    return predict_clouds(world, folder / "p", clouds, cameras=False)
-
-
 def notes_of(world: World, path: Path, protocol: str = PROTOCOL) -> list[str]:
     """Return the notes of an evaluation, which are those of a check."""
     notes = list(world.score(path, protocol=protocol).result.notes)
