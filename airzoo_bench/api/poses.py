@@ -350,15 +350,14 @@ def align_cameras(
         expected = f"at least {LEAST_CAMERAS}, which a similarity needs"
         raise arg.fault("predicted", f"has {len(rows)} cameras with a pose", expected)
     source, target = given.take(rows), known.take(rows)
-    inliers = np.zeros(len(known.names), np.bool_)
     with arg.refused("predicted, true"):
         if robust:
             fit = fit_cameras(source, target, shipped_alignment(inlier_below_m=limit, seed=seed))
             transform, turned = fit.transform, fit.used_orientations
-            inliers[rows] = np.isin(target.names, fit.inlier_names)
+            inliers = np.isin(known.names, fit.inlier_names)
         else:
             transform = umeyama(source.centres, target.centres, with_scale=with_scale)
-            inliers[rows], turned = True, False
+            inliers, turned = np.isin(np.arange(len(known.names)), rows), False
     residuals = np.full(len(inliers), np.inf)
     offsets = transform.apply(source.centres) - target.centres
     residuals[rows] = np.sqrt((offsets * offsets).sum(axis=1))
