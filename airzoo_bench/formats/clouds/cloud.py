@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import FIX_COPY, PredictionError, counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
 from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.geometry.arrays import Floats
@@ -116,36 +116,6 @@ def refusal(
 ) -> PredictionError:
     """Make the error of a file."""
     return PredictionError(what, where=path, expected=expected, fix=fix)
-
-
-def too_few(path: Path, count: int) -> PredictionError:
-    """Make the error of a file that ends before the points that its header counts."""
-    return refusal(
-        path,
-        f"its header promises {counted(count, 'point')}, and the file holds fewer",
-        expected="all points that the header promises",
-        fix=FIX_COPY,
-    )
-
-
-def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
-    """Say that more follows the points than the header of a file counts, if it does."""
-    if left <= 0:
-        return ()
-    return (f"{left:,} {what} follow the {count:,} points that its header promises: not read",)
-
-
-def read_records(
-    path: Path, record: np.dtype[Any], start: int, count: int, size: int
-) -> Iterator[NDArray[Any]]:
-    """Yield records from a byte of a file on, at most `size` at a time."""
-    with path.open("rb", buffering=0) as stream:
-        stream.seek(start)
-        for done in range(0, count, size):
-            block = np.fromfile(stream, record, min(size, count - done))
-            if len(block) < min(size, count - done):
-                raise too_few(path, count)
-            yield block
 
 
 def open_npz(path: Path, limit_bytes: int) -> FileCloud:

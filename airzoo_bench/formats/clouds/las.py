@@ -19,14 +19,8 @@ import lazrs
 import numpy as np
 
 from airzoo_bench.core.errors import counted, readable
-from airzoo_bench.formats.clouds.cloud import (
-    Cloud,
-    FileCloud,
-    cloud_of_columns,
-    refusal,
-    too_few,
-    uncounted,
-)
+from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, cloud_of_columns, refusal
+from airzoo_bench.formats.clouds.rows import too_few, uncounted
 
 SHARD_SUFFIXES = (".las", ".laz")
 """Endings of files that can be shards."""

@@ -17,7 +17,7 @@ import trimesh
 from airzoo_bench.core.errors import PredictionError, readable
 from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
-from airzoo_bench.formats.clouds.text import opened_lines, quoted
+from airzoo_bench.formats.clouds.rows import opened_lines, quoted
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 _SINGLE = np.dtype(np.float32)

@@ -11,16 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from airzoo_bench.core.errors import readable
-from airzoo_bench.formats.clouds.cloud import (
-    Cloud,
-    FileCloud,
-    cloud_of_columns,
-    read_records,
-    refusal,
-    too_few,
-    uncounted,
-)
-from airzoo_bench.formats.clouds.text import count_lines, quoted, read_rows
+from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, cloud_of_columns, refusal
+from airzoo_bench.formats.clouds.rows import Rows, quoted, too_few
 
 _LONGEST_HEADER = 1 << 16
 _KINDS = ("ascii", "binary", "binary_compressed")
@@ -30,11 +22,9 @@ _LONG = 7  # a length that goes on in the next byte
 
 
 class _Header(NamedTuple):
-    """A row's type, the column of each field in text, and where the rows begin."""
+    """A row's type, the number of rows, how they are stored, and where they begin."""
 
     record: np.dtype[Any]
-    places: dict[str, int]
-    width: int
     points: int
     data: str
     size: int
@@ -42,23 +32,20 @@ class _Header(NamedTuple):
 
 def open_pcd(path: Path) -> FileCloud:
     """Open a PCD file."""
-    header = _read_header(path)
-    if not {*"xyz"} <= header.places.keys():
+    record, points, data, size = _read_header(path)
+    if not {*"xyz"} <= {*(record.names or ())}:
         raise refusal(path, "its FIELDS lack x, y or z", expected="FIELDS x y z, and others")
-    precision = np.result_type(*(header.record[axis].base for axis in "xyz"))
-    nbytes, what = header.points * header.record.itemsize, "bytes"
-    left = path.stat().st_size - header.size - nbytes
-    if header.data == "ascii":
-        left, what = count_lines(path, header.size) - header.points, "lines"
-    elif header.data == "binary_compressed":
-        packed, plain = _packed_sizes(path, header)
-        left = min(0, path.stat().st_size - header.size - 8 - packed) if plain == nbytes else -1
-    if left < 0:
-        raise too_few(path, header.points)
-    reader = {"ascii": _read_text, "binary": _read_binary}.get(header.data, _read_compressed)
-    notes = uncounted(left, what, header.points)
-    read = partial(reader, path, header)
-    return FileCloud(path, f"PCD ({header.data})", header.points, read, precision, notes)
+    kind = f"PCD ({data})"
+    if data != "binary_compressed":
+        return Rows(path, record, points, size, data == "ascii").open(kind)
+    with path.open("rb") as stream:
+        stream.seek(size)
+        packed, plain = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4").tolist()
+    if plain != points * record.itemsize or path.stat().st_size < size + 8 + packed:
+        raise too_few(path, points)
+    precision = np.result_type(*(record[axis].base for axis in "xyz"))
+    read = partial(_read_compressed, path, record, points, size + 8, packed, plain)
+    return FileCloud(path, kind, points, read, precision)
 
 
 def _read_header(path: Path) -> _Header:
@@ -82,48 +69,28 @@ def _read_header(path: Path) -> _Header:
         names = values["FIELDS"]
         repeats = list(map(int, values.get("COUNT", ["1"] * len(names))))
         fields: list[tuple[str, str, tuple[int]]] = []
-        places: dict[str, int] = {}
         rows = zip(names, map(int, values["SIZE"]), values["TYPE"], repeats, strict=True)
         for number, (name, item, kind, count) in enumerate(rows):
-            if item not in _SIZES.get(kind.upper(), ()) or count < 1 or name in places:
+            if item not in _SIZES.get(kind.upper(), ()) or count < 1:
                 raise ValueError(f"field {name} of type {kind}, {item} bytes, {count} times")
             known = name if name != "_" else f"_ {number}"  # several fields may be padding
-            places[known] = sum(repeats[:number])
             fields.append((known, f"<{kind.lower()}{item}", (count,)))
-        return _Header(np.dtype(fields), places, sum(repeats), points, data, size)
+        return _Header(np.dtype(fields), points, data, size)
 
 
-def _read_text(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
-    for rows in read_rows(path, header.size, 0, header.points, header.width, points):
-        yield cloud_of_columns({name: rows[:, place] for name, place in header.places.items()})
-
-
-def _read_binary(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
-    for block in read_records(path, header.record, header.size, header.points, points):
-        yield cloud_of_columns({name: block[name][:, 0] for name in header.places})
-
-
-def _read_compressed(path: Path, header: _Header, points: int) -> Iterator[Cloud]:
-    packed, plain = _packed_sizes(path, header)
+def _read_compressed(
+    path: Path, record: np.dtype[Any], count: int, start: int, packed: int, plain: int, points: int
+) -> Iterator[Cloud]:
     with readable(path, "its compressed points are damaged"), path.open("rb") as stream:
-        stream.seek(header.size + 8)
+        stream.seek(start)
         body = _unpack_lzf(stream.read(packed), plain)
-    columns, start = {}, 0
-    for name in header.places:  # a column after the other
-        kind = header.record[name]
-        columns[name] = np.frombuffer(body, kind, header.points, start)[:, 0]
-        start += header.points * kind.itemsize
-    for done in range(0, header.points, points):
+    columns, place = {}, 0
+    for name in record.names or ():  # a column after the other
+        columns[name] = np.frombuffer(body, record[name], count, place)[:, 0]
+        place += count * record[name].itemsize
+    for done in range(0, count, points):
         part = slice(done, done + points)
         yield cloud_of_columns({name: column[part] for name, column in columns.items()})
-
-
-def _packed_sizes(path: Path, header: _Header) -> tuple[int, int]:
-    """Return how many bytes the points take as they are stored, and unpacked."""
-    with path.open("rb") as stream:
-        stream.seek(header.size)
-        packed, plain = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4").tolist()
-    return packed, plain
 
 
 def _unpack_lzf(data: bytes, size: int) -> bytearray:

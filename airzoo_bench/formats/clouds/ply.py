@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from array import array
 from collections.abc import Iterator
-from functools import partial
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,17 +14,9 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import FIX_COPY, PredictionError
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.formats.clouds.cloud import (
-    Cloud,
-    FileCloud,
-    cloud_of_columns,
-    read_records,
-    refusal,
-    too_few,
-    uncounted,
-)
+from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
-from airzoo_bench.formats.clouds.text import count_lines, opened_lines, quoted, read_rows
+from airzoo_bench.formats.clouds.rows import Rows, opened_lines, quoted
 from airzoo_bench.geometry.arrays import Ints
 
 _COLOURS = ("red", "green", "blue")
@@ -138,32 +129,13 @@ def _add_column(columns: dict[str, tuple[str, str]], words: list[str]) -> bool:
 
 
 def _open_vertices(header: _Header, vertex: _Element) -> FileCloud:
-    path, start = header.path, _start_of(header, vertex)
-    if header.order:
-        kind, what = "PLY (binary)", "bytes"
-        left = path.stat().st_size - start - vertex.rows * header.record(vertex).itemsize
-    else:
-        kind, what = "PLY (text)", "lines"
-        left = count_lines(path, header.size) - start - vertex.rows
-    if left < 0:
-        raise too_few(path, vertex.rows)
-    precision = np.result_type(*(vertex.columns[axis][0] for axis in "xyz"))
-    notes: tuple[str, ...] = (_SPLAT_NOTE,) if vertex.columns.keys() >= _SPLATS else ()
-    if next(reversed(header.elements.values())) is vertex:
-        notes += uncounted(left, what, vertex.rows)
-    read = partial(_read_vertices, header, vertex, start)
-    return FileCloud(path, kind, vertex.rows, read, precision, notes)
-
-
-def _read_vertices(header: _Header, vertex: _Element, start: int, points: int) -> Iterator[Cloud]:
-    path, names = header.path, list(vertex.columns)
-    if header.order:
-        for block in read_records(path, header.record(vertex), start, vertex.rows, points):
-            yield cloud_of_columns({name: block[name] for name in names})
-        return
-    for rows in read_rows(path, header.size, start, vertex.rows, len(names), points):
-        # Text of a float property may have more digits than float32: all are kept.
-        yield cloud_of_columns(dict(zip(names, rows.T, strict=True)))
+    start = _start_of(header, vertex)
+    is_text = not header.order
+    place = (header.size, True, start) if is_text else (start,)
+    notes = (_SPLAT_NOTE,) if vertex.columns.keys() >= _SPLATS else ()
+    are_last = next(reversed(header.elements.values())) is vertex
+    rows = Rows(header.path, header.record(vertex), vertex.rows, *place)
+    return rows.open("PLY (text)" if is_text else "PLY (binary)", notes, are_last=are_last)
 
 
 def _start_of(header: _Header, element: _Element) -> int:
