@@ -288,11 +288,6 @@ def data_here(location: str | Path | None = None) -> Path:
     return path_of(url)
 
 
-def benchmark_folders(root: Path) -> dict[str, Path]:
-    """Return the benchmark folders below a data root, by folder name."""
-    return {path.parent.name: path.parent for path in sorted(root.glob("*/benchmark.toml"))}
-
-
 def benchmark_place(name: str, data: Path) -> Path:
     """Return where a benchmark's folder would be: `data`, one in it, or the shipped demo."""
     if (data / "benchmark.toml").is_file():
@@ -305,7 +300,7 @@ def find_benchmark(name: str, data: Path, *, sealed: bool = False) -> Benchmark:
     """Open a benchmark by name."""
     folder = benchmark_place(name, data)
     if not folder.is_dir():
-        there = ", ".join(benchmark_folders(data)) or "none"
+        there = ", ".join(sorted(path.parent.name for path in data.glob(f"*/{MARK}"))) or "none"
         raise BenchmarkError(
             f"benchmark {name} is not there",
             where=data,

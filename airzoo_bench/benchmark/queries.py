@@ -32,30 +32,6 @@ PRIOR_COLUMNS = tuple(f"prior_{name}" for name in POSE_COLUMNS)
 _LISTED = {"matching": "crops.csv", "reconstruction": "photos.csv"}
 
 
-def query_table(
-    ids: Sequence[str],
-    images: Sequence[str],
-    cameras: Cameras,
-    poses: Poses,
-    priors: Poses | None,
-) -> pd.DataFrame:
-    """Lay out N queries in a row each, without conditions."""
-    columns: dict[str, object] = {"id": list(ids), "image": list(images)}
-    columns |= {"width": cameras.width, "height": cameras.height}
-    parts = [
-        (FOCAL_COLUMNS, cameras.focal),
-        (PRINCIPAL_POINT_COLUMNS, cameras.principal_point),
-        (DISTORTION_COLUMNS, cameras.distortion),
-    ]
-    for names, given in ((POSE_COLUMNS, poses), (PRIOR_COLUMNS, priors)):
-        if given is not None:
-            quaternions = matrix_to_quaternion(given.rotation)
-            parts.append((names, np.concatenate([quaternions, given.centres], axis=1)))
-    for names, values in parts:
-        columns |= dict(zip(names, values.T, strict=True))
-    return pd.DataFrame(columns)
-
-
 def write_queries(folder: Path, queries: pd.DataFrame) -> None:
     """Write a scene's ``queries.csv``, sorted by id."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -173,7 +149,20 @@ def photo_table(
     poses, priors = poses.rounded(), None if priors is None else priors.rounded()
     axis_z = poses.rotation[:, 2, 2]
     below_horizon = np.degrees(np.arcsin(np.clip(-axis_z, -1, 1)))
-    table = query_table(ids, images, cameras, poses, priors)
+    columns: dict[str, object] = {"id": ids, "image": list(images)}
+    columns |= {"width": cameras.width, "height": cameras.height}
+    parts = [
+        (FOCAL_COLUMNS, cameras.focal),
+        (PRINCIPAL_POINT_COLUMNS, cameras.principal_point),
+        (DISTORTION_COLUMNS, cameras.distortion),
+    ]
+    for names, given in ((POSE_COLUMNS, poses), (PRIOR_COLUMNS, priors)):
+        if given is not None:
+            quaternions = matrix_to_quaternion(given.rotation)
+            parts.append((names, np.concatenate([quaternions, given.centres], axis=1)))
+    for names, values in parts:
+        columns |= dict(zip(names, values.T, strict=True))
+    table = pd.DataFrame(columns)
     if plane_height_m is not None:
         table["altitude_m"] = np.round(poses.centres[:, 2] - plane_height_m, 3)
     table["pitch_deg"] = np.round(below_horizon, 3)

@@ -39,7 +39,6 @@ PATIENCE_S = 60.0
 _DEATHS = 3
 _SAME = ("airzoo-bench", "python", "dask", "distributed", "cloudpickle", "numpy")
 _SETTINGS = {
-    "distributed.admin.tick.limit": "1h",
     "distributed.admin.large-graph-warning-threshold": "1TB",
     "distributed.scheduler.allowed-failures": _DEATHS - 1,
     "distributed.worker.profile.enabled": False,

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark.folder import Benchmark, benchmark_folders, find_benchmark
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.benchmark.queries import write_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
@@ -24,7 +24,6 @@ def test_found_by_name_or_as_itself(data: Path) -> None:
         assert benchmark.folder == data / "made"
         assert benchmark.scene("west").crs == "EPSG:4547"
         assert benchmark.scene_folder("west") == data / "made" / "scenes" / "west"
-    assert benchmark_folders(data) == {"made": data / "made"}
     with pytest.raises(BenchmarkError, match=r"benchmark other is not there[\s\S]*found: made"):
         find_benchmark("other", data)
     with pytest.raises(BenchmarkError, match="holds benchmark made, not other"):

@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 import pytest
 
-from airzoo_bench.core.errors import PredictionError, UserError
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.engines.engine import UNREAD, Engine, Processes
 from tests.engines import work
 from tests.engines.work import named
@@ -67,25 +67,22 @@ def test_blocks_do_not_depend_on_the_number_of_workers() -> None:
     assert Engine().cut(0, 4) == []
 
 
-def test_a_file_that_cannot_be_read_names_its_block(engine: Engine, tmp_path: Path) -> None:
-    folder = tmp_path / "unreadable"
-    with pytest.raises(UserError, match=r"shard-3\.npy") as caught:
-        list(engine.map(work.faulty, range(6), shared=folder, stage="shards", name=named))
-    assert caught.value.where == "shard 3"
-
-
-def test_a_block_without_memory_is_named(engine: Engine) -> None:
-    with pytest.raises(UserError, match="shard 3: too little memory") as caught:
-        list(engine.map(work.faulty, range(6), shared=Path("hungry"), stage="s", name=named))
-    assert "lower --jobs" in str(caught.value.fix)
-
-
-def test_the_first_fault_of_the_user_comes_whole(engine: Engine) -> None:
-    with pytest.raises(PredictionError) as caught:
-        list(engine.map(work.faulty, range(9), shared=Path("long"), stage="rows", name=named))
-    fault = caught.value
-    assert fault.what == "x" * 20_000
-    assert (fault.where, fault.expected, fault.fix) == ("row 3", "less", "cut it")
+@pytest.mark.parametrize(
+    ("how", "what", "where", "fix"),
+    [
+        ("unreadable", "shard-3.npy", "shard 3", "mend"),
+        ("hungry", "memory", "shard 3", "lower --jobs"),
+        ("long", "x" * 20_000, "row 3", "cut it"),  # it has a place of its own
+    ],
+)
+def test_a_fault_comes_whole_and_names_its_block(
+    engine: Engine, how: str, what: str, where: str, fix: str
+) -> None:
+    with pytest.raises(UserError) as caught:
+        list(engine.map(work.faulty, range(6), shared=Path(how), stage="shards", name=named))
+    assert what in caught.value.what
+    assert caught.value.where == where
+    assert fix in str(caught.value.fix)
 
 
 def test_a_bug_keeps_its_class_and_its_traceback(engine: Engine) -> None:
