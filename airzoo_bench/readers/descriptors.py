@@ -31,8 +31,7 @@ from airzoo_bench.readers.names import (
     scene_finder,
     truths_of,
 )
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions, Rows
-from airzoo_bench.retrieval.search import exact_norms
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 _ROUNDING = 2e-3  # of lengths, next to each other: half precision rounds by half of it
@@ -128,7 +127,7 @@ def check_descriptors(path: Path, what: str, rows: NDArray[Any], names: int | No
 def join(
     path: Path, queries: Sequence[NamedRows], galleries: Sequence[NamedRows]
 ) -> RetrievalPredictions:
-    """Make predictions of descriptors; the galleries of several files stay where they are."""
+    """Make predictions of descriptors; the galleries of several files become one mapped file."""
     lengths = sorted({one.rows.shape[1] for one in (*queries, *galleries)})
     if len(lengths) > 1:
         what = f"descriptors of {' and '.join(map(str, lengths))} dimensions"
@@ -138,7 +137,11 @@ def join(
     parts = [as_floating(one.rows) for one in queries]
     rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
     tiles = np.concatenate([one.ids for one in galleries])
-    gallery = Rows.join(*(one.rows for one in galleries))
+    gallery = galleries[0].rows
+    if len(galleries) > 1:
+        kind = np.result_type(*(one.rows for one in galleries))
+        gallery = _temporary_rows((len(tiles), gallery.shape[1]), kind)
+        np.concatenate([one.rows for one in galleries], out=gallery)
     return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
 
 
@@ -158,11 +161,17 @@ def compared(
     )
 
 
-def _lengths(rows: Rows | NDArray[Any]) -> NDArray[np.float64]:
+def _lengths(rows: NDArray[Any]) -> NDArray[np.float64]:
     """Return the lengths of some rows, spread over all of them."""
-    source = rows if isinstance(rows, Rows) else Rows.join(rows)
-    some = np.unique(np.linspace(0, len(source) - 1, _LOOKED_AT).astype(int)).tolist()
-    return np.concatenate([exact_norms(source.read(row, row + 1)) for row in some])
+    some = np.unique(np.linspace(0, len(rows) - 1, _LOOKED_AT).astype(int))
+    return np.asarray(np.linalg.norm(rows[some].astype(np.float64), axis=1))
+
+
+def _temporary_rows(shape: tuple[int, int], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return rows that are mapped from a file without a name, which goes with them."""
+    with tempfile.TemporaryFile() as file:
+        file.truncate(shape[0] * shape[1] * kind.itemsize)
+        return np.memmap(file, kind, "r+", shape=shape)
 
 
 # --- queries and tiles apart ---
@@ -291,10 +300,7 @@ def _rows(
     some = [ids[one] for one in sorted(ids)]
     first = read(some[0]).reshape(-1)
     check_descriptors(path, f"{names[some[0]][:200]!r}", first[None])
-    shape = (len(some), first.size)
-    with tempfile.TemporaryFile() as file:  # has no name, and goes with the array
-        file.truncate(len(some) * first.nbytes)
-        rows = np.memmap(file, first.dtype, "r+", shape=shape)
+    rows = _temporary_rows((len(some), first.size), first.dtype)
     for place, number in enumerate(some):
         one = read(number).reshape(-1)
         if one.shape != first.shape or one.dtype != first.dtype:

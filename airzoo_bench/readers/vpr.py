@@ -34,7 +34,7 @@ from airzoo_bench.readers.descriptors import (
 )
 from airzoo_bench.readers.names import names_in, read_names
 from airzoo_bench.readers.ranks import ranked_lists, tile_ids
-from airzoo_bench.retrieval.predictions import Rows
+from airzoo_bench.retrieval.search import blocks
 
 _QUERIES, _DATABASE, _LISTS = "queries_descriptors.npy", "database_descriptors.npy", "preds"
 _DEEPEST = 3  # logs/NAME/TIME, above which a folder of logs may stand
@@ -227,15 +227,15 @@ def _not_nearest(
     queries: NDArray[Any], ranked: Sequence[Sequence[str]], gallery: NamedRows
 ) -> int | None:
     """Return the first query whose list is not in the order of L2 distances, if there is one."""
-    asked, rows = queries.astype(np.float64), Rows.join(gallery.rows)
+    asked = queries.astype(np.float64)
     nearest, longest = np.full(len(asked), np.inf), 0.0
-    for _, block in rows.blocks():
+    for _, block in blocks(gallery.rows):
         squares = (block.astype(np.float64) ** 2).sum(axis=1)
         nearest = np.minimum(nearest, (squares - 2 * asked @ block.T.astype(np.float64)).min(1))
         longest = max(longest, float(squares.max()))
     for query, tiles in enumerate(ranked):
-        found = rows.take(rows_among(np.array(tiles), gallery.ids))
-        own = (found.astype(np.float64) ** 2).sum(axis=1) - 2 * found @ asked[query]
+        found = gallery.rows[rows_among(np.array(tiles), gallery.ids)].astype(np.float64)
+        own = (found**2).sum(axis=1) - 2 * found @ asked[query]
         slack = _ROUNDING * (longest + asked[query] @ asked[query])
         if (np.diff(own, prepend=nearest[query]) < -slack).any() or own[0] > nearest[query] + slack:
             return query

@@ -9,7 +9,7 @@ all are positive.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,8 +23,15 @@ from airzoo_bench.engines.engine import HERE, Engine, split
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.metrics import hit_matrix
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions, Rows
-from airzoo_bench.retrieval.search import Gallery, Names, Pairs, Queries, nearest, points_one_way
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.search import (
+    Pairs,
+    Search,
+    all_equal,
+    check_descriptors,
+    nearest,
+    rounded,
+)
 from airzoo_bench.retrieval.settings import ImageScores, Metric, RetrievalScores
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
@@ -76,22 +83,21 @@ def rank_scene(
     The row is -1 for queries that they lack, which rank no tile.
     """
     content, positives, n_tiles = predictions.content, truth.positives, len(truth.tiles)
-    of_images = isinstance(settings, ImageScores)
-    kept = min(settings.ranks_kept, n_tiles)
-    there = np.flatnonzero(rows >= 0)
-    k, step = (n_tiles, max(1, _CELLS // n_tiles)) if of_images else (kept, max(1, len(there)))
-    depth = n_tiles if of_images else settings.depth
+    whole_lists = isinstance(settings, ImageScores)
+    kept, there = min(settings.ranks_kept, n_tiles), np.flatnonzero(rows >= 0)
+    width = content.ids.shape[1] if isinstance(content, RankedIds) else 0
+    if isinstance(settings, RetrievalScores) and width and content.scores is None:
+        # Ranks beyond short lists would hold nothing, for each of a million queries.
+        kept = min(kept, max(width, settings.deepest))
+    k, depth = (n_tiles, n_tiles) if whole_lists else (kept, settings.depth)
+    step = max(1, _CELLS // max(k, width)) if whole_lists or width else max(1, len(there))
     if isinstance(content, RankedIds):
-        if isinstance(settings, RetrievalScores) and content.scores is None:
-            # Ranks beyond short lists would hold nothing, for each of a million queries.
-            k = kept = min(kept, max(content.ids.shape[1], settings.deepest))
-        step = max(1, _CELLS // max(1, content.ids.shape[1], k))
         rank = _rank_lists(content, truth, k, depth)
     else:
         rank = _rank_descriptors(content, truth, k, depth, settings.descriptor_metric, run)
     ranking = Ranking.blank(len(rows), kept)
-    hit_ranks = np.zeros(len(positives.tiles), np.int64) if of_images else None
-    for part in split(len(there), step) or [slice(0, 0)]:
+    hit_ranks = np.zeros(len(positives.tiles), np.int64) if whole_lists else None
+    for part in split(len(there), step):
         some = there[part]
         right = positives.take(some)
         found = rank(rows[some], predictions.query_ids[rows[some]], right)
@@ -235,7 +241,9 @@ def _rank_descriptors(
     return rank
 
 
-def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: int) -> Rows:
+def _scene_gallery(
+    described: Descriptors, truth: RetrievalTruth, memory_bytes: int
+) -> NDArray[Any]:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
     ids, gallery = truth.tiles["id"].to_numpy(str), described.gallery
     rows = rows_among(ids, described.gallery_ids)
@@ -252,21 +260,21 @@ def _scene_gallery(described: Descriptors, truth: RetrievalTruth, memory_bytes: 
             fix="describe all tiles of tiles.parquet" + runs * bool(lacking.all()),
         )
     if (np.diff(rows) == 1).all():
-        return gallery.part(int(rows[0]), int(rows[0]) + len(rows))
-    needed = len(rows) * gallery.shape[1] * gallery.dtype.itemsize
-    if gallery.in_files and needed > memory_bytes:
+        return gallery[rows[0] : rows[0] + len(rows)]
+    needed = len(rows) * gallery[:1].nbytes
+    if isinstance(gallery, np.memmap) and needed > memory_bytes:
         raise PredictionError(
             f"the gallery of scene {truth.scene} takes {needed:,} bytes and is not in the order "
             f"of tiles.parquet, so that it cannot be read in pieces within {memory_bytes:,}",
             where="field 'gallery_descriptors'",
             fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
-    return Rows.join(gallery.take(rows))
+    return np.asarray(gallery[rows])
 
 
 def rank_by_descriptors(
-    queries: NDArray[np.floating[Any]],
-    gallery: NDArray[np.floating[Any]] | Rows,
+    queries: NDArray[Any],
+    gallery: NDArray[Any],
     *,
     k: int,
     metric: Metric,
@@ -274,48 +282,44 @@ def rank_by_descriptors(
     depth: int,
     memory_bytes: int = 1 << 30,
     jobs: int | None = None,
-    names: Names | None = None,
-    tile_names: Names | None = None,
+    names: Sequence[object] | None = None,
+    tile_names: Sequence[object] | None = None,
     engine: Engine = HERE,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it."""
-    rows = gallery if isinstance(gallery, Rows) else Rows.join(gallery)
-    n_tiles, ranking = len(rows), Ranking.blank(len(queries), k)
-    with np.errstate(invalid="ignore"):  # what is not finite is refused below
-        flat = np.asarray(~queries.any(axis=1))  # zeros are taken to tie with every tile
-    if flat.any():
-        queries = np.where(flat[:, None], queries.dtype.type(1), queries)
-    prepared = Queries.prepare(queries, metric, names)
-    if points_one_way(rows, metric):
-        flat[:] = True
-    some, blank = np.flatnonzero(~flat), np.flatnonzero(flat)
-    if len(blank):
-        prepared = prepared.take(some)
-    sought = min(max(k, depth), max(n_tiles, 1))
-    threads = jobs or os.cpu_count() or 1
-    searched = Gallery(rows, metric, sought, memory_bytes, threads, tile_names)
-    step = searched.queries_at_a_time(queries.shape[1] * (queries.itemsize + 4))
-    step = min(step, _SENT_QUERIES) if engine.distributed else step
-    parts = split(len(some), step) or [slice(0, 0)]
+    n_tiles, ranking = len(gallery), Ranking.blank(len(queries), k)
+    flat: Bools = (queries == 0).all(axis=1)  # zeros are taken to tie with every tile
+    some = np.flatnonzero(~flat)
+    asked = queries[some] if flat.any() else queries
+    called = np.arange(len(queries)) if names is None else np.asarray(names)
+    check_descriptors(asked, rounded(asked)[1], metric, "query_descriptors", called[some])
+    if all_equal(gallery):
+        flat[:], some = True, some[:0]
+    threads, sought = jobs or os.cpu_count() or 1, min(max(k, depth), max(n_tiles, 1))
+    tiles = range(n_tiles) if tile_names is None else tile_names
+    search = Search(gallery, metric, sought, memory_bytes, threads, tiles)
+    step = search.queries_at_a_time()
+    parts = split(len(some), min(step, _SENT_QUERIES) if engine.distributed else step)
     found = engine.map(
         _rank_part,
-        [(prepared.take(part), positives.take(some[part])) for part in parts],
-        shared=(searched, k, depth),
+        [(asked[part], positives.take(some[part])) for part in parts],
+        shared=(search, k, depth),
         stage="queries ranked",
         name=lambda _: "some queries",
     )
     for part, ranked in zip(parts, found, strict=True):
         ranking.put(some[part], ranked)
+    blank = np.flatnonzero(flat)
     ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
     ranking.drop_flat(blank, positives, n_tiles)
     return ranking
 
 
-def _rank_part(shared: tuple[Gallery, int, int], item: tuple[Queries, Positives]) -> Ranking:
-    (gallery, k, depth), (queries, positives) = shared, item
-    ranking = Ranking.blank(positives.n_queries, k)
-    for some, pairs in nearest(gallery, queries):
-        ranking.put(some, _in_order(pairs, positives.take(some), len(gallery.rows), k, depth))
+def _rank_part(shared: tuple[Search, int, int], item: tuple[NDArray[Any], Positives]) -> Ranking:
+    (search, k, depth), (queries, positives) = shared, item
+    ranking, n_tiles = Ranking.blank(positives.n_queries, k), len(search.gallery)
+    for some, pairs in nearest(search, queries):
+        ranking.put(some, _in_order(pairs, positives.take(some), n_tiles, k, depth))
     return ranking
 
 

@@ -15,7 +15,7 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions, Rows
+from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import rank_scene
 from airzoo_bench.retrieval.scoring import retrieval_scores, score_scene
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol
@@ -83,7 +83,7 @@ class Made:
         return [np.argsort(-row) for row in products]
 
     def content(self, truth: RetrievalTruth) -> Descriptors:
-        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), Rows.join(self.images))
+        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), self.images)
 
 
 def curve_area(right: np.ndarray[Any, Any]) -> float:

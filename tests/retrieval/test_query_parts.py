@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import random
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 from unittest import mock
 
@@ -16,17 +16,15 @@ from hypothesis import strategies as st
 
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.retrieval import ranking
-from airzoo_bench.retrieval.predictions import Rows
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.ranking_support import METRICS, random_positives
 
 
 @dataclass
 class Shuffled(Engine):
-    """Does tasks out of order and twice, on pickled copies; `sent` are the bytes of each."""
+    """Does tasks out of order and twice, on pickled copies."""
 
     seed: int = 0
-    sent: list[int] = field(default_factory=list)
     distributed = True
 
     def map(
@@ -41,7 +39,6 @@ class Shuffled(Engine):
         assert stage
         assert all(map(name, items))
         tasks = [pickle.dumps((shared, item)) for item in items]
-        self.sent += map(len, tasks)
         order = list(range(len(tasks)))
         random.Random(self.seed).shuffle(order)
         done = {}
@@ -66,15 +63,13 @@ def gallery_of(kind, rng, n_tiles, length, dtype):
         rows = rows[:1] + 1e-8 * rows
     if kind == "equal":
         rows[:] = rows[:1]
-    if kind == "multiples":
-        rows = rows[:1] * rng.uniform(0.5, 2, (n_tiles, 1))
     return rows.astype(dtype)
 
 
 @settings(max_examples=12, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    kind=st.sampled_from(["lattice", "plain", "blank", "run", "close", "equal", "multiples"]),
+    kind=st.sampled_from(["lattice", "plain", "blank", "run", "close", "equal"]),
     n_tiles=st.sampled_from([1, 2, 7, 60, 300, 900]),
     length=st.sampled_from([1, 3, 24]),
     k=st.sampled_from([1, 3, 10, 70]),
@@ -102,15 +97,12 @@ def test_any_cut_gives_the_same_bytes(
     }
     expected = rank_by_descriptors(queries, gallery, **options)
     engine = Shuffled(seed)
-    cut = rng.integers(0, n_tiles + 1)
-    parts = Rows.join(*(part for part in (gallery[:cut], gallery[cut:]) if len(part)))
-    for given_gallery in (gallery, parts):
-        with mock.patch.object(ranking, "_SENT_QUERIES", most):
-            found = rank_by_descriptors(
-                queries, given_gallery, **options, memory_bytes=memory_bytes, engine=engine
-            )
-        assert found.tiles.tobytes() == expected.tiles.tobytes()
-        assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
+    with mock.patch.object(ranking, "_SENT_QUERIES", most):
+        found = rank_by_descriptors(
+            queries, gallery, **options, memory_bytes=memory_bytes, engine=engine
+        )
+    assert found.tiles.tobytes() == expected.tiles.tobytes()
+    assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
 
 
 @pytest.mark.parametrize("metric", METRICS)
@@ -128,8 +120,5 @@ def test_rows_of_a_file_are_read_where_they_lie(metric, tmp_path):
         "depth": 5,
     }
     expected = rank_by_descriptors(queries, gallery, **options)
-    engine = Shuffled()
-    found = rank_by_descriptors(queries, mapped, **options, engine=engine)
+    found = rank_by_descriptors(queries, mapped, **options, memory_bytes=1 << 20)
     assert found.tiles.tobytes() == expected.tiles.tobytes()
-    # Pairs of a query and a tile, and the queries; no rows of the gallery.
-    assert max(engine.sent) < 30_000 < gallery[:700].nbytes
