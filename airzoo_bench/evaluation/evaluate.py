@@ -12,7 +12,6 @@ import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import (
-    BenchmarkError,
     CameraError,
     PredictionError,
     ProtocolError,
@@ -214,7 +213,10 @@ def check(
     run: Run = _HERE,
     read_by: ReadBy = _AS_FOUND,
 ) -> Checked:
-    """Find errors of predictions, the first in each file or scene, without scoring them."""
+    """Find errors of predictions, the first in each file or scene, without scoring them.
+
+    The benchmark folder may be one whose truth is sealed.
+    """
     try:
         given = open_predictions(path, data=data, protocol=protocol, run=run, read_by=read_by)
     except UnreadableError:
@@ -229,8 +231,9 @@ def check(
             f"{reader.title}{writers}: {described[0]}, read by --reader {given.reader.name}",
             *(f"taken to be so: {convention}" for convention in given.reader.conventions),
         ]
+    _, truths = given.truths or read_truths(given.protocol, data, sealed=True)
     try:
-        errors, notes, covered = _check_scenes(given, data, run)
+        errors, notes, covered = _check_scenes(given, truths, data, run)
     except (PredictionError, CameraError) as error:
         errors, notes, covered = [error], [], []
     # Of the suite's own files the errors say all; of others, who reads them comes first.
@@ -239,32 +242,24 @@ def check(
 
 
 def _check_scenes(
-    given: Given, data: Path, run: Run
+    given: Given, truths: Sequence[Truth], data: Path, run: Run
 ) -> tuple[list[UserError], list[str], list[str]]:
     """Return errors, notes, and how much is answered; errors of a scene hide no others."""
-    track, predictions, protocol = given.track, given.predictions, given.protocol
-    truths: list[Any] = []
-    notes: list[str] = []
-    try:
-        truths = (given.truths or read_truths(protocol, data, sealed=True))[1]
-    except BenchmarkError as error:
-        notes.append(f"predictions were not compared with the benchmark: {error.what}")
-    assignment = track.assign(predictions, truths, protocol)
+    track, protocol = given.track, given.protocol
+    assignment = track.assign(given.predictions, truths, protocol)
     errors: list[UserError] = [*assignment.errors]
     scored = []
-    for part, truth in zip(assignment.parts, truths or [None] * len(protocol.scenes), strict=False):
+    for part, truth in zip(assignment.parts, truths, strict=True):
         try:
             if part is not None:
                 scored.append(track.check(part, truth, protocol, run))
         except PredictionError as error:
             errors.append(error)
-    notes += [note for scene in scored for note in scene.notes]
-    if not truths:
-        return errors, notes, []
+    notes = [note for scene in scored for note in scene.notes]
     notes += [*_namesake_notes(protocol, data), *assignment.notes]
     if not errors:
         notes += _count_notes(protocol, scored)
-        notes += track.notes(predictions, truths, protocol, scored)
+        notes += track.notes(given.predictions, truths, protocol, scored)
     return errors, notes, [f"answers {assignment.covered}"]
 
 
@@ -366,23 +361,12 @@ def write_template(
             expected=" or ".join(info.templates) or "no --kind",
         )
     target = out or Path("template" if info.folders else "template.npz")
-    _check_target(target, info)
+    if not info.folders:
+        check_npz(target)
+    if target.is_file() or (target.is_dir() and any(target.iterdir())):
+        what = "is there already, and could be a prediction"
+        raise UsageError(what, where=target, fix="name another place with --out")
     benchmark, truths = read_truths(chosen, data, sealed=True)
     kind = kind or (*info.templates, "")[0]
     note = load_track(info.name).template(target, truths, chosen, kind, seed)
     return Template(info.name, target, note, benchmark.is_sealed)
-
-
-def _check_target(out: Path, info: TrackInfo) -> None:
-    """Refuse, before any work, a place where a template cannot be, or where predictions are."""
-    if not info.folders:
-        check_npz(out)
-        what = "is there already, and could be a prediction" if out.is_file() else ""
-        fix = "name another file with --out"
-    else:
-        filled = out.is_dir() and any(out.iterdir())
-        what = "is there and not empty" if filled else ""
-        what = "is no folder" if out.suffix == ".npz" or out.is_file() else what
-        fix = "name a new folder with --out, such as preds"
-    if what:
-        raise UsageError(what, where=out, fix=fix)

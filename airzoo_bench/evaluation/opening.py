@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.benchmark.folder import Benchmark, benchmark_place, find_benchmark
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import (
     BenchmarkError,
     PredictionError,
@@ -77,7 +77,9 @@ def open_predictions(
     read_by: ReadBy = ReadBy(),
 ) -> Given:
     """Open predictions in this process, or in a child under limits where `run` has some."""
-    _refuse_special(path)
+    if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
+        what = "no such prediction file or folder"
+        raise UnreadableError(what, where=path, expected=_kinds(), fix=_EXAMPLE)
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
     fields = npz_fields(path)
@@ -106,16 +108,6 @@ def open_predictions(
         raise _without_protocol(path, expected, f"name it with --protocol; {_LISTED}")
     _check_track(path, chosen, info.name)
     return Given(predictions, chosen)
-
-
-def _refuse_special(path: Path) -> None:
-    """Refuse what is not there, or would be waited for or read without end."""
-    if path.is_file() or path.is_dir():
-        return
-    what = "no such prediction file or folder"
-    if path.exists() or path.is_symlink():
-        what = "a pipe, a socket or a device" if path.exists() else "a link to nothing"
-    raise UnreadableError(what, where=path, expected=_kinds(), fix=_EXAMPLE)
 
 
 def _kinds() -> str:
@@ -193,12 +185,16 @@ def _open_native(
         raise _without_protocol(path, expected, f"add --protocol {there}" if there else _LISTED)
     _check_track(path, chosen, reader.track)
     size = image_size_of(read_by.image_size)
-    reading = Reading(chosen, [], read_by.names, run.memory_bytes, image_size=size)
-    known = None  # then readers say what they cannot tell without, and scoring that it is missing
-    if benchmark_place(chosen.benchmark, data).is_dir():
-        known = benchmark, truths = read_truths(chosen, data, sealed=True)
-        scenes = tuple(scene.id for scene in benchmark.file.scenes)
-        reading = replace(reading, truths=truths, folders=benchmark.image_folders, scenes=scenes)
+    benchmark, truths = read_truths(chosen, data, sealed=True)
+    reading = Reading(
+        chosen,
+        truths,
+        read_by.names,
+        run.memory_bytes,
+        folders=benchmark.image_folders,
+        scenes=tuple(scene.id for scene in benchmark.file.scenes),
+        image_size=size,
+    )
     reader.check_options(path, reading)
     try:
         read = reader.read(path, reading)
@@ -207,7 +203,7 @@ def _open_native(
     beside = [*read.beside, *([read_by.names] if read_by.names else [])]
     also = (f"read too: {one.name}, SHA-256 {sha256_of(one)}" for one in beside)
     used = ReaderUsed(name=name, conventions=(*read.conventions, *also))
-    return Given(read.predictions, chosen, used, read.notes, known)
+    return Given(read.predictions, chosen, used, read.notes, (benchmark, truths))
 
 
 def read_truths(

@@ -45,14 +45,8 @@ class QueryPart:
 def assign_queries(
     predictions: QueryPredictions[Any], truths: Sequence[Any], protocol: Protocol
 ) -> Assignment:
-    """Find the row that answers each query; without truths, the rows of each scene by their ids."""
-    ids, scenes = predictions.query_ids, [scene.id for scene in protocol.scenes]
-    if not truths:
-        named = scene_of(ids)
-        parts = [QueryPart(predictions, np.flatnonzero(named == scene)) for scene in scenes]
-        if not any(part.rows.size for part in parts):
-            raise _other_benchmark(predictions, protocol, f"{scenes[0]}/...")
-        return Assignment(parts)
+    """Find the row that answers each query."""
+    ids = predictions.query_ids
     wanted = [truth.queries["id"].to_numpy(str) for truth in truths]
     asked = np.concatenate(wanted)
     found = rows_among(asked, ids)

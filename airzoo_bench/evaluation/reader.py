@@ -26,8 +26,8 @@ POSSIBLE = 0.25
 class Reading:
     """The input of a reader besides the path.
 
-    `truths` are those of the protocol's scenes, none where the benchmark folder is missing: readers
-    take names of queries, tiles and photos from them, and nothing else. `names` is a list of image
+    `truths` are those of the protocol's scenes, sealed ones too: readers take names of queries, tiles
+    and photos from them, and nothing else. `names` is a list of image
     names, a line each, in the order in which the method saw them; `image_size` that of the pictures
     that a matcher was given, for files that do not state it. Predictions may name any folder of the
     computer: only what lies in `folders`, or below the predictions, may be listed for them.

@@ -196,8 +196,7 @@ class Track(ABC):
     def assign(self, predictions: Any, truths: Sequence[Any], protocol: Any) -> Assignment:
         """Assign predictions to scenes, and find the errors that are found quickly.
 
-        Predictions for another benchmark raise PredictionError. Where the benchmark folder is
-        missing, `truths` is empty, and the parts are those of ``protocol.scenes``.
+        Predictions for another benchmark raise PredictionError.
         """
 
     @abstractmethod
@@ -211,13 +210,12 @@ class Track(ABC):
         Records may lack some; a scene that lacks a column of others has its worst value there.
         """
 
-    def check(self, part: Any, truth: Any | None, protocol: Any, run: Run) -> Scored:
+    def check(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:
         """Look for errors of a scene without scoring it.
 
-        Records may be empty; counts, notes and facts are as of `score`. `truth` may be sealed, and
-        None where the benchmark folder is missing.
+        Records may be empty; counts, notes and facts are as of `score`. `truth` may be sealed.
         """
-        return Scored() if truth is None else self.score(part, truth, protocol, run)
+        return self.score(part, truth, protocol, run)
 
     def notes(
         self, predictions: Any, truths: Sequence[Any], protocol: Any, scored: Sequence[Scored]

@@ -67,10 +67,10 @@ class RetrievalTrack(Track):
         return replace(found, records=records)
 
     def check(
-        self, part: QueryPart, truth: RetrievalTruth | None, protocol: RetrievalProtocol, run: Run
+        self, part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
     ) -> Scored:
         """See `Track.check`."""
-        return Scored() if truth is None else _ranked(part, truth, protocol, run)[2]
+        return _ranked(part, truth, protocol, run)[2]
 
     def scores(self, protocol: RetrievalProtocol) -> list[Score]:
         """See `Track.scores`."""
