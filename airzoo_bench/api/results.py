@@ -244,7 +244,7 @@ def check(
     Parameters
     ----------
     predictions, protocol, data, reader, names, max_memory : optional
-        As in `evaluate`; without the benchmark folder fewer checks are made.
+        As in `evaluate`; the truth of the benchmark may be sealed.
 
     Returns
     -------

@@ -53,8 +53,8 @@ def check(
     Exit code 0: eval would take them; 1: it would refuse them; 2: there is nothing to check, as
     with no file or an unknown protocol.
 
-    Needs no truth. With the benchmark folder, ids are checked and reconstructions are aligned, so
-    that whatever eval would refuse is found: in each file or scene, the first error.
+    Needs the benchmark folder, whose truth may be sealed, and finds whatever eval would refuse: in
+    each file or scene, the first error.
     """
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import check as find_errors

@@ -26,13 +26,12 @@ POSSIBLE = 0.25
 class Reading:
     """The input of a reader besides the path.
 
-    `truths` are those of the protocol's scenes, sealed ones too: readers take names of queries, tiles
-    and photos from them, and nothing else. `names` is a list of image
-    names, a line each, in the order in which the method saw them; `image_size` that of the pictures
-    that a matcher was given, for files that do not state it. Predictions may name any folder of the
-    computer: only what lies in `folders`, or below the predictions, may be listed for them.
-    `scenes` are those of the benchmark, also without the protocol: a path that names one of them is
-    of no other.
+    `truths` are those of the protocol's scenes, perhaps sealed: readers take names of queries,
+    tiles and photos from them, and nothing else. `names` is a list of image names, a line each, in
+    the order in which the method saw them; `image_size` that of the pictures that a matcher was
+    given, for files that do not state it. Predictions may name any folder of the computer: only
+    what lies in `folders`, or below the predictions, may be listed for them. `scenes` are those of
+    the benchmark, also without the protocol: a path that names one of them is of no other.
     """
 
     protocol: Protocol

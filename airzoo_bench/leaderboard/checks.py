@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from airzoo_bench.core.errors import (
+    BenchmarkError,
     CameraError,
     PredictionError,
     SubmissionError,
@@ -122,6 +123,8 @@ def check_submission(
             read_by=found.read_by,
         )  # fmt: skip
         found.take([*checked.errors, *checked.notes])
+    except BenchmarkError as error:
+        found.take([f"predictions were not compared with the benchmark: {error.what}"])
     except (PredictionError, CameraError, UsageError) as error:
         found.errors.append(error)
     return found

@@ -17,7 +17,7 @@ from airzoo_bench.evaluation.queries import assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, check_digits, count_near, open_scene
+from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, count_near, open_scene
 from airzoo_bench.matching.info import INFO
 from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
 from airzoo_bench.matching.metrics import matching_scores, pose_columns, pose_errors
@@ -68,12 +68,7 @@ class MatchingTrack(Track):
         protocol: MatchingProtocol,
     ) -> Assignment:
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
-        content, finest_m = predictions.content, protocol.scores.finest_m
-        if not truths and isinstance(content, GivenPoses):
-            try:
-                check_digits(content, predictions.query_ids, np.zeros((0, 3)), finest_m)
-            except PredictionError as error:
-                raise error.inside(predictions.path) from None
+        finest_m = protocol.scores.finest_m
         assignment = assign_queries(predictions, truths, protocol)
         for place, truth in enumerate(truths):
             rows, assignment.parts[place] = assignment.parts[place].rows, None
@@ -109,15 +104,9 @@ class MatchingTrack(Track):
         return Scored(records, counts, content.kind, (*part.notes, *notes), details=details)
 
     def check(
-        self,
-        part: ScenePart,
-        truth: MatchingTruth | None,
-        protocol: MatchingProtocol,
-        run: Run,
+        self, part: ScenePart, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
     ) -> Scored:
         """See `Track.check`."""
-        if truth is None:
-            return Scored()
         return Scored(counts={"queries": len(truth.queries)}, notes=part.notes)
 
     def scores(self, protocol: MatchingProtocol) -> list[Score]:

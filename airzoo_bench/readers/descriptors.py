@@ -29,7 +29,6 @@ from airzoo_bench.readers.names import (
     names_in,
     query_names,
     scene_finder,
-    truths_of,
 )
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -47,18 +46,17 @@ class SceneImages:
     """The photos and tiles of a protocol's scenes by name; names without a scene are of `home`."""
 
     reading: Reading
-    path: Path
     home: str
 
     @property
     def truths(self) -> Sequence[RetrievalTruth]:
         """The scenes, for their names only."""
-        return truths_of(self.reading, self.path)
+        return self.reading.truths
 
     @cached_property
     def queries(self) -> ImageNames:
         """The photos that are queries."""
-        return query_names(self.reading, self.path, self.home)
+        return query_names(self.reading, self.home)
 
     @cached_property
     def tiles(self) -> ImageNames:
@@ -190,7 +188,7 @@ class DescribedSets(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        images, given = SceneImages(reading, path, str(path)), {}
+        images, given = SceneImages(reading, str(path)), {}
         for kind in ("query", "gallery"):
             names, rows = given[kind] = self.described(path, kind, reading.memory_bytes)
             check_descriptors(path, f"'{kind}' features", rows, len(names))
@@ -270,7 +268,7 @@ class DescribedImages(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`; descriptors are gathered in temporary files."""
-        images = SceneImages(reading, path, str(path))
+        images = SceneImages(reading, str(path))
         names, read = self.opened(path, reading.memory_bytes)
         photos, tiles = (known.find_all(names, path) for known in (images.queries, images.tiles))
         both = [name for name, one, two in zip(names, photos, tiles, strict=True) if one and two]

@@ -39,8 +39,8 @@ class _Hloc(Reader):
         limit = reading.memory_bytes // 2  # for each of the two files
         file = Hdf5File(matches, limit)
         given = None if features is None else _Features(features, limit)
-        pictures = Pictures(reading, path)
-        dashed = Pictures(reading, path, lambda name: name.replace("-", "/"))
+        pictures = Pictures(reading)
+        dashed = Pictures(reading, lambda name: name.replace("-", "/"))
 
         def picture(key: str) -> Picture | None:
             name = None if given is None else given.names.get(key)

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -175,28 +174,15 @@ def names_in(tables: Iterable[pd.DataFrame]) -> Iterator[tuple[str, str]]:
     )
 
 
-def query_names(reading: Reading, where: Path, home: str = "") -> ImageNames:
+def query_names(reading: Reading, home: str = "") -> ImageNames:
     """Return the queries of a protocol by name."""
-    truths = truths_of(reading, where)
     return ImageNames(
         "query",
-        names_in(truth.queries for truth in truths),
-        left_out=names_in(truth.excluded for truth in truths),
+        names_in(truth.queries for truth in reading.truths),
+        left_out=names_in(truth.excluded for truth in reading.truths),
         scenes=reading.scenes,
         home=home,
     )
-
-
-def truths_of(reading: Reading, where: Path) -> Sequence[Any]:
-    """Return the scenes whose images names are looked up in; refuse a missing benchmark."""
-    if not reading.truths:
-        raise PredictionError(
-            "its names of images mean nothing without the benchmark, whose folder is missing",
-            where=where,
-            expected="a prepared benchmark",
-            fix="say where it is with --data, or prepare it",
-        )
-    return reading.truths
 
 
 def read_names(path: Path) -> list[str]:

@@ -77,7 +77,7 @@ class PairFiles(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        pictures = Pictures(reading, path)
+        pictures = Pictures(reading)
         rows, left = MatchRows(path, Budget(reading.memory_bytes)), []
         for one in sorted(_files(path, self.suffix)):
             inside = one.name if one == path else one.relative_to(path).as_posix()

@@ -14,7 +14,7 @@ from airzoo_bench.evaluation.reader import Reading
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions
-from airzoo_bench.readers.names import ImageNames, names_in, truths_of
+from airzoo_bench.readers.names import ImageNames, names_in
 
 _SLACK_PX = 1.0  # sub-pixel refinement oversteps the border
 _BYTES_OF_MATCH = 160  # of memory: four numbers as read, moved, joined and sorted
@@ -46,12 +46,12 @@ class Picture:
 class Pictures:
     """Photos, crops and maps of a protocol's scenes by their names."""
 
-    def __init__(self, reading: Reading, where: Path, change: Callable[[str], str] = str) -> None:
+    def __init__(self, reading: Reading, change: Callable[[str], str] = str) -> None:
         """Take names; `change` is what the method does to them before it writes them."""
         self._change = change
         self._known: dict[tuple[str, str], Picture] = {}
         photos, crops, maps = [], [], []
-        scenes = truths_of(reading, where)
+        scenes = reading.truths
         for scene in scenes:
             if not scene.own_maps:
                 dom = scene.maps[0].dom

@@ -19,7 +19,7 @@ from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 from airzoo_bench.matching.predictions import GivenPoses, given_poses
 from airzoo_bench.readers.models import images_file, read_images
-from airzoo_bench.readers.names import query_names, read_names, truths_of
+from airzoo_bench.readers.names import query_names, read_names
 from airzoo_bench.readers.trajectories import (
     KITTI,
     TUM,
@@ -68,7 +68,7 @@ class PoseReader(Reader):
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
         given = self.poses(path, reading)
-        ids = query_names(reading, path).find_all(given.names, path)
+        ids = query_names(reading).find_all(given.names, path)
         kept = np.array([row for row, one in enumerate(ids) if one is not None], dtype=np.int64)
         rotation, place = given.rotation[kept], given.place[kept]
         flat = np.column_stack([rotation.reshape(len(kept), -1), place])
@@ -87,7 +87,7 @@ class PoseReader(Reader):
     def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
         """Refuse cameras that all stand far from every map."""
         centres = content.poses.centres[content.has_pose]
-        maps = {one.scene: one.maps[0] for one in truths_of(reading, path) if not one.own_maps}
+        maps = {one.scene: one.maps[0] for one in reading.truths if not one.own_maps}
         if not len(centres) or not maps:
             return
         middle = np.median(centres[:, :2], axis=0)

@@ -31,7 +31,7 @@ class RankedLists(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """See `Reader.read`."""
-        images = SceneImages(reading, path, str(path))
+        images = SceneImages(reading, str(path))
         given = self.ranked(path)
         asked = images.queries.find_all(list(given), path)
         names = list(dict.fromkeys(tile for scores in given.values() for tile in scores))

@@ -230,17 +230,15 @@ def _logs(text: Path) -> Path:
 
 
 def _names_by_number(output: SceneOutput, trajectory: Trajectory) -> ViewNames:
-    """Return the photo of each number; the numbers where the benchmark is missing."""
+    """Return the photo of each number."""
     times, unclear = Counter(trajectory.numbers), False
     if output.reading.names is not None:
         photos = output.numbered_photos()
-    elif output.reading.truths:
+    else:
         names = output.photos_of_scene()
         found = [(re.search(_NUMBER, name.rsplit("/", 1)[-1]), name) for name in names]
         photos = {float(number[0]): name for number, name in found if number is not None}
         unclear = len(photos) < len(names)
-    else:
-        return ViewNames([f"{number:.10g}" for number in times])
     odd = [n for n, count in times.items() if n not in photos or count > _TWICE]
     if odd or unclear:
         lines = counted(len(trajectory.numbers), "line")

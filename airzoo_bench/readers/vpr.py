@@ -134,7 +134,7 @@ class _Vpr(Reader):
             return 0.0
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        images = SceneImages(reading, path, str(path))
+        images = SceneImages(reading, str(path))
         names, found = _Names(reading, path), [*_logs(path)]
         # Runs that broke off left a log alone; all are read where all did.
         logs = [log for log in found if log.has_descriptors or log.lists] or found

@@ -102,13 +102,13 @@ class ReconstructionTrack(Track):
     def check(
         self,
         part: tuple[ScenePredictions, str],
-        truth: ReconstructionTruth | None,
+        truth: ReconstructionTruth,
         protocol: ReconstructionProtocol,
         run: Run,
     ) -> Scored:
-        """Score the scene where there is a truth: only that finds all that scoring would refuse."""
+        """Score the scene, which finds all errors; where its truth is sealed, only read it."""
         predictions, scene = part
-        if truth is not None and not truth.is_sealed:
+        if not truth.is_sealed:
             return self.score(part, truth, protocol, run)
         if scene not in predictions.scenes:
             return Scored()

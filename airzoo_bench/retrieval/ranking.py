@@ -9,7 +9,7 @@ all are positive.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.search import (
+    Names,
     Pairs,
     Search,
     all_equal,
@@ -86,7 +87,8 @@ def rank_scene(
     whole_lists = isinstance(settings, ImageScores)
     kept, there = min(settings.ranks_kept, n_tiles), np.flatnonzero(rows >= 0)
     width = content.ids.shape[1] if isinstance(content, RankedIds) else 0
-    if isinstance(settings, RetrievalScores) and width and content.scores is None:
+    ranked = isinstance(content, RankedIds) and content.scores is None
+    if ranked and isinstance(settings, RetrievalScores):
         # Ranks beyond short lists would hold nothing, for each of a million queries.
         kept = min(kept, max(width, settings.deepest))
     k, depth = (n_tiles, n_tiles) if whole_lists else (kept, settings.depth)
@@ -282,8 +284,8 @@ def rank_by_descriptors(
     depth: int,
     memory_bytes: int = 1 << 30,
     jobs: int | None = None,
-    names: Sequence[object] | None = None,
-    tile_names: Sequence[object] | None = None,
+    names: Names | None = None,
+    tile_names: Names | None = None,
     engine: Engine = HERE,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it."""

@@ -23,6 +23,7 @@ from airzoo_bench.core.registry import resolve
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.settings import Metric
 
+Names = Sequence[object] | NDArray[Any]
 Pairs = tuple[Ints, Ints, Ints]
 """Query, tile and level of pairs: of two, the smaller level comes first, equal ones tie."""
 
@@ -47,7 +48,7 @@ class Search:
     k: int  # how many tiles are sought
     memory_bytes: int  # bounds the working memory
     threads: int
-    names: Sequence[object]  # of the tiles, for messages
+    names: Names  # of the tiles, for messages
 
     @property
     def kept(self) -> int:
@@ -56,7 +57,7 @@ class Search:
 
     def queries_at_a_time(self) -> int:
         """Return the number of queries for one call of `nearest`."""
-        own = 32 * self.gallery.shape[1] + _BYTES_OF_A_CANDIDATE * self.kept
+        own: int = 32 * self.gallery.shape[1] + _BYTES_OF_A_CANDIDATE * self.kept
         return max(64, self.memory_bytes // 2 // own)
 
 
@@ -181,7 +182,7 @@ def rounded(rows: NDArray[Any]) -> tuple[NDArray[np.float32], Floats]:
 
 
 def check_descriptors(
-    rows: NDArray[Any], norms: Floats, metric: Metric, field: str, names: Sequence[object]
+    rows: NDArray[Any], norms: Floats, metric: Metric, field: str, names: Names
 ) -> None:
     """Refuse descriptors that cannot be ranked, by the names of their rows."""
     what, expected = "descriptors too large to rank", "norms up to 1e18"

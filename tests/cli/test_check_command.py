@@ -116,7 +116,7 @@ def test_check_of_a_good_file_exits_0(
         assert "nothing" in capsys.readouterr().out
 
 
-def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
+def test_check_tells_of_missing_queries(
     data: Path, tmp_path: Path, arrays: Arrays, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = {key: arrays[key][:3] for key in ("query_ids", "ranked_ids")}
@@ -124,9 +124,6 @@ def test_check_tells_of_missing_queries_and_of_an_absent_benchmark(
     assert run_main("check", path) == 0
     message = capsys.readouterr().err
     assert "queries that the predictions lack, scored at their worst: 7 of 10 (first 3: " in message
-    protocol = data / "made" / "protocols" / "made-retrieval.toml"
-    assert run_main("check", path, "--protocol", protocol, "--data", tmp_path) == 0
-    assert "predictions were not compared with the benchmark" in capsys.readouterr().err
 
 
 OF_TRACKS = {

@@ -226,10 +226,8 @@ def test_check_and_eval_say_the_same(
     true = world.truth.poses
     wrong = matrices(np.round(true.rotation, 6), true.translation + np.pi)
     path = world.write(tmp_path / "p.npz", world.named(poses=wrong))
-    named = ("--protocol", world.folder / "protocols" / "hills-matching.toml")
-    for data in (world.root, tmp_path):  # without the benchmark too
-        assert run_main("check", path, "--data", data, *named) == 1
-        assert "too few digits" in capsys.readouterr().err
+    assert run_main("check", path, "--data", world.root) == 1
+    assert "too few digits" in capsys.readouterr().err
     assert run_main("eval", "matching", path, "--data", world.root) == 2
     assert f"{path}, field 'poses'" in capsys.readouterr().err.replace("\n", "")
     path = world.write(tmp_path / "n.npz", moved(world, 5e4, 0, 0))

@@ -205,7 +205,7 @@ def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(
 def test_padded_photos(queries: int, reach: float, world: World, tmp_path: Path) -> None:
     """A photo of 4:3 fills three quarters of a square that it was padded to."""
     reading = Reading(world.protocol, [world.truth], None, 1 << 26)
-    rows, pictures = MatchRows(tmp_path, Budget(1 << 26)), Pictures(reading, tmp_path)
+    rows, pictures = MatchRows(tmp_path, Budget(1 << 26)), Pictures(reading)
     unit = np.random.default_rng(0).random((60, 2))
     unit[0] = 1.0
     for number in range(queries):
