@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -114,7 +114,7 @@ def _evaluate(
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import evaluate
     from airzoo_bench.evaluation.opening import ReadBy
-    from airzoo_bench.evaluation.run_files import check_run_folder, only_run_at
+    from airzoo_bench.evaluation.run_files import check_run_folder
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -123,11 +123,10 @@ def _evaluate(
         flags = " and ".join([f"--{one.name}" for one in asked] + ["--resume"] * resume)
         raise UsageError(f"{flags}: a folder to write into is needed", fix="add --out DIR")
     if out is not None:
-        check_run_folder(out, [one for one in (predictions, protocol, data, names) if one])
+        check_run_folder(out, predictions)
         method = method or out.resolve().name or None
     memory = memory_bytes(max_memory)
     with (
-        only_run_at(out) if out else nullcontext(),
         open_engine(engine, jobs=jobs) as place,
         _keep_scenes(out if resume and not asked else None) as store,
     ):
@@ -184,11 +183,9 @@ def _keep_scenes(out: Path | None) -> Iterator[SceneStore | None]:
 
 
 def _say_replaced(out: Path | None) -> None:
-    """Say which earlier run will go: once the predictions are known to be scored."""
-    from airzoo_bench.evaluation.run_files import describe_earlier_run
-
-    if out is not None and (replaced := describe_earlier_run(out)) is not None:
-        say(replaced)
+    """Say that an earlier run will go, once the predictions are known to be scored."""
+    if out is not None and (out / "result.json").exists():
+        say(f"{out} holds a run; this one takes its place")
 
 
 def _save(evaluation: Evaluation, out: Path, asked: list[Any], run: Any) -> list[Path]:

@@ -16,14 +16,12 @@ class EvalOption:
     """A flag of ``airzoo-bench eval`` that one track has, to write more files into the output.
 
     `act` is a ``module:function``: it takes the `evaluate.Evaluation`, True, the output folder and
-    `Run`, yields lines to print, and writes files, whose names match `files`, into a folder of the
-    option's name.
+    `Run`, yields lines to print, and writes files into a folder of the option's name.
     """
 
     name: str
     help: str
     act: str
-    files: str = ".*"
 
 
 @dataclass(frozen=True)

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import (
     PART,
     atomic_entries,
     atomic_write,
     check_output_folder,
     fingerprint,
-    only_run,
 )
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.evaluation.track import Scored
 from airzoo_bench.results.records import write_csv
-from airzoo_bench.results.result import read_result, write_result
+from airzoo_bench.results.result import write_result
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
@@ -32,57 +30,36 @@ _RESULT = "result.json"
 _RECORDS, _REST = ".records", ".scene"
 
 
-def _run_entries() -> tuple[list[str], dict[str, str]]:
-    """Name the files that runs of any track leave, and folders with a pattern of their files."""
-    files, folders = [_RESULT, "records.csv"], dict[str, str]()
-    for info in map(TRACKS.get, TRACKS.names()):
-        files += info.files
-        for option in info.options:
-            known = folders.get(option.name, r"\..*")
-            folders[option.name] = f"{known}|(?:{option.files})"
-    return files, folders
+def _run_entries() -> tuple[list[str], set[str]]:
+    """Name the files and the folders that runs of any track leave."""
+    tracks = [TRACKS.get(name) for name in TRACKS.names()]
+    files = [_RESULT, "records.csv", *(name for info in tracks for name in info.files)]
+    return files, {option.name for info in tracks for option in info.options}
 
 
-def check_run_folder(out: Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse, before any work, a folder that a run cannot be saved in."""
+def check_run_folder(out: Path, predictions: str | Path) -> None:
+    """Refuse, before any work, a folder where a run would replace predictions or a user's own."""
     files, folders = _run_entries()
     check_output_folder(out, files)
-    home = out.resolve()
-    for one in map(Path, inputs):
-        links = [one, *(path for path in one.rglob("*") if path.is_symlink())]
-        places = [one.parent.resolve() / one.name, *(path.resolve() for path in links)]
-        lost = [
-            name for name in (*files, *folders) for p in places if p.is_relative_to(home / name)
-        ]
-        if lost:
-            raise UsageError(
-                f"the run would replace {lost[0]} in --out {out}, and these with it",
-                where=one,
-                expected="predictions and other inputs outside of what a run writes",
-                fix="name another --out",
-            )
-    for name, pattern in folders.items():
-        place = out / name
-        for one in [*sorted(place.iterdir())] if place.is_dir() else [place] * place.exists():
-            if one == place or one.is_dir() or not re.fullmatch(pattern, one.name):
-                raise UsageError(
-                    f"no run wrote this, and a run would replace {name}",
-                    where=one,
-                    fix="move it elsewhere, or name another --out",
-                )
-
-
-def only_run_at(out: Path) -> AbstractContextManager[None]:
-    """Keep other runs of this machine from a place where one is to be saved."""
-    what, otherwise = "another run is to be saved here", "name another --out"
-    return only_run(out.resolve(), what, f"--out {out}", otherwise)
+    lost = [
+        name
+        for name in (*files, *folders)
+        if Path(predictions).resolve().is_relative_to(out.resolve() / name)
+        or (name in folders and (out / name).exists() and not (out / _RESULT).exists())
+    ]
+    if lost:
+        raise UsageError(
+            f"the run would replace {lost[0]}, which no run wrote",
+            where=out / lost[0],
+            fix="move it elsewhere, or name another --out",
+        )
 
 
 def save(
     evaluation: Evaluation, folder: Path, draw: Callable[[Path], None] | None = None
 ) -> list[Path]:
     """Write the files of a run into a folder, in place of an earlier run's."""
-    check_run_folder(folder, [evaluation.given.predictions.path])
+    check_run_folder(folder, evaluation.given.predictions.path)
     files, folders = _run_entries()
     with atomic_entries(folder, (*files, *folders)) as staged:
         checksum = write_csv(evaluation.records, staged / "records.csv")
@@ -93,20 +70,6 @@ def save(
         if draw is not None:
             draw(staged)
         return [folder / name for name in files if (staged / name).exists()]
-
-
-def describe_earlier_run(out: Path) -> str | None:
-    """Say which files of a run `save` will replace, if it replaces some."""
-    files, folders = _run_entries()
-    names = ", ".join(name for name in (*files, *folders) if (out / name).exists())
-    if not names:
-        return None
-    try:
-        found = read_result(out / _RESULT)
-    except ResultError:  # none, or one that nobody can read any more
-        return f"{out} holds files of a run; this one takes the place of {names}"
-    what = f"{found.predictions.method} by {found.protocol.name}"
-    return f"{out} holds a run, {what}; this one takes the place of {names}"
 
 
 class SceneStore:

@@ -35,7 +35,6 @@ INFO = TrackInfo(
             "figures",
             "Draw errors, matches and maps into --out; report and plot use them.",
             "airzoo_bench.report.matching:draw_figures",
-            files=r"errors\.png|matches\.npz|.+_(map|matches)\.png",
         ),
     ),
     baseline=Baseline(

@@ -50,13 +50,11 @@ INFO = TrackInfo(
             "figures",
             "Draw clouds by their errors into --out; report and plot use them.",
             "airzoo_bench.report.reconstruction:draw_figures",
-            files=r"clouds\.npz|.+_(cloud|curve|precision|recall)\.png",
         ),
         EvalOption(
             "clouds",
             "Write clouds coloured by their errors into --out.",
             "airzoo_bench.report.reconstruction:write_clouds",
-            files=r".+_(precision|recall)\.ply",
         ),
     ),
     files={"alignment.json": "airzoo_bench.reconstruction.track:write_alignments"},
