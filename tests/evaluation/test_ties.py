@@ -29,16 +29,12 @@ def constant_predictions(scene: MadeScene) -> dict[str, dict[str, Any]]:
     short = [[*row[:3], "", ""] for row in lists]
     predictions["ids 3"] = ids | {"ranked_ids": short, "scores": np.ones((n, 5))}
     described = ids | {"gallery_ids": scene.tile_ids}
-    for name, rows in {
-        "equal": np.ones((N_TIED, 8)),
-        "multiples": np.outer(random.uniform(0.1, 9, N_TIED), random.standard_normal(8)),
-    }.items():
-        for dtype in (np.float16, np.float32, np.float64):
-            queries = random.standard_normal((n, 8)).astype(dtype)
-            predictions[f"{name} {dtype.__name__}"] = described | {
-                "query_descriptors": queries,
-                "gallery_descriptors": rows.astype(dtype),
-            }
+    for dtype in (np.float16, np.float32, np.float64):
+        queries = random.standard_normal((n, 8)).astype(dtype)
+        predictions[f"equal {dtype.__name__}"] = described | {
+            "query_descriptors": queries,
+            "gallery_descriptors": np.ones((N_TIED, 8), dtype),
+        }
     return predictions
 
 
