@@ -134,10 +134,11 @@ def blocks(
         release_pages(rows)
 
 
-def release_pages(rows: NDArray[Any]) -> None:
+def release_pages(rows: Any) -> None:
     """Let go of the pages of a mapped file, which count as memory of the process."""
-    if isinstance(rows, np.memmap) and rows.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
-        rows._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
+    pages = getattr(rows, "_mmap", None)  # a copy in another process has none
+    if pages is not None and rows.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
 
 
 def _similarities(search: Search, queries: NDArray[Any], query: Ints, tile: Ints) -> Floats:
