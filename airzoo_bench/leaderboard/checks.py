@@ -118,10 +118,8 @@ def check_submission(
     if found.protocol is None or found.predictions is None:
         return found
     try:
-        checked = check(
-            found.predictions, data=data, protocol=submission.protocol, run=run,
-            read_by=found.read_by,
-        )  # fmt: skip
+        path, named = found.predictions, submission.protocol
+        checked = check(path, data=data, protocol=named, run=run, read_by=found.read_by)
         found.take([*checked.errors, *checked.notes])
     except BenchmarkError as error:
         found.take([f"predictions were not compared with the benchmark: {error.what}"])
