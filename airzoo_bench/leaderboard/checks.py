@@ -99,8 +99,7 @@ def check_submission(
     Predictions at an address are fetched within `seconds`, and not where these are 0.
     """
     found = CheckedSubmission(folder, Place.of_folder(folder))
-    # Before anything is read: a folder may hold links, or a million files.
-    found.take(check_listing(_listing(folder), folder, board.limits))
+    found.take(check_listing(_listing(folder), folder, board.limits))  # before anything is read
     if found.errors:
         return found
     try:
