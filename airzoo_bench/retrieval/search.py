@@ -51,13 +51,13 @@ class Search:
     names: Names  # of the tiles, for messages
 
     @property
-    def kept(self) -> int:
+    def capacity(self) -> int:
         """How many candidates a query may keep."""
         return 2 * self.k + _SPARE
 
     def queries_at_a_time(self) -> int:
         """Return the number of queries for one call of `nearest`."""
-        own: int = 32 * self.gallery.shape[1] + _BYTES_OF_A_CANDIDATE * self.kept
+        own: int = 32 * self.gallery.shape[1] + _BYTES_OF_A_CANDIDATE * self.capacity
         return max(64, self.memory_bytes // 2 // own)
 
 
@@ -74,10 +74,10 @@ def nearest(
     if search.metric == "cosine":
         norms, most = np.ones(len(norms)), 1.0
     bounds = caution * error_bounds(norms, most, length, search.metric)
-    kth = np.partition(value, search.kept - search.k, axis=1)[:, search.kept - search.k]
+    kth = np.partition(value, search.capacity - search.k, axis=1)[:, search.capacity - search.k]
     floors = kth - 2 * bounds
     near: Bools = value >= floors[:, None]
-    crowded: Bools = np.asarray(near.all(axis=1) & (search.kept < n_tiles))
+    crowded: Bools = np.asarray(near.all(axis=1) & (search.capacity < n_tiles))
     query, column = np.nonzero(near & (tile >= 0) & ~crowded[:, None])
     value, tile = value[query, column], tile[query, column]
     score, slack = _similarities(search, queries, query, tile)
@@ -103,17 +103,17 @@ def _find_candidates(
     """Return similarities and tiles (Q, kept) of the best, and the largest norm of a tile."""
     knn = resolve("faiss:knn")  # takes a while to import, which ranked ids do without
     measure = 1 if search.metric == "l2" else 0  # faiss.METRIC_L2, METRIC_INNER_PRODUCT
-    shape, most = (len(queries), search.kept), 0.0
+    shape, most = (len(queries), search.capacity), 0.0
     value, tile = np.full(shape, -np.inf, np.float32), np.full(shape, -1, np.int64)
     for start, rows in blocks(search.gallery, search.memory_bytes):
         single, norms = rounded(rows)
         names = search.names[start : start + len(rows)]
         check_descriptors(rows, norms, search.metric, "gallery_descriptors", names)
         single, most = _scaled(single, norms, search.metric), max(most, float(norms.max()))
-        found, near = knn(queries, single, min(search.kept, len(rows)), measure)
+        found, near = knn(queries, single, min(search.capacity, len(rows)), measure)
         value = np.concatenate([value, found / -2 if measure else found], axis=1)
         tile = np.concatenate([tile, near + start], axis=1)
-        best = np.argpartition(value, -search.kept, axis=1)[:, -search.kept :]
+        best = np.argpartition(value, -search.capacity, axis=1)[:, -search.capacity :]
         value = np.take_along_axis(value, best, axis=1)
         tile = np.take_along_axis(tile, best, axis=1)
     return value, tile, most
