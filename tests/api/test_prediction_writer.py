@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,14 @@ XYS = {"query_xy": XY, "map_xy": XY}
 MASKED = np.ma.masked_equal([1.0, 2], 2)
 
 
+@pytest.fixture(scope="module")
+def writers(prepared: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Return a writer of each protocol, to which no answer was added."""
+    out, benchmark = tmp_path_factory.mktemp("out"), load_benchmark(prepared / "data" / NAME)
+    names = {RETRIEVAL: "a.npz", MATCHING: "b.npz", RECONSTRUCTION: "c"}
+    return {key: PredictionWriter(out / name, key, benchmark) for key, name in names.items()}
+
+
 @pytest.mark.parametrize(
     ("protocol", "name", "fields", "named"),
     [
@@ -161,19 +170,12 @@ MASKED = np.ma.masked_equal([1.0, 2], 2)
     ],
 )
 def test_an_answer_that_cannot_be_meant_is_refused_at_once(
-    root: Path,
-    field: BlindBenchmark,
-    tmp_path: Path,
-    protocol: str,
-    name: str,
-    fields: dict[str, Any],
-    named: str,
+    writers: dict[str, Any], protocol: str, name: str, fields: dict[str, Any], named: str
 ) -> None:
-    out = tmp_path / ("mine" if protocol == RECONSTRUCTION else "mine.npz")
-    writer = PredictionWriter(out, protocol, field)
+    writer = writers[protocol]
     with pytest.raises(UserError) as refusal:
         writer.add(name, **fields)
-    assert str(refusal.value).startswith(f"{out}, {name}")
+    assert re.match(rf".*/(a\.npz|b\.npz|c), {re.escape(name)}", str(refusal.value))
     assert named in str(refusal.value)
     assert len(writer) == 0
 

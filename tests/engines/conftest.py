@@ -1,4 +1,4 @@
-"""A cluster of Dask on this machine, started once for all files."""
+"""A cluster of Dask on this machine; it ends with its file, since it works while it waits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Engine
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def dask() -> Iterator[Engine]:
     """Return its engine; libraries of this process keep their threads, unlike those of workers."""
     before = dict(os.environ)

@@ -103,7 +103,10 @@ def test_a_worker_killed_on_the_way_changes_no_byte(
     assert found == here[track]
 
 
-@pytest.mark.parametrize("track", TRACKS)
+@pytest.mark.parametrize(
+    "track",
+    ["matching", *(pytest.param(t, marks=pytest.mark.slow) for t in TRACKS if t != "matching")],
+)
 def test_resume_goes_on_from_scored_scenes(
     track: str,
     predictions: dict[str, Path],

@@ -89,7 +89,7 @@ def test_poses_and_points_are_right(flight: Flight, made: Model) -> None:
 
 
 @pytest.mark.parametrize(
-    "how", [{"engine": Scattered()}, pytest.param({"jobs": 2}, marks=pytest.mark.slow)]
+    "how", [{"jobs": 2}, pytest.param({"engine": Scattered()}, marks=pytest.mark.slow)]
 )
 def test_jobs_and_runs_change_no_byte(
     how: dict[str, Any], flight: Flight, made: Model, tmp_path: Path

@@ -64,7 +64,7 @@ def records(page: Path) -> list[Any]:
     return found
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     # Only here: who opens no page needs no Selenium.
     from tests.report.browser import BROWSER, DRIVER, FLAGS, webdriver

@@ -109,9 +109,8 @@ def test_names_tell_no_flight_and_no_order() -> None:
 
 
 def test_nobody_flies_the_survey_again() -> None:
-    """Of a seed it is the same for all; of a key its place and each photo's gusts are hidden."""
-    public, other = photos(0).poses.centres[:10], photos(1).poses.centres[:10]
-    assert np.array_equal(public, other)
+    """Of a key its place and each photo's gusts are hidden."""
+    public = photos(0).poses.centres[:10]
     hidden = photos(SEED).poses.centres[:10]
     assert np.linalg.norm(public - hidden, axis=1).min() > 1.0
     again = photos(SEED ^ 1).poses.centres[:10]

@@ -70,85 +70,35 @@ def world(tmp_path: Path) -> World:
     return World(Hosted.create(tmp_path / "hosted.git", files), tmp_path / "ci")
 
 
+TWO, NOT_PLAIN, NO_FOLDER = "more than one folder", "not plain", "not the folder of a submission"
+ANOTHER, CASE, A_LINK = "another account", "only in case", "a link, a submodule"
+MINE_NOW: dict[str, File | None] = {f"{HOME}/theirs/p.npz": b"mine now"}
 HOSTILE: dict[str, tuple[dict[str, File | None], str]] = {
-    "two submissions": (
-        SOUND | {f"{HOME}/second/submission.toml": TOML},
-        "changes more than one folder: 2 (submissions/made/retrieval/mine, "
-        "submissions/made/retrieval/second)",
-    ),
-    "someone else's folder": (
-        {f"{HOME}/theirs/p.npz": b"mine now"},
-        "this folder is or was on the board, and belongs to another account",
-    ),
-    "a folder that someone else had": (
-        {f"{HOME}/gone/submission.toml": TOML},
-        "this folder is or was on the board, and belongs to another account",
-    ),
-    "one's own folder and another's": (
-        SOUND | {f"{HOME}/theirs/p.npz": b"mine now"},
-        "changes more than one folder",
-    ),
-    "a workflow besides": (
-        SOUND | {".github/workflows/leaderboard.yml": b"on: push\n"},
-        "changes other files than those of a submission: 1 (.github/workflows/leaderboard.yml)",
-    ),
-    "attributes in the folder": (
-        SOUND | {f"{HOME}/mine/.gitattributes": b"* filter=x\n"},
-        "the name is not plain",
-    ),
-    "hidden file": (SOUND | {f"{HOME}/mine/.env": b"x"}, "the name is not plain"),
-    "case-only rename of a folder": (
-        {f"{HOME}/Theirs/submission.toml": TOML},
-        "differs from the folder theirs of the board only in case",
-    ),
-    "names that differ in case": (
-        SOUND | {f"{HOME}/mine/P.npz": b"2"},
-        "differs from another name only in case",
-    ),
-    "blank": (SOUND | {f"{HOME}/mine/a b.npz": b"x"}, "the name is not plain"),
-    "leading dash": (SOUND | {f"{HOME}/mine/-rf": b"x"}, "the name is not plain"),
-    "folder with a leading dash": (
-        {f"{HOME}/--help/submission.toml": TOML},
-        "not the folder of a submission",
-    ),
-    "not UTF-8": (SOUND | {f"{HOME}/mine/\udcff.npz": b"x"}, "the name is not plain"),
-    "deep folders": (SOUND | {f"{HOME}/mine/{'a/' * 20}x": b"x"}, "lies in more than 12 folders"),
-    "symbolic link": (
-        SOUND | {f"{HOME}/mine/link": ("120000", b"/etc/passwd")},
-        "is no file: a link, a submodule",
-    ),
-    "submodule": (
-        SOUND | {f"{HOME}/mine/sub": ("160000", b"a" * 40)},
-        "is no file: a link, a submodule",
-    ),
-    "executable": (
-        SOUND | {f"{HOME}/mine/run": ("100755", b"#!/bin/sh\n")},
-        "is an executable file",
-    ),
-    "the folder itself is a link": (
-        {f"{HOME}/mine": ("120000", b"theirs")},
-        "not the folder of a submission",
-    ),
-    "file beside the folders": ({f"{HOME}/x.toml": TOML}, "not the folder of a submission"),
-    "unknown benchmark": (
-        {"submissions/mode/retrieval/x/submission.toml": TOML},
-        "this board has no benchmark 'mode' (did you mean 'made'?)",
-    ),
-    "unknown track": (
-        {"submissions/made/retreival/x/submission.toml": TOML},
-        "this board has no track 'retreival' (did you mean 'retrieval'?)",
-    ),
-    "metadata of 50 MB": (
-        SOUND | {f"{HOME}/mine/submission.toml": b"a = 1\n" * 8_400_000},
-        "has 50,400,000 bytes",
-    ),
-    "predictions that are too large": (
-        SOUND | {f"{HOME}/mine/p.npz": b"x" * 1_000_001},
-        "at most 1,000,000 bytes",
-    ),
+    "two submissions": (SOUND | {f"{HOME}/second/submission.toml": TOML}, f"{TWO}: 2"),
+    "someone else's folder": (MINE_NOW, ANOTHER),
+    "a folder that someone else had": ({f"{HOME}/gone/submission.toml": TOML}, ANOTHER),
+    "one's own folder and another's": (SOUND | MINE_NOW, TWO),
+    "a workflow besides": (SOUND | {".github/workflows/x.yml": b"on: push\n"}, "1 (.github/wo"),
+    "attributes in the folder": (SOUND | {f"{HOME}/mine/.gitattributes": b"* f=x\n"}, NOT_PLAIN),
+    "hidden file": (SOUND | {f"{HOME}/mine/.env": b"x"}, NOT_PLAIN),
+    "case-only rename of a folder": ({f"{HOME}/Theirs/submission.toml": TOML}, CASE),
+    "names that differ in case": (SOUND | {f"{HOME}/mine/P.npz": b"2"}, CASE),
+    "blank": (SOUND | {f"{HOME}/mine/a b.npz": b"x"}, NOT_PLAIN),
+    "leading dash": (SOUND | {f"{HOME}/mine/-rf": b"x"}, NOT_PLAIN),
+    "folder with a leading dash": ({f"{HOME}/--help/submission.toml": TOML}, NO_FOLDER),
+    "not UTF-8": (SOUND | {f"{HOME}/mine/\udcff.npz": b"x"}, NOT_PLAIN),
+    "deep folders": (SOUND | {f"{HOME}/mine/{'a/' * 20}x": b"x"}, "more than 12 folders"),
+    "symbolic link": (SOUND | {f"{HOME}/mine/link": ("120000", b"/etc/passwd")}, A_LINK),
+    "submodule": (SOUND | {f"{HOME}/mine/sub": ("160000", b"a" * 40)}, A_LINK),
+    "executable": (SOUND | {f"{HOME}/mine/run": ("100755", b"#!/bin/sh\n")}, "executable"),
+    "the folder itself is a link": ({f"{HOME}/mine": ("120000", b"theirs")}, NO_FOLDER),
+    "file beside the folders": ({f"{HOME}/x.toml": TOML}, NO_FOLDER),
+    "unknown benchmark": ({"submissions/mode/retrieval/x/submission.toml": TOML}, "'made'?"),
+    "unknown track": ({"submissions/made/retreival/x/submission.toml": TOML}, "'retrieval'?"),
+    "metadata of 50 MB": (SOUND | {f"{HOME}/mine/submission.toml": b"a = 1\n" * 8_400_000}, "50,4"),
+    "large predictions": (SOUND | {f"{HOME}/mine/p.npz": b"x" * 1_000_001}, "1,000,000 bytes"),
     "100,000 files": (
-        SOUND | {f"{HOME}/mine/f{number}": b"x" for number in range(100_000)},
-        "more than 2,000 files",
+        SOUND | {f"{HOME}/mine/f{number}": b"x" for number in range(100_000)}, "2,000 files"
     ),
 }  # fmt: skip
 
