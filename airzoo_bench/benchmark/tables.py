@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import BenchmarkError
@@ -53,7 +54,7 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
             fix=f"{_AGAIN}; `check` needs no truth, `eval` does",
         )
     try:
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+        table: Any = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
     except (ValueError, OSError, OverflowError, csv.Error, pa.ArrowException) as error:
         raise BenchmarkError(
             "not a readable table: " + (str(error) or type(error).__name__).splitlines()[0][:200],
@@ -61,84 +62,83 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
             expected="a table in UTF-8" if path.suffix == ".csv" else None,
             fix=_AGAIN,
         ) from error
-    lacking = [name for name in columns if name not in table.columns]
+    typed = {
+        name: _typed(path, name, table[name]) if name in _KNOWN else table[name] for name in table
+    }
+    # Each column keeps an array of its own: from one that methods see no other is reached.
+    return require_columns(path, pd.DataFrame(typed, copy=False), columns, complete)
+
+
+def require_columns(
+    path: Path, table: pd.DataFrame, columns: Sequence[str], complete: Sequence[str]
+) -> pd.DataFrame:
+    """Return a table, unless it lacks columns, or numbers in those that must be complete."""
+    lacking = [name for name in columns if name not in table]
     if lacking:
         what = f"lacks the columns {', '.join(lacking)}"
         raise BenchmarkError(what, where=path, expected=", ".join(columns), fix=_AGAIN)
-    known = [name for name in table.columns if name in _KNOWN]
-    typed = table.assign(**{name: _typed(path, name, table[name]) for name in known})
     for name in complete:
-        refuse_cells(path, name, table[name], typed[name].isna().to_numpy(), "a number")
-    return typed
+        refuse_cells(path, name, table[name], table[name].isna().to_numpy(), "a number")
+    return table
 
 
-def _read_csv(path: Path) -> pd.DataFrame:
-    """Read a table whose known columns stay texts, as do conditions such as ``007`` or ``12e5``."""
+def _read_csv(path: Path) -> dict[str, Any]:
+    """Return known columns as texts, others with the type that they look like, by name."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = next(csv.reader(stream), [])
     twice = [name for name, times in Counter(names).items() if times > 1]
     if twice:
         raise ValueError(f"the column {twice[0]!r} stands twice")
-    as_text = dict.fromkeys(_KNOWN, str)
+    kinds = dict.fromkeys(names, pa.large_string())
+    texts = pacsv.ConvertOptions(column_types=kinds, null_values=[""], strings_can_be_null=True)
+    one_thread, lines = pacsv.ReadOptions(use_threads=False), pacsv.ParseOptions
+    found = pacsv.read_csv(path, one_thread, lines(newlines_in_values=True), texts)
+    columns = {name: found[name].combine_chunks() for name in names}
     conditions = [name for name in names if name not in _KNOWN]
+    likes = {name: pc.match_substring_regex(columns[name], _CODE) for name in conditions}
+    codes = {name: str for name, like in likes.items() if pc.any(like, min_count=0).as_py()}
+    settings: dict[str, Any] = {
+        "keep_default_na": False,
+        "na_values": ["nan", ""],
+        "low_memory": False,
+    }
     if conditions:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, usecols=conditions)
-        for name in conditions:
-            codes = pc.match_substring_regex(_texts(table[name]), _CODE)
-            if pc.any(codes, min_count=0).as_py():
-                as_text[name] = str
-    missing = {name: ["nan", ""] for name in names if name not in _TEXTS}
-    return pd.read_csv(
-        path, dtype=as_text, keep_default_na=False, na_values=missing, low_memory=False
-    )
+        columns |= pd.read_csv(path, usecols=conditions, dtype=codes, **settings)
+    return columns
 
 
-def _texts(column: pd.Series[Any]) -> Any:
-    return pa.array(column, pa.large_string(), from_pandas=True)
-
-
-def _typed(path: Path, name: str, column: pd.Series[Any]) -> pd.Series[Any]:
+def _typed(path: Path, name: str, column: Any) -> Any:
     """Return a column as its name promises, or refuse the first values that are not so."""
     if name in _TEXTS:
-        if not _all_print(column):
-            printing = [isinstance(v, str) and v != "" and v.isprintable() for v in column]
-            refuse_cells(path, name, column, ~np.array(printing), "text that prints")
+        values = np.asarray(column, object)
+        odd = [not isinstance(v, str) or v == "" or not v.isprintable() for v in values]
+        refuse_cells(path, name, values, np.array(odd, np.bool_), "text that prints")
+        texts = pd.Series(values, dtype=str)
         if name == "id":
-            refuse_cells(path, name, column, column.duplicated().to_numpy(), "each id once")
-        return column.astype(str)
+            refuse_cells(path, name, values, texts.duplicated().to_numpy(), "each id once")
+        return texts
     numbers, missing = _numbers(column)
     parts = name.split("_")
     limit = _LARGEST_LON if "lon" in parts else _LARGEST_LAT if "lat" in parts else _LARGEST
     wrong = ~(np.abs(numbers) <= limit) & ~missing
     refuse_cells(path, name, column, wrong, f"a number, at most {limit:.12g} in size")
     if name in _NUMBERS:
-        whole = column.dtype.kind in "iu"
-        return column if whole else pd.Series(numbers, column.index, name=name)
+        whole = isinstance(column, pd.Series) and column.dtype.kind in "iu"
+        return column if whole else numbers
     wrong = ~((numbers == np.round(numbers)) & (np.abs(numbers) < _LARGEST_WHOLE))
     refuse_cells(path, name, column, wrong, "a whole number")
-    return pd.Series(numbers.astype(np.int64), column.index, name=name)
+    return numbers.astype(np.int64)
 
 
-def _all_print(column: pd.Series[Any]) -> bool:
-    values = column.to_numpy(object)
-    try:
-        return "".join(values).isprintable() and bool((values != "").all())
-    except TypeError:  # not all are texts
-        return False
-
-
-def _numbers(column: pd.Series[Any]) -> tuple[Floats, Bools]:
+def _numbers(column: Any) -> tuple[Floats, Bools]:
     """Return a column as numbers, NaN where a cell is none, and which cells are empty."""
-    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
-        numbers = column.to_numpy(np.float64)
-        return numbers, np.isnan(numbers)
-    try:
-        texts = _texts(column)
-        if pc.all(pc.match_substring_regex(texts, _PLAIN), min_count=0).as_py():
-            missing = texts.is_null().to_numpy(zero_copy_only=False)
-            return texts.cast(pa.float64()).to_numpy(zero_copy_only=False), missing
-    except (pa.ArrowTypeError, pa.ArrowInvalid):  # not all are texts
-        pass
+    if isinstance(column, pd.Series):
+        if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
+            numbers = column.to_numpy(np.float64)
+            return numbers, np.isnan(numbers)
+    elif pc.all(pc.match_substring_regex(column, _PLAIN), min_count=0).as_py():
+        missing = column.is_null().to_numpy(zero_copy_only=False)
+        return np.array(column.cast(pa.float64())), missing
     values = column.tolist()
     missing = np.array([_is_missing(value) for value in values], np.bool_)
     return np.array([_number(value) for value in values], np.float64), missing
@@ -154,7 +154,7 @@ def _number(value: object) -> float:
 
 
 def _is_missing(value: object) -> bool:
-    return value is None or value != value
+    return value is None or value != value or value == "nan"
 
 
 def refuse_cells(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import conditions_of, read_excluded, read_queries
-from airzoo_bench.benchmark.tables import read_table, refuse_cells
+from airzoo_bench.benchmark.tables import read_table, refuse_cells, require_columns
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.formats.npz import NpzFile
@@ -267,9 +267,9 @@ def read_tiles(home: Path) -> pd.DataFrame:
 def _read_tile_table(path: Path) -> pd.DataFrame:
     """Read a table of tiles or, as its columns tell, of images."""
     found = read_table(path, ("id",))
-    if "image" in found.columns:
-        return read_table(path, IMAGE_COLUMNS, complete=_position_columns(found))
-    return read_table(path, _TILE_COLUMNS, complete=_TILE_COLUMNS[1:])
+    if "image" in found:
+        return require_columns(path, found, IMAGE_COLUMNS, _position_columns(found))
+    return require_columns(path, found, _TILE_COLUMNS, _TILE_COLUMNS[1:])
 
 
 def _read_footprints(path: Path, queries: pd.DataFrame, tiles: pd.DataFrame) -> pd.DataFrame:

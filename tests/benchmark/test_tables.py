@@ -24,7 +24,7 @@ from tests.support import run_main
         ("a,1_0,x.jpg\n", r"column 'x', row 1: '1_0'\n"),
         ("a,inf,x.jpg\n", r"column 'x', row 1: 'inf'\n"),
         ("a,1e300,x.jpg\n", r"column 'x', row 1: '1e300'\n"),
-        ("a,1,\n", r"column 'image', row 1: ''\n  expected: text"),
+        ("a,1,\n", r"column 'image', row 1: nothing\n  expected: text"),
         ("a,1,a.jpg\na,1,b.jpg\n", r"column 'id', row 2: 'a'\n  expected: each id once"),
         ("a\u202eb,1,a.jpg\n", r"column 'id', row 1: 'a\\u202eb'\n"),
         ("a,,a.jpg\n", r"column 'x', row 1: nothing\n  expected: a number"),
