@@ -142,30 +142,32 @@ def _misfit_m(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float
 
 def alignment_notes(found: Alignment, method: str) -> list[str]:
     """Say how cameras were aligned where it is not the usual way, and how many agree."""
-    agree, cameras = 2 * found.inliers >= found.cameras, counted(found.cameras, "camera")
-    turned = (found.rotations_deg or {}).get("median", 0.0)
-    photos = counted(found.cameras + found.cameras_missing, "photo")
-    have = agreeing(found.cameras_missing, "has", "have")
-    is_aligned = found.method != "none"
-    said = {
-        f"holds no cameras: taken as it is, without alignment by {method}": (
-            found.cameras + found.cameras_missing == 0 and method != "none"
-        ),
-        "camera centres lie on a line: aligned by the cameras' orientations too": (
-            found.used_orientations
-        ),
-        f"cameras are turned by {turned:.0f} degrees (median), though their centres fit: are the "
-        "extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a straight strip, "
-        "the image names in reverse order?": turned > 150.0 and agree,
-        "fewer than 3 cameras agree: aligned to all of them": not found.robust,
-        f"only {found.inliers} of {cameras} within {found.inlier_limit_m} m: the alignment may be "
-        "that of a part": found.robust and is_aligned and not agree,
-        f"{found.icp_failure}: aligned by cameras only": found.icp_failure is not None,
-        f"{found.cameras_missing} of {photos} {have} no pose in the prediction": (
-            is_aligned and found.cameras_missing > 0
-        ),
-    }
-    return [note for note, holds in said.items() if holds]
+    agree, aligned = 2 * found.inliers >= found.cameras, found.method != "none"
+    lost, photos = found.cameras_missing, counted(found.cameras + found.cameras_missing, "photo")
+    turned, notes = (found.rotations_deg or {}).get("median", 0.0), []
+    if found.centres is None and not lost and method != "none":
+        notes.append(f"holds no cameras: taken as it is, without alignment by {method}")
+    if found.used_orientations:
+        notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
+    if turned > 150.0 and agree:
+        notes.append(
+            f"cameras are turned by {turned:.0f} degrees (median), though their centres fit: are "
+            "the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a "
+            "straight strip, the image names in reverse order?"
+        )
+    if not found.robust:
+        notes.append("fewer than 3 cameras agree: aligned to all of them")
+    elif aligned and not agree:
+        notes.append(
+            f"only {found.inliers} of {counted(found.cameras, 'camera')} within "
+            f"{found.inlier_limit_m:.3g} m: the alignment may be that of a part"
+        )
+    if found.icp_failure is not None:
+        notes.append(f"{found.icp_failure}: aligned by cameras only")
+    if aligned and lost:
+        have = agreeing(lost, "has", "have")
+        notes.append(f"{lost} of {photos} {have} no pose in the prediction")
+    return notes
 
 
 # --- views ---
@@ -230,12 +232,8 @@ def check_views(prediction: ScenePrediction) -> str | None:
 
 def check_depth(depth_m: float, most_m: float) -> str | None:
     """Look for millimetres: depths, as aligned, beyond those that are fused."""
-    if not depth_m > most_m:
-        return None
-    return (
-        f"depths are {depth_m:g} m as aligned (median), beyond the protocol's {most_m:g} m: are "
-        "they in millimetres?"
-    )
+    said = f"depths are {depth_m:g} m as aligned (median), beyond the protocol's {most_m:g} m"
+    return f"{said}: are they in millimetres?" if depth_m > most_m else None
 
 
 def _median_depth(maps: DepthMaps) -> float:
@@ -253,12 +251,10 @@ def check_pixel_centres(
     error = float(np.hypot(*(0.5 / np.median(cameras.focal, axis=0)))) * depth_m
     if prediction.pixel_centres is not None or prediction.images is None or error <= tolerance_m:
         return None
-    half = prediction.images.named
     return (
-        "does not say where K has its pixel centres, taken as "
-        f"{'half (the first is 0.5, 0.5)' if half else 'integer (the first is 0, 0)'}: if that is "
-        f"wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (Depth Anything 3, "
-        "VGGT, CUT3R, MapAnything, DUSt3R) or 'half'"
+        f"pixel centres of K are taken as {'half' if prediction.images.named else 'integer'}: if "
+        f"that is wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (Depth "
+        "Anything 3, VGGT, CUT3R, MapAnything, DUSt3R) or 'half'"
     )
 
 
@@ -327,19 +323,19 @@ def check_digits(
 
 def left_out_notes(cloud: PreparedCloud) -> list[str]:
     """Say how many points were left out of a cloud, and where none is left."""
-    left_out, left = cloud.outside + cloud.not_finite + cloud.distrusted, cloud.source.count
+    left, notes = cloud.source.count, []
+    if cloud.distrusted:
+        notes.append(f"left out: {counted(cloud.distrusted, 'point')} of too little confidence")
+    if cloud.not_finite:
+        notes.append(f"left out: {counted(cloud.not_finite, 'point')}, NaN, infinite or too large")
     share = cloud.outside / max(left + cloud.thinned + cloud.outside, 1)
-    distrusted, odd = (counted(n, "point") for n in (cloud.distrusted, cloud.not_finite))
-    said = {
-        f"left out: {distrusted} of too little confidence": cloud.distrusted > 0,
-        f"left out: {odd}, NaN, infinite or too large": cloud.not_finite > 0,
-        f"{share:.0%} of the prediction lies outside the scored region, uncounted": share >= 0.005,
-        "the prediction holds no point, or no depth within the protocol's range": (
-            left + left_out == 0
-        ),
-        "no point is left to compare: it scores 0 and infinite distances": left == 0,
-    }
-    return [note for note, holds in said.items() if holds]
+    if share >= 0.005:  # less is 0 %
+        notes.append(f"{share:.0%} of the prediction lies outside the scored region, uncounted")
+    if not left + cloud.outside + cloud.not_finite + cloud.distrusted:
+        notes.append("the prediction holds no point, or no depth within the protocol's range")
+    if not left:
+        notes.append("no point is left to compare: it scores 0 and infinite distances")
+    return notes
 
 
 def check_bounds(cloud: Floats, truth: Floats) -> str | None:

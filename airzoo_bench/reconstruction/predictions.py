@@ -1,16 +1,8 @@
 """Predictions of the reconstruction track: a folder or an archive with an entry a scene.
 
-::
-
-    protocol.txt            the protocol's name, so that no --protocol is needed (optional)
-    school.ply              a cloud or mesh of the scene "school"
-    school.cameras.npz      its cameras: image_names, extrinsics (optional; aligning needs them)
-    plaza.npz               depth maps or point maps with cameras, or a cloud
-    substation/cloud.laz    or a folder a scene, with one such file
-    substation/cameras.npz
-
-A file alone is a prediction of one scene, named as the file is. Files as methods write them come
-from readers, as `NativeScenes`.
+An entry is ``school.ply`` or ``school/cloud.ply``, a cloud or a mesh, with its cameras in
+``school.cameras.npz`` or ``school/cameras.npz``; or ``school.npz``, maps with cameras. A file alone
+is a prediction of one scene. Files as methods write them come from readers, as `NativeScenes`.
 """
 
 from __future__ import annotations

@@ -55,18 +55,6 @@ def test_no_bit_depends_on_order_or_pieces(points: Floats, seed: int, size: floa
     assert thinned(shuffled, size, step).tobytes() == thinned(points, size).tobytes()
 
 
-@given(clouds(), st.sampled_from((0.05, 0.1, 0.3, 1.0)))
-@quick
-def test_voxels_against_a_dictionary(points: Floats, size: float) -> None:
-    voxels: dict[tuple[float, ...], list[Floats]] = {}
-    for point in points:
-        voxels.setdefault(tuple(np.floor(point / size)), []).append(point)
-    means = np.array([np.mean(voxels[key], axis=0) for key in sorted(voxels)])
-    small = thinned(points, size)
-    assert small.shape == means.shape
-    assert np.abs(small - means).max() <= size * 2.0**-31 + np.abs(points).max() * 1e-15
-
-
 def test_voxels_beyond_the_limit_are_refused() -> None:
     points = np.random.default_rng(0).uniform(0, 10, (5000, 3))
     occupied = len(thinned(points, 1.0))
