@@ -108,7 +108,7 @@ def score(
     if sealed is None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
     if sealed is not None:
-        found = score_against_truth(read_found(sealed), work.resolve(), rules, read_key(None))
+        found = score_against_truth(read_found(sealed), work.resolve(), rules, read_key())
     elif event is not None:
         found = score_pull_request(read_event(event), remote, rules, work.resolve())
     else:

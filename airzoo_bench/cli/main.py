@@ -106,11 +106,6 @@ _COMMANDS: dict[str, dict[str, tuple[str, ...]]] = {
             *("seal:seal", "Split a benchmark from its truth."),
             "seal mine --out public/mine --archive public/mine.age --to age1...",
         ),
-        "seal-score": (
-            *("seal:seal_score", "Score against a sealed truth."),
-            "seal-score preds.npz --protocol mine-retrieval --data public/mine --archive "
-            "public/mine.age --key key.txt",
-        ),
     },
     "AirZoo-Mini, which needs no data": {
         "demo": ("baseline:demo", "Run a plain method on every track of a demo.", "demo"),

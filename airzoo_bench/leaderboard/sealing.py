@@ -38,7 +38,6 @@ from airzoo_bench.core.files import (
     canonical_json,
     check_new_folder,
     check_output_file,
-    read_text,
     sha256_of,
 )
 from airzoo_bench.core.progress import Progress, silent
@@ -94,11 +93,11 @@ def load_pyrage() -> Any:
         raise UsageError("sealed truth needs pyrage, which is not installed", fix=fix) from None
 
 
-def read_key(file: Path | None = None) -> Any:
-    """Read the key that opens an archive, from a file or from the environment."""
-    text = read_text(file, UsageError, "key file") if file else os.environ.get(KEY_VARIABLE)
+def read_key() -> Any:
+    """Read the key that opens an archive from the environment."""
+    text = os.environ.get(KEY_VARIABLE)
     if text is None:
-        fix = f"give its file by --key, or put it in ${KEY_VARIABLE}"
+        fix = f"put the content of its file in ${KEY_VARIABLE}"
         raise UsageError("there is no key to open the archive with", fix=fix)
     found = [line.strip() for line in text.splitlines() if line.strip().startswith(_SECRET)]
     pyrage = load_pyrage()
@@ -109,7 +108,7 @@ def read_key(file: Path | None = None) -> Any:
         # Neither the key nor the library's words on it are repeated.
         what = f"holds {len(found)} keys" if len(found) != 1 else "holds a key that is damaged"
         expected = f"one line that begins with {_SECRET}, as age-keygen writes it"
-        raise UsageError(what, where=file or f"${KEY_VARIABLE}", expected=expected) from None
+        raise UsageError(what, where=f"${KEY_VARIABLE}", expected=expected) from None
 
 
 def recipient(text: str) -> Any:

@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from airzoo_bench.cli.main import app
 from tests.support import run_main
 
-MOST_OPTIONS = 179
+MOST_OPTIONS = 170
 COMMON = ("--all", "--data", "--engine", "--format", "--jobs", "--untrusted")
 SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
 

@@ -1,4 +1,4 @@
-"""``seal`` and ``seal-score``: one message for each fault, exit code 2."""
+"""``seal`` and its keys: one message for each fault, exit code 2."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from airzoo_bench.leaderboard.sealing import KEY_VARIABLE, load_pyrage
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.leaderboard.sealing import KEY_VARIABLE, load_pyrage, read_key
 from tests.api.place import NAME
 from tests.leaderboard.sealed.conftest import SealedField, field, sealed
 from tests.support import run_main
@@ -30,42 +31,29 @@ def refused(capsys: pytest.CaptureFixture[str], *call: object) -> str:
     return said
 
 
-def score(public: Path, archive: Path, *more: object) -> tuple[object, ...]:
-    """Write answers, and return the command that scores them."""
-    assert run_main("template", f"{NAME}-retrieval", "--data", public, "--out", "t.npz") == 0
-    where = ("--protocol", f"{NAME}-retrieval", "--data", public, "--archive", archive)
-    return "seal-score", "t.npz", *where, *more
-
-
-def test_the_key_of_the_environment(sealed: SealedField, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(KEY_VARIABLE, f"# a comment\n{sealed.key}\n")
-    assert run_main(*score(sealed.public, sealed.archive)) == 0
-
-
 KEYS = {
-    "none": ("", "holds 0 keys"),
-    "two": ("KEY\nKEY\n", "holds 2 keys"),
-    "public": (RECIPIENT, "holds 0 keys"),
-    "damaged": ("KEY!", "holds a key that is damaged"),
+    "none": "",
+    "two": "KEY\nKEY\n",
+    "public": RECIPIENT,
+    "damaged": "KEY!",
 }
 
 
 @pytest.mark.parametrize("name", KEYS)
-def test_faults_of_keys(name: str, sealed: SealedField, capsys: pytest.CaptureFixture[str]) -> None:
-    text, expected = KEYS[name]
-    Path("key.txt").write_text(text.replace("KEY", str(sealed.key)))
-    call = score(sealed.public, sealed.archive, "--key", "key.txt")
-    capsys.readouterr()
-    said = refused(capsys, *call)
-    assert expected in said
-    assert str(sealed.key)[20:40] not in said
+def test_faults_of_keys(name: str, sealed: SealedField, monkeypatch: pytest.MonkeyPatch) -> None:
+    secret = str(sealed.key)
+    monkeypatch.setenv(KEY_VARIABLE, KEYS[name].replace("KEY", secret))
+    with pytest.raises(UsageError) as caught:
+        read_key()
+    assert KEY_VARIABLE in str(caught.value)
+    assert secret[20:40] not in str(caught.value)
 
 
-def test_no_key_and_no_file_of_one(sealed: SealedField, capsys: pytest.CaptureFixture[str]) -> None:
-    call = score(sealed.public, sealed.archive)
-    capsys.readouterr()
-    assert "no key to open the archive with" in refused(capsys, *call)
-    assert "no such key file" in refused(capsys, *call, "--key", "missing.txt")
+def test_a_key_with_comments_and_none(sealed: SealedField, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UsageError, match=KEY_VARIABLE):
+        read_key()
+    monkeypatch.setenv(KEY_VARIABLE, f"# a comment\n{sealed.key}\n")
+    assert str(read_key()) == str(sealed.key)
 
 
 def test_faults_of_recipients(sealed: SealedField, capsys: pytest.CaptureFixture[str]) -> None:
@@ -92,13 +80,6 @@ def test_faults_of_places(sealed: SealedField, capsys: pytest.CaptureFixture[str
     capsys.readouterr()
     assert "exists already" in refused(capsys, "seal", sealed.folder, *where, *to)
     assert run_main("seal", sealed.folder, *where, *to, "--force") == 0
-    capsys.readouterr()
-    Path("key.txt").write_text(str(sealed.key))
-    call = score(Path("p/m"), Path("p/a.age"), "--key", "key.txt")
-    capsys.readouterr()
-    assert "another key" in refused(capsys, *call)
-    whole = [sealed.folder if part == Path("p/m") else part for part in call]
-    assert "is not sealed" in refused(capsys, *whole)
 
 
 def test_the_template_of_a_sealed_benchmark_is_checked_next(

@@ -16,7 +16,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError, SubmissionError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.leaderboard import sealed_scoring
+from airzoo_bench.leaderboard import sealed_scoring, sealing
 from airzoo_bench.leaderboard.data_branch import SealedAnswer
 from airzoo_bench.leaderboard.sealed_scoring import round_score, score_sealed
 from airzoo_bench.results.result import ScoreColumn
@@ -96,14 +96,20 @@ def test_no_error_tells_of_the_truth(
 _SCRIPT = """
 import sys, time
 from pathlib import Path
-from airzoo_bench.__main__ import main
-from airzoo_bench.leaderboard import sealed_scoring
-sealed_scoring._truth_home = lambda folder=Path(sys.argv.pop(1)): folder
+from airzoo_bench import __main__
+from airzoo_bench.cli import main
+from airzoo_bench.leaderboard import sealed_scoring, sealing
+memory, predictions, protocol, archive, data = sys.argv[1:]
+sealed_scoring._truth_home = lambda: Path(memory)
 def wait(*_, **__):
     print("open", flush=True)
     time.sleep(600)
 sealed_scoring.evaluate = wait
-main()
+places = Path(archive), sealing.read_key()
+main.main = lambda: sealed_scoring.score_sealed(
+    Path(predictions), protocol, "M", *places, data=Path(data)
+)
+__main__.main()
 """
 
 
@@ -113,16 +119,15 @@ main()
 def test_a_stopped_run_leaves_no_truth(
     how: signal.Signals, sealed: SealedField, predictions: dict[str, Path], tmp_path: Path
 ) -> None:
-    memory, key = tmp_path / "memory", tmp_path / "key.txt"
+    memory = tmp_path / "memory"
     memory.mkdir()
-    key.write_text(str(sealed.key))
-    arguments = ("--protocol", f"{NAME}-retrieval", "--data", sealed.public, "--key", key)
-    call = ("seal-score", predictions["retrieval"], "--archive", sealed.archive, *arguments)
+    call = (memory, predictions["retrieval"], f"{NAME}-retrieval", sealed.archive, sealed.public)
     process = subprocess.Popen(
-        [sys.executable, "-c", _SCRIPT, *map(str, (memory, *call))],
+        [sys.executable, "-c", _SCRIPT, *map(str, call)],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        env=os.environ
+        | {"PYTHONPATH": os.pathsep.join(sys.path), sealing.KEY_VARIABLE: str(sealed.key)},
     )
     assert process.stdout is not None
     assert process.stdout.readline() == b"open\n"
