@@ -127,28 +127,28 @@ def _move_all(moves: Sequence[tuple[Path, Path]]) -> None:
 def temporary_file(target: Path) -> Iterator[tuple[int, Path]]:
     """Make an empty file next to `target`; it is removed at the end if it is still there."""
     path = _hidden(target, PART)
-    handle = os.open(path, os.O_CREAT | os.O_RDWR | _NO_LINK, 0o600)
-    if _take_over(handle, path):
-        os.ftruncate(handle, 0)
-    else:  # another process writes the same file
+    handle = _take_over(path, os.O_CREAT | os.O_RDWR)
+    if handle is None:  # another process writes the same file
         handle, name = tempfile.mkstemp(PART, _hidden(target, ".").name, target.parent)
         path = Path(name)
+    os.ftruncate(handle, 0)
     with _removed_at_the_end(path, os.dup(handle)):  # the copy outlives the caller's handle
         yield handle, path
 
 
 @contextmanager
 def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Make an empty folder in `parent`, and remove what is left of it at the end."""
+    """Make an empty folder in `parent` for this user alone, and remove it at the end."""
     path = _hidden(parent / Path(name).name, PART)
-    path.mkdir(0o700, exist_ok=True)
-    lock = os.open(path, os.O_RDONLY | _NO_LINK)
-    if _take_over(lock, path):
-        for entry in path.iterdir():
-            _remove(entry)
-    else:
+    with suppress(OSError):
+        path.mkdir(0o700)
+    lock = _take_over(path, os.O_RDONLY)
+    if lock is None:
         path = Path(tempfile.mkdtemp(PART, _hidden(parent / Path(name).name, ".").name, parent))
         lock = os.open(path, os.O_RDONLY)
+    path.chmod(0o700)
+    for entry in path.iterdir():
+        _remove(entry)
     with _removed_at_the_end(path, lock):
         yield path
 
@@ -232,21 +232,25 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _take_over(handle: int, path: Path) -> bool:
-    """Lock an open file or folder, or close it where another process holds it."""
+def _take_over(path: Path, flags: int) -> int | None:
+    """Open and lock a file or folder of this user; None where another holds or made it."""
+    try:
+        handle = os.open(path, flags | _NO_LINK, 0o600)
+    except OSError:  # of another user, or a link
+        return None
     locked = _try_lock(handle)
-    if locked and _is_at(handle, path):
-        return True
+    if locked and _is_at(handle, path) and os.fstat(handle).st_uid == os.getuid():
+        return handle
     os.close(handle)
     if locked is None:
         _remove(path)
-    return False
+    return None
 
 
 def _is_at(handle: int, path: Path) -> bool:
     """Tell whether an open file is still the one at a path: its last holder may have removed it."""
     with suppress(FileNotFoundError):
-        return os.path.samestat(os.fstat(handle), path.stat())
+        return os.path.samestat(os.fstat(handle), path.lstat())
     return False
 
 

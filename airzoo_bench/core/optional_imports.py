@@ -14,8 +14,6 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from airzoo_bench.core.errors import UsageError
-
 # Pictures look alike whatever the person has set: a ``matplotlibrc`` in the working folder, the
 # person's own, or MPLBACKEND would rule fonts, sizes and whether a picture can be drawn at all.
 _BACKEND = "MPLBACKEND"
@@ -29,11 +27,6 @@ def load_matplotlib() -> ModuleType:
     given = os.environ.pop(_BACKEND, None)
     try:
         matplotlib = importlib.import_module("matplotlib")
-    except UnicodeDecodeError as error:
-        raise UsageError(
-            f"Matplotlib cannot start: its file of settings is no text ({error})",
-            fix="remove or correct the matplotlibrc in this folder, or of this user",
-        ) from None
     finally:
         if given is not None:
             os.environ[_BACKEND] = given

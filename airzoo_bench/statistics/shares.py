@@ -43,22 +43,6 @@ def effective_rates(values: Floats) -> Rates:
     return Rates(means, np.maximum(sizes, count))
 
 
-class Reaches(NamedTuple):
-    """Rates (R,) with standard errors, and how far Jeffreys' limits lie below and above them."""
-
-    means: Floats
-    spread: Floats
-    down: Floats
-    up: Floats
-
-
-def reaches_of(rates: Rates, confidence: float) -> Reaches:
-    """Take Jeffreys' limits of rates."""
-    means, sizes = rates
-    low, high = jeffreys_limits(rates, confidence).T
-    return Reaches(means, np.sqrt(means * (1 - means) / sizes), means - low, high - means)
-
-
 def wilson_limits(rates: Rates, confidence: float) -> Floats:
     """Return Wilson's limits of rates, (R, 2)."""
     squared = float(ndtri((1 + confidence) / 2)) ** 2
@@ -92,11 +76,16 @@ def limits_of_rates(rates: Sequence[Rates], confidence: float) -> Floats:
     """Take the intervals (R, 2) of averaged rates: Wilson's of one scene, MOVER's of several."""
     if len(rates) == 1:
         return wilson_limits(rates[0], confidence)
-    reaches = [reaches_of(rate, confidence) for rate in rates]
     means = np.mean([rate.means for rate in rates], axis=0)
-    down = np.sqrt(sum(reach.down**2 for reach in reaches))
-    up = np.sqrt(sum(reach.up**2 for reach in reaches))
-    return np.stack([means - down / len(rates), means + up / len(rates)], axis=1)
+    squares = sum(_reaches(rate, confidence) ** 2 for rate in rates)
+    down, up = np.sqrt(squares) / len(rates)
+    return np.stack([means - down, means + up], axis=1)
+
+
+def _reaches(rates: Rates, confidence: float) -> Floats:
+    """Return how far Jeffreys' limits lie below and above rates, (2, R)."""
+    low, high = jeffreys_limits(rates, confidence).T
+    return np.stack([rates.means - low, high - rates.means])
 
 
 def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
@@ -115,21 +104,18 @@ def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
         of_scene = np.stack([student, student])
         as_hits = ~graded | (np.ptp(values, axis=1) <= _ALIKE)
         if as_hits.any():
-            won, lost = (
-                reaches_of(effective_rates(np.maximum(side, 0.0)), confidence)
-                for side in (values[as_hits], -values[as_hits])
-            )
-            of_scene[:, as_hits] = _squared_reaches(won, lost, count)
+            of_scene[:, as_hits] = _squares_of_hits(values[as_hits], confidence)
         squares += of_scene
     down, up = np.sqrt(np.maximum(squares, 0.0)) / len(scenes)
     return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
 
 
-def _squared_reaches(won: Reaches, lost: Reaches, count: int) -> Floats:
+def _squares_of_hits(values: Floats, confidence: float) -> Floats:
     """Return the squared reaches, down and up (2, R), of a scene's share won minus share lost."""
-    spread = won.spread * lost.spread * count
-    nothing = np.zeros(len(won.means))
+    won, lost = (effective_rates(np.maximum(side, 0.0)) for side in (values, -values))
+    spread = np.sqrt(won.means * (1 - won.means) / won.sizes)
+    spread = spread * np.sqrt(lost.means * (1 - lost.means) / lost.sizes) * values.shape[1]
+    nothing = np.zeros(len(spread))
     correlation = np.divide(-won.means * lost.means, spread, out=nothing, where=spread > 0)
-    correlation = np.maximum(correlation, -1.0)
-    pairs = ((won.down, lost.up), (won.up, lost.down))
-    return np.stack([one**2 + other**2 - 2 * correlation * one * other for one, other in pairs])
+    one, other = _reaches(won, confidence), _reaches(lost, confidence)[::-1]
+    return one**2 + other**2 - 2 * np.maximum(correlation, -1.0) * one * other

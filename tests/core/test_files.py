@@ -179,6 +179,17 @@ def test_links_are_followed_and_end(tmp_path: Path) -> None:
     assert sha256_of_tree(linked) == sha256_of_tree(plain)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="links of POSIX")
+def test_names_that_somebody_else_made_are_not_used(tmp_path: Path) -> None:
+    (tmp_path / "theirs").mkdir()
+    for name in (".a.airzoo-part", ".b.airzoo-part"):
+        (tmp_path / name).symlink_to("theirs")
+    with temporary_folder(tmp_path, "a") as folder, temporary_file(tmp_path / "b") as (one, file):
+        os.close(one)
+        assert folder.resolve().parent == file.resolve().parent == tmp_path
+        assert folder.stat().st_mode & 0o077 == file.stat().st_mode & 0o077 == 0
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks")
 def test_what_a_dead_process_left_is_cleared_and_what_lives_is_not(tmp_path: Path) -> None:
     """A child dies with a temporary file and a folder; this process holds one of each."""

@@ -12,15 +12,19 @@ from airzoo_bench.results.comparison import family_of
 from airzoo_bench.statistics.significance import holm
 
 
-def test_by_hand():
-    # Sorted: 0.005 x 4, 0.01 x 3, 0.03 x 2, and 0.04 x 1, raised to the one before.
-    found = holm(np.array([0.01, 0.04, 0.03, 0.005]))
-    assert found == pytest.approx([0.03, 0.06, 0.06, 0.02])
-
-
-def test_one_and_many():
-    assert holm(np.array([0.2])).tolist() == [0.2]
-    assert holm(np.array([0.6, 0.5, 0.9])).tolist() == [1.0, 1.0, 1.0]
+@pytest.mark.parametrize(
+    ("p_values", "family", "adjusted"),
+    [
+        # Sorted: 0.005 x 4, 0.01 x 3, 0.03 x 2, and 0.04 x 1, raised to the one before.
+        ([0.01, 0.04, 0.03, 0.005], None, [0.03, 0.06, 0.06, 0.02]),
+        ([0.2], None, [0.2]),
+        ([0.6, 0.5, 0.9], None, [1.0, 1.0, 1.0]),
+        # Of a larger family: 0.001 x 6, 0.01 x 5, 0.02 x 4.
+        ([0.02, 0.001, 0.01], 6, [0.08, 0.006, 0.05]),
+    ],
+)
+def test_by_hand(p_values, family, adjusted):
+    assert holm(np.array(p_values), family) == pytest.approx(adjusted)
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
@@ -32,12 +36,6 @@ def test_it_rejects_what_the_step_down_procedure_rejects(values):
             break
         rejected[place] = True
     assert ((holm(p_values) <= level) == rejected).all()
-
-
-def test_of_a_larger_family_by_hand():
-    # Sorted: 0.001 x 6, 0.01 x 5, 0.02 x 4.
-    found = holm(np.array([0.02, 0.001, 0.01]), 6)
-    assert found == pytest.approx([0.08, 0.006, 0.05])
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.integers(0, 9))

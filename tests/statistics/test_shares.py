@@ -25,14 +25,12 @@ from tests.statistics.coverage import (
     AGREEMENT,
     DESIGNS,
     SATURATED,
-    UAV_RATES,
     Coverage,
     Scenes,
     coverage_of_rates,
     coverage_of_shares,
     documented,
     standard_error,
-    uav_visloc,
 )
 from tests.statistics.support import ERROR, HIT, SOFT, made_method
 
@@ -192,14 +190,6 @@ def assert_covered(found: Coverage, count: int) -> None:
     """Two standard errors on either side: 95 %, or more where fewer than ten queries differ."""
     error = 2 * standard_error(0.95, count)
     assert 0.93 - error <= found.difference <= (0.975 + error if found.differ >= 10 else 1.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rates", UAV_RATES)
-def test_coverage_at_the_sizes_of_uav_visloc(rates: str) -> None:
-    found = coverage_of_shares(uav_visloc(rates), 600, 0.0)
-    assert 0.93 <= found.average <= 0.97
-    assert_covered(found, 600)
 
 
 @pytest.mark.slow
