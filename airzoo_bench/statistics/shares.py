@@ -118,4 +118,5 @@ def _squares_of_hits(values: Floats, confidence: float) -> Floats:
     nothing = np.zeros(len(spread))
     correlation = np.divide(-won.means * lost.means, spread, out=nothing, where=spread > 0)
     one, other = _reaches(won, confidence), _reaches(lost, confidence)[::-1]
-    return one**2 + other**2 - 2 * np.maximum(correlation, -1.0) * one * other
+    squares = one**2 + other**2 - 2 * np.maximum(correlation, -1.0) * one * other
+    return np.asarray(squares)
