@@ -317,7 +317,8 @@ def _judge(
 
 
 def _length(vectors: Floats) -> Floats:
-    length: Floats = np.linalg.norm(vectors, axis=1)
+    with np.errstate(over="ignore"):
+        length: Floats = np.linalg.norm(vectors, axis=1)
     return length
 
 
