@@ -318,8 +318,7 @@ def _judge(
 
 def _length(vectors: Floats) -> Floats:
     with np.errstate(over="ignore"):
-        length: Floats = np.linalg.norm(vectors, axis=1)
-    return length
+        return np.asarray(np.linalg.norm(vectors, axis=1))
 
 
 def _angle(one: Floats, other: Floats) -> float:

@@ -173,13 +173,10 @@ def _check_finite(path: Path, content: Correspondences, ids: NDArray[np.str_]) -
         values = getattr(content, name)
         bad = np.zeros(0) if values is None else ~np.isfinite(values).all(axis=1)
         if bad.any():
+            rows = counted(int(bad.sum()), "row is", "rows are")
             whose = first_of(ids[np.unique(content.query[bad])], len(ids), noun="query")
-            raise PredictionError(
-                f"{counted(int(bad.sum()), 'row is', 'rows are')} NaN or infinite, in {whose}",
-                where=f"{path}, field '{name}'",
-                expected="finite coordinates",
-                fix="leave out what has no match",
-            )
+            what, where = f"{rows} NaN or infinite, in {whose}", f"{path}, field '{name}'"
+            raise PredictionError(what, where=where, expected="finite coordinates of each match")
 
 
 def _pixels(arrays: Arrays, name: str) -> Floats:
