@@ -265,13 +265,8 @@ def _cloud_columns(
     limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
     most = None if isinstance(settings.max_distance_m, str) else settings.max_distance_m
     found = metrics.score_distances(to_truth, to_prediction, thresholds=limits, max_distance=most)
-    columns = {
-        f"{name}_m": getattr(found, name)
-        for name in (
-            *("chamfer", "accuracy", "completeness"),
-            *("accuracy_median", "completeness_median"),
-        )
-    }
+    means = ("chamfer", "accuracy", "completeness", "accuracy_median", "completeness_median")
+    columns = {f"{name}_m": getattr(found, name) for name in means}
     for row, limit in enumerate(limits.tolist()):
         for share in ("precision", "recall", "f1"):
             columns[f"{share}_{limit:g}m"] = float(getattr(found.curve, share)[row])
@@ -332,25 +327,21 @@ def pose_scores(
 
 def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:
     """Return the scores of a protocol; without cameras, records lack the pose scores."""
+
+    def distance(column: str, title: str, *, headline: bool = False) -> Score:
+        return Score(column, title, "m", higher_is_better=False, average="mean", headline=headline)
+
     main = settings.headline_below_m
-    scores = [
-        _distance("chamfer_m", "Chamfer", headline=True),
-        _distance("accuracy_m", "Accuracy", headline=True),
-        _distance("completeness_m", "Completeness", headline=True),
-    ]
+    means = ("Chamfer", "Accuracy", "Completeness")
+    scores = [distance(f"{title.lower()}_m", title, headline=True) for title in means]
     for limit in (main, *(other for other in settings.f1_below_m if other != main)):
         for share, title in (("precision", "P"), ("recall", "R"), ("f1", "F1")):
             headline = limit == main or share == "f1"
             column = f"{share}_{limit:g}m"
             scores.append(Score.share(column, f"{title}@{limit:g}m", headline=headline))
-    scores.append(_distance("accuracy_median_m", "Accuracy, median"))
-    scores.append(_distance("completeness_median_m", "Completeness, median"))
+    scores += [distance(f"{title.lower()}_median_m", f"{title}, median") for title in means[1:]]
     for angle in settings.pose_auc_below_deg:
         scores.append(Score.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
-    scores.append(Score.share("cameras_placed", "Cameras placed"))
-    scores += [_distance("ate_m", "ATE"), _distance("rpe_m", "RPE")]
-    return [*scores, replace(_distance("rpe_deg", "RPE, rotation"), unit="deg")]
-
-
-def _distance(column: str, title: str, *, headline: bool = False) -> Score:
-    return Score(column, title, "m", higher_is_better=False, average="mean", headline=headline)
+    scores += [Score.share("cameras_placed", "Cameras placed"), distance("ate_m", "ATE")]
+    turn = replace(distance("rpe_deg", "RPE, rotation"), unit="deg")
+    return [*scores, distance("rpe_m", "RPE"), turn]
