@@ -106,22 +106,14 @@ def _ring(info: RasterInfo, windows: Ints) -> Floats:
 
 
 def _check_on_earth(info: RasterInfo, ring: Floats) -> None:
-    """Refuse maps that no box in degrees describes."""
-    latitudes = ring[..., 1]
-    if not (np.abs(latitudes) <= 90).all():  # also tells NaN
+    """Refuse maps whose CRS cannot be theirs."""
+    if not (np.abs(ring[..., 1]) <= 90).all():  # also tells NaN
         raise RasterError(
             "reaches places that are not on the earth",
             where=info.path,
             expected=f"coordinates that {describe_crs(info.crs)} is defined for, latitudes from "
             "-90 to 90",
             fix="look at the geotransform and the CRS of the map, or cut it",
-        )
-    if (np.ptp(ring[..., 0], axis=1) >= 180).any():
-        raise RasterError(
-            "holds a pole, or tiles half as wide as the earth: no box in degrees describes them",
-            where=info.path,
-            expected="a map without a pole",
-            fix="cut the map so that the pole is outside",
         )
 
 
