@@ -23,9 +23,11 @@ settings.register_profile(
     "any machine", deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("any machine")
-settings.register_profile("nightly", settings.get_profile("any machine"), max_examples=1000)
+settings.register_profile("nightly", settings.get_profile("any machine"), max_examples=500)
 # Under mutmut: the same cases for each mutant, and no search for the smallest that kills it.
-settings.register_profile("mutants", derandomize=True, phases=(Phase.explicit, Phase.generate))
+settings.register_profile(
+    "mutants", derandomize=True, max_examples=100, phases=(Phase.explicit, Phase.generate)
+)
 
 # Files that take longest, begun first: one that began last would keep a single worker busy.
 LONGEST = (
