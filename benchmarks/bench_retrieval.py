@@ -15,6 +15,7 @@ from harness import Case, Figures, Work, main, same
 from numpy.typing import NDArray
 from pyproj import Transformer
 
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.positives import positives_from_points
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
@@ -115,7 +116,13 @@ def rank_mapped(folder: Path, **_: Any) -> Work:
 
     def work() -> dict[str, Any]:
         ranking = rank_by_descriptors(
-            queries, gallery, k=K, metric="l2", positives=positives, depth=5, memory_bytes=1 << 29
+            queries,
+            gallery,
+            k=K,
+            metric="l2",
+            positives=positives,
+            depth=5,
+            run=Run(1 << 29, jobs=2),
         )
         return {"tiles": ranking.tiles}
 

@@ -17,7 +17,7 @@ from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
 
 _CELLS = 1 << 20  # ranks at a time
 _SHOWN_LETTERS = 80
@@ -139,6 +139,10 @@ def retrieval_notes(
         ("dropped_tiles", f"tile {left_out} is", f"tiles {left_out} are", "in no gallery"),
     )
     notes = [f"{counted(sums[n], one, many)} {what}" for n, one, many, what in kinds if sums[n]]
+    tables = [truth.excluded for truth in truths]
+    unanswered = [one for some in tables for one in some["id"][some["reason"] == UNANSWERED]]
+    if unanswered:
+        notes.append(f"queries that no tile answers, left out: {first_of(unanswered)}")
     if isinstance(predictions.content, Descriptors):
         given = predictions.content.gallery_ids
         known = np.concatenate([truth.tiles["id"].to_numpy(str) for truth in truths])
@@ -149,7 +153,7 @@ def retrieval_notes(
             notes.append(f"described tiles that are in no gallery, left aside: {named}")
     if sums["shorter"]:
         ending = counted(sums["shorter"], "list ends", "lists end")
-        reached = min(scene.facts["reached"] for scene in scored)
+        reached = min(scene.facts["reached"] for scene in scored if scene.facts["shorter"])
         notes.append(
             f"{ending} without all positives, the shortest after rank {reached}: to scores that "
             "read deeper (mAP, MRR) the others are not found"

@@ -101,12 +101,6 @@ def _ring(info: RasterInfo, windows: Ints) -> Floats:
     pixels = np.stack([x0 + (x1 - x0) * right, y0 + (y1 - y0) * down], axis=-1)
     lonlat = to_lonlat(info.crs, pixel_to_world(info.transform, pixels))
     ring = unwrapped(lonlat, middle_lon(info))
-    _check_on_earth(info, ring)
-    return ring
-
-
-def _check_on_earth(info: RasterInfo, ring: Floats) -> None:
-    """Refuse maps whose CRS cannot be theirs."""
     if not (np.abs(ring[..., 1]) <= 90).all():  # also tells NaN
         raise RasterError(
             "reaches places that are not on the earth",
@@ -115,6 +109,7 @@ def _check_on_earth(info: RasterInfo, ring: Floats) -> None:
             "-90 to 90",
             fix="look at the geotransform and the CRS of the map, or cut it",
         )
+    return ring
 
 
 def valid_shares(path: Path, windows: Ints) -> Floats:

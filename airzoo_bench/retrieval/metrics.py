@@ -2,14 +2,14 @@
 
 `hits` is (Q, K) bool, best rank first, and `n_positives` (Q,) is R, the number of positives in
 the gallery, ranked or not. `distances` is (Q, K), infinite where no tile is ranked. Ranks beyond
-the end of a list hold nothing. A query without a positive scores 0.
+the end of a list hold nothing. A query without a positive has no hit and scores 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import comb
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,8 +85,6 @@ def average_precision_at(hits: Bools, n_positives: Ints, k: int, variant: ApVari
     if variant == "precision":
         return n_hits / k
     divisors = {"trec": n_positives, "min": np.minimum(n_positives, k), "hits": n_hits}
-    if variant not in divisors:
-        raise ValueError(f"unknown variant {variant!r}, expected one of {get_args(ApVariant)}")
     return np.asarray(_sum_over_hits(first, np.divide) / np.maximum(divisors[variant], 1))
 
 
@@ -173,7 +171,7 @@ def pdm_at(distances: Floats, k: int, sizes: Floats, steepness: float, tolerance
 
     The gain is :math:`1 / (1 + e^{\lambda (d / w - \alpha)})` for tiles of the sides w (Q, K);
     the authors' code has the steepness :math:`\lambda` = 6 and the tolerance :math:`\alpha` = 0.9.
-    It divides by the weights of the ranks that are there; here a short list has lost the others.
+    It divides by the weights of the ranks that are there; here the others gain 0.
     Ye et al., arXiv:2503.10692.
     """
 

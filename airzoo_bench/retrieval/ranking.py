@@ -8,7 +8,6 @@ all are positive.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import rows_among, scene_of, with_endings
 from airzoo_bench.core.validation import nearest as suggestion
-from airzoo_bench.engines.engine import HERE, Engine, split
+from airzoo_bench.engines.engine import split
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval.metrics import hit_matrix
@@ -233,11 +232,9 @@ def _rank_descriptors(
             metric=metric,
             positives=positives,
             depth=depth,
-            memory_bytes=run.memory_bytes,
-            jobs=run.jobs,
+            run=run,
             names=names,
             tile_names=truth.tiles["id"].to_numpy(),
-            engine=run.engine,
         )
 
     return rank
@@ -282,11 +279,9 @@ def rank_by_descriptors(
     metric: Metric,
     positives: Positives,
     depth: int,
-    memory_bytes: int = 1 << 30,
-    jobs: int | None = None,
+    run: Run = Run(),  # noqa: B008 - frozen
     names: Names | None = None,
     tile_names: Names | None = None,
-    engine: Engine = HERE,
 ) -> Ranking:
     """Rank the gallery by descriptors, exactly as float64 has it."""
     n_tiles, ranking = len(gallery), Ranking.blank(len(queries), k)
@@ -297,12 +292,12 @@ def rank_by_descriptors(
     check_descriptors(asked, rounded(asked)[1], metric, "query_descriptors", called[some])
     if all_equal(gallery):
         flat[:], some = True, some[:0]
-    threads, sought = jobs or os.cpu_count() or 1, min(max(k, depth), max(n_tiles, 1))
+    sought = min(max(k, depth), max(n_tiles, 1))
     tiles = range(n_tiles) if tile_names is None else tile_names
-    search = Search(gallery, metric, sought, memory_bytes, threads, tiles)
+    search = Search(gallery, metric, sought, run.memory_bytes, run.jobs, tiles)
     step = search.queries_at_a_time()
-    parts = split(len(some), min(step, _SENT_QUERIES) if engine.distributed else step)
-    found = engine.map(
+    parts = split(len(some), min(step, _SENT_QUERIES) if run.engine.distributed else step)
+    found = run.engine.map(
         _rank_part,
         [(asked[part], positives.take(some[part])) for part in parts],
         shared=(search, k, depth),

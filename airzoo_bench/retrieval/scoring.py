@@ -15,8 +15,7 @@ from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.results.result import Reference
 from airzoo_bench.results.scores import Score, concatenate, summarise
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.metrics import ap_name as ap_name
-from airzoo_bench.retrieval.metrics import share_name
+from airzoo_bench.retrieval.metrics import ap_name, share_name
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.settings import (
     ApVariant,

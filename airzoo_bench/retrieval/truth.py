@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import conditions_of, read_excluded, read_queries
 from airzoo_bench.benchmark.tables import read_table, refuse_cells, require_columns
-from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted, first_of
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
@@ -31,6 +31,7 @@ POSITION_COLUMNS = (("image_lon", "image_lat"), ("image_x_m", "image_y_m"))
 """Where an image is: degrees, or metres of a plane."""
 
 NO_GROUND_POINT = "no ray meets the ground"
+UNANSWERED = "positives.npz gives it no tile"
 
 _WINDOW_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height")
 _TILE_COLUMNS = ("id", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
@@ -208,7 +209,7 @@ def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
 
 
 def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> RetrievalTruth:
-    """Read a scene's truth; where `answerable`, each query must have a positive."""
+    """Read a scene's truth; where `answerable`, queries without a positive are excluded."""
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries, tiles = read_queries(folder, excluded), read_tiles(home)
@@ -217,12 +218,7 @@ def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> Retriev
     positives = _read_positives(home / "positives.npz", len(queries), len(tiles))
     truth = RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
     if answerable and not (positives.counts > 0).all():
-        raise BenchmarkError(
-            f"no tile answers {first_of(queries['id'][positives.counts == 0], len(queries))}",
-            where=home / "positives.npz",
-            expected="a positive for each query, as without_positive = 'exclude' has it",
-            fix="list these queries in excluded.csv",
-        )
+        truth = _without_unanswered(truth)
     if truth.queries.empty:
         raise BenchmarkError(
             f"scene {scene} has no query: {counted(len(truth.excluded), 'photo')} excluded",
@@ -231,6 +227,19 @@ def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> Retriev
             fix=f"{_AGAIN} with other photos, or leave the scene out of the protocol",
         )
     return truth
+
+
+def _without_unanswered(truth: RetrievalTruth) -> RetrievalTruth:
+    """Exclude queries without a positive, as `prepare` does; a folder made by hand has some."""
+    right = truth.positives.counts > 0
+    lacking = truth.queries.loc[~right, ["id", "image"]].assign(reason=UNANSWERED)
+    return replace(
+        truth,
+        queries=truth.queries[right].reset_index(drop=True),
+        footprints=truth.footprints[right].reset_index(drop=True),
+        positives=truth.positives.take(np.flatnonzero(right)),
+        excluded=pd.concat([truth.excluded, lacking]).sort_values("id", ignore_index=True),
+    )
 
 
 def read_tiles(home: Path) -> pd.DataFrame:

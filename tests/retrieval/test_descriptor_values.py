@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.ranking_support import (
     METRICS,
@@ -47,7 +48,7 @@ def test_descriptors_that_are_not_finite_are_refused_by_name(value, metric, tmp_
     for gallery in (bad, np.load(tmp_path / "bad.npy", mmap_mode="r")):
         for memory_bytes in (1 << 7, 1 << 30):
             with pytest.raises(PredictionError, match=r": .*1") as caught:
-                run(good, gallery, metric, names=names, memory_bytes=memory_bytes)
+                run(good, gallery, metric, names=names, run=Run(memory_bytes))
             assert caught.value.where == "field 'gallery_descriptors'"
 
 

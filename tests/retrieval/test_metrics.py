@@ -158,11 +158,6 @@ def test_scores_do_not_depend_on_the_block(monkeypatch):
     assert all(a.tobytes() == b.tobytes() for a, b in zip(whole, blocks, strict=True))
 
 
-def test_an_unknown_variant_is_refused():
-    with pytest.raises(ValueError, match=r"unknown variant 'voc', expected one of .'precision'"):
-        metrics.average_precision_at(HITS, POSITIVES, 1, "voc")
-
-
 # --- properties of the scores -----------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.engines.engine import Engine
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import ranking
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.ranking_support import METRICS, random_positives
@@ -99,7 +100,7 @@ def test_any_cut_gives_the_same_bytes(
     engine = Shuffled(seed)
     with mock.patch.object(ranking, "_SENT_QUERIES", most):
         found = rank_by_descriptors(
-            queries, gallery, **options, memory_bytes=memory_bytes, engine=engine
+            queries, gallery, **options, run=Run(memory_bytes, engine=engine)
         )
     assert found.tiles.tobytes() == expected.tiles.tobytes()
     assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
@@ -120,5 +121,5 @@ def test_rows_of_a_file_are_read_where_they_lie(metric, tmp_path):
         "depth": 5,
     }
     expected = rank_by_descriptors(queries, gallery, **options)
-    found = rank_by_descriptors(queries, mapped, **options, memory_bytes=1 << 20)
+    found = rank_by_descriptors(queries, mapped, **options, run=Run(1 << 20))
     assert found.tiles.tobytes() == expected.tiles.tobytes()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import search
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from tests.retrieval.ranking_support import (
@@ -40,7 +41,7 @@ def test_descriptors_with_many_ties(seed, n_tiles, length, k, depth, metric, mem
         metric=metric,
         positives=positives,
         depth=depth,
-        memory_bytes=memory_bytes,
+        run=Run(memory_bytes),
     )
     expected = naive(similarities(queries, gallery, metric), positives, k, depth)
     assert_is(ranking, expected)
@@ -104,7 +105,7 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
         metric=metric,
         positives=positives,
         depth=5,
-        memory_bytes=memory_bytes,
+        run=Run(memory_bytes),
     )
     others = [
         [tile for tile in range(1, n_tiles, 2) if tile not in positives.of_query(query)][:10]
@@ -130,7 +131,7 @@ def test_order_below_the_resolution_of_float32(metric, n_tiles, memory_bytes, ap
         metric=metric,
         positives=positives_of(*[[]] * 5),
         depth=5,
-        memory_bytes=memory_bytes,
+        run=Run(memory_bytes),
     )
     scores = similarities(queries.astype(np.longdouble), gallery, metric)
     assert ranking.tiles.tolist() == np.argsort(-scores, axis=1)[:, :20].tolist()
@@ -151,7 +152,7 @@ def crowded_case(metric):
 @pytest.mark.parametrize("metric", METRICS)
 def test_crowds_agree_with_a_plain_sort(metric):
     queries, gallery, options = crowded_case(metric)
-    found = rank_by_descriptors(queries, gallery, **options, memory_bytes=1 << 16)
+    found = rank_by_descriptors(queries, gallery, **options, run=Run(1 << 16))
     # Rounded, since the plain sums of equal tiles need not be equal.
     scores = similarities(queries, gallery, metric).round(9)
     assert_is(found, naive(scores, options["positives"], 25, 5))
