@@ -19,7 +19,7 @@ from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.checks import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
 from airzoo_bench.retrieval.scoring import hit_columns
-from airzoo_bench.retrieval.settings import ApVariant, RetrievalScores
+from airzoo_bench.retrieval.settings import ApVariant, TileScores
 from airzoo_bench.retrieval.truth import Positives, offsets_of
 
 __all__ = ["QueryScores", "average_precision", "chance_level", "recall_at_k", "retrieval_scores"]
@@ -288,7 +288,7 @@ def chance_level(
         raise arg.fault("n_positives", what, expected)
     columns: dict[str, Floats] = {}
     for k in _checked_ranks(ks):
-        settings = RetrievalScores.model_construct(
+        settings = TileScores.model_construct(
             ranks_kept=size, recall_at=(k,), ap_at=k, ndcg_at=(k,)
         )
         found = metrics.chance_scores(positives, size, settings)

@@ -41,7 +41,7 @@ from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, surve
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
 from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.prepare import grouped_reasons
-from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedTruth
+from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
 from airzoo_bench.retrieval.stated_truth import build_truth as build_stated_truth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -96,7 +96,7 @@ def make_content(native: NativeScene | ImageScene, protocols: BenchmarkProtocols
 def _image_content(native: ImageScene, protocols: BenchmarkProtocols) -> SceneContent:
     """Make the truth of a scene that a benchmark states by pairs of images."""
     protocol = protocols.first(RetrievalProtocol)
-    if protocol is None or not isinstance(protocol.ground_truth, StatedTruth):
+    if protocol is None or not isinstance(protocol.ground_truth, StatedRules):
         raise TypeError(f"scene {native.scene} has no protocol whose truth is stated")
     prepared = build_stated_truth(
         native.scene, native.queries, native.gallery, native.pairs, protocol.ground_truth

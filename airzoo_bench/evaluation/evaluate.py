@@ -166,11 +166,11 @@ def _notes(
 def _run_fingerprint(
     given: Given, sha256: str, truths: Sequence[Truth], read_by: ReadBy, run: Run
 ) -> str:
-    """Return a fingerprint of all that scores of scenes depend on."""
+    """Return a fingerprint of the inputs and versions, but not of code that is being changed."""
     reader = None if given.reader is None else given.reader.model_dump(mode="json")
     names = None if read_by.names is None else sha256_of(read_by.names)
     parts = sha256, reader, names, given.protocol.fingerprint, truth_fingerprint(truths)
-    return fingerprint([*parts, versions(), run.memory_bytes])  # memory cuts queries and clouds
+    return fingerprint([*parts, versions(), run.memory_bytes])
 
 
 def _join_records(

@@ -16,7 +16,7 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import Ranking
-from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, RetrievalScores
+from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol, TileScores
 from airzoo_bench.retrieval.truth import UNANSWERED, RetrievalTruth
 
 _CELLS = 1 << 20  # ranks at a time
@@ -98,7 +98,7 @@ def list_facts(
     truth: RetrievalTruth,
     ranking: Ranking,
     answered: Bools,
-    settings: RetrievalScores | ImageScores,
+    settings: TileScores | ImageScores,
 ) -> dict[str, Any]:
     """Count the queries without a ranking, and the lists that end without all positives.
 

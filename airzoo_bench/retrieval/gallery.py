@@ -16,7 +16,7 @@ from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.crs import describe_crs, geodesic_distance_m, to_lonlat, unwrapped
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world
 from airzoo_bench.retrieval.footprints import polygon_areas
-from airzoo_bench.retrieval.settings import Gallery
+from airzoo_bench.retrieval.settings import MapGallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, LONLAT_DECIMALS, boxes_of
 
 _STRIP = 1024  # rows of a mask that are read at a time, at most
@@ -30,7 +30,7 @@ def tile_starts(length: int, size: int, overlap: float) -> Ints:
     return starts if starts[-1] == last else np.append(starts, last)
 
 
-def cut_gallery(info: RasterInfo, gallery: Gallery, scene: str) -> pd.DataFrame:
+def cut_gallery(info: RasterInfo, gallery: MapGallery, scene: str) -> pd.DataFrame:
     """Cut a map into tiles, as windows."""
     _check_gsd(info, gallery)
     parts = [_cut_scale(info, size, gallery.overlap, scene) for size in gallery.tile_sizes_px]
@@ -58,7 +58,7 @@ def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
     return float(areas.sum() / polygon_areas(ring).sum() - 1)
 
 
-def _check_gsd(info: RasterInfo, gallery: Gallery) -> None:
+def _check_gsd(info: RasterInfo, gallery: MapGallery) -> None:
     """Compare the map's ground sampling distance with the protocol's, on both axes."""
     if gallery.gsd_m == "any":
         return

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.retrieval.settings import ApVariant, ImageScores, RetrievalScores
+from airzoo_bench.retrieval.settings import ApVariant, ImageScores, TileScores
 
 if TYPE_CHECKING:
     from airzoo_bench.retrieval.truth import Positives
@@ -209,7 +209,7 @@ def dis_at(distances: Floats, k: int, worst: Floats) -> Floats:
 
 
 def chance_scores(
-    positives: Ints, n_tiles: int, settings: RetrievalScores | ImageScores
+    positives: Ints, n_tiles: int, settings: TileScores | ImageScores
 ) -> dict[str, Floats]:
     """Return the expected score of each query under a random order of its gallery."""
     kinds, back = np.unique(positives, return_inverse=True)
@@ -232,7 +232,7 @@ def _image_chance(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str,
     return scores
 
 
-def _tile_chance(kinds: Ints, n_tiles: int, settings: RetrievalScores) -> dict[str, Floats]:
+def _tile_chance(kinds: Ints, n_tiles: int, settings: TileScores) -> dict[str, Floats]:
     k, kept = settings.ap_at, min(settings.ranks_kept, n_tiles)
     right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
     none = _none_among(kinds, n_tiles, max(kept, *settings.recall_at))

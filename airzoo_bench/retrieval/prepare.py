@@ -28,7 +28,7 @@ from airzoo_bench.retrieval.positives import (
     positives_from_iou,
     positives_from_points,
 )
-from airzoo_bench.retrieval.settings import Gallery, GroundTruth
+from airzoo_bench.retrieval.settings import MapGallery, GeometricRules
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     FOOTPRINT_COLUMNS,
@@ -54,7 +54,7 @@ class PreparedScene:
     in_map_frame: bool
 
 
-def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> PreparedScene:
+def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules) -> PreparedScene:
     """Cut the gallery, cast the footprints, and find which tile answers which photo."""
     info = inputs.gallery_map
     tiles, dropped = _without_empty(cut_gallery(info, gallery, inputs.scene), gallery, info)
@@ -87,7 +87,7 @@ def build_truth(inputs: SceneInputs, gallery: Gallery, rules: GroundTruth) -> Pr
     return PreparedScene(truth, shared.take(rows), in_map_frame)
 
 
-def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GroundTruth) -> Positives:
+def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GeometricRules) -> Positives:
     """Find which tiles of a gallery that was cut before answer each photo."""
     info, points = inputs.gallery_map, _footprints(inputs, rules).lonlat
     if box_growth(info, tiles) <= rules.box_growth:
@@ -96,7 +96,7 @@ def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GroundTruth
 
 
 def _without_empty(
-    tiles: pd.DataFrame, gallery: Gallery, info: RasterInfo
+    tiles: pd.DataFrame, gallery: MapGallery, info: RasterInfo
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Split off the tiles that hold too little of the map, or none of it."""
     kept = np.ones(len(tiles), bool)
@@ -114,7 +114,7 @@ def _without_empty(
     return tiles[kept].reset_index(drop=True), tiles[~kept].reset_index(drop=True)
 
 
-def _footprints(inputs: SceneInputs, rules: GroundTruth) -> Footprints:
+def _footprints(inputs: SceneInputs, rules: GeometricRules) -> Footprints:
     ground: float | HeightField
     if rules.rule == "dsm":
         ground = HeightField.read(needed(inputs.dsm, "surface model", inputs.scene))
@@ -135,7 +135,7 @@ def _in_pixels(info: RasterInfo, lonlat: Floats) -> Floats:
     return np.round(to_map_pixels(LONLAT_CRS, info)(lonlat), _PIXEL_DECIMALS)
 
 
-def _positives(points: Floats, boxes: Floats, rules: GroundTruth) -> Positives:
+def _positives(points: Floats, boxes: Floats, rules: GeometricRules) -> Positives:
     if rules.iou_above is not None:
         return positives_from_iou(points, boxes, rules.iou_above)
     found = positives_from_points(points, boxes)
@@ -157,8 +157,8 @@ def _reasons(
     footprints: Footprints,
     shared: Positives,
     on_dropped: Bools,
-    gallery: Gallery,
-    rules: GroundTruth,
+    gallery: MapGallery,
+    rules: GeometricRules,
 ) -> list[str]:
     """Return for each photo why no tile answers it, if none does."""
     best, missed = np.zeros(shared.n_queries), footprints.missed_rays

@@ -32,7 +32,7 @@ from airzoo_bench.retrieval.search import (
     nearest,
     rounded,
 )
-from airzoo_bench.retrieval.settings import ImageScores, Metric, RetrievalScores
+from airzoo_bench.retrieval.settings import ImageScores, Metric, TileScores
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
 _CELLS = 1 << 20  # ranks at a time
@@ -75,7 +75,7 @@ def rank_scene(
     predictions: RetrievalPredictions,
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
-    settings: RetrievalScores | ImageScores,
+    settings: TileScores | ImageScores,
     run: Run,
 ) -> Ranking:
     """Rank the gallery for the queries of a scene, which the predictions answer in these rows.
@@ -87,7 +87,7 @@ def rank_scene(
     kept, there = min(settings.ranks_kept, n_tiles), np.flatnonzero(rows >= 0)
     width = content.ids.shape[1] if isinstance(content, RankedIds) else 0
     ranked = isinstance(content, RankedIds) and content.scores is None
-    if ranked and isinstance(settings, RetrievalScores):
+    if ranked and isinstance(settings, TileScores):
         # Ranks beyond short lists would hold nothing, for each of a million queries.
         kept = min(kept, max(width, settings.deepest))
     k, depth = (n_tiles, n_tiles) if whole_lists else (kept, settings.depth)

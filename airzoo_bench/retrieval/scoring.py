@@ -21,7 +21,7 @@ from airzoo_bench.retrieval.settings import (
     ApVariant,
     DistanceScores,
     ImageScores,
-    RetrievalScores,
+    TileScores,
 )
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -45,7 +45,7 @@ Between = Callable[[Floats, Floats], Floats]
 """Takes positions (..., 2) of queries and of images, and returns distances (...)."""
 
 
-def retrieval_scores(settings: RetrievalScores | ImageScores) -> list[Score]:
+def retrieval_scores(settings: TileScores | ImageScores) -> list[Score]:
     """Return the scores that a protocol asks for, the paper's first."""
     headline = [Score.share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     if isinstance(settings, ImageScores):
@@ -79,9 +79,7 @@ def _image_scores(settings: ImageScores) -> list[Score]:
     return [*scores, Score.share(other, beyond), Score.share("mrr", "MRR")]
 
 
-def chance_level(
-    truths: Sequence[RetrievalTruth], settings: RetrievalScores | ImageScores
-) -> Reference:
+def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageScores) -> Reference:
     """Return what tiles in random order score, by scene; see `chance_scores`."""
     tables = []
     for truth in truths:
@@ -100,7 +98,7 @@ def score_scene(
     truth: RetrievalTruth,
     ranking: Ranking,
     answered: Bools,
-    settings: RetrievalScores | ImageScores,
+    settings: TileScores | ImageScores,
     *,
     jobs: int = 1,
 ) -> pd.DataFrame:
@@ -157,7 +155,7 @@ def hit_columns(
 
 
 def _tile_distances(
-    truth: RetrievalTruth, ranked: NDArray[np.int32], settings: RetrievalScores, jobs: int
+    truth: RetrievalTruth, ranked: NDArray[np.int32], settings: TileScores, jobs: int
 ) -> dict[str, Floats]:
     """Score the metres from the footprint's centre to the centres of the first tiles."""
     tiles = ranked[:, : max(1, *settings.sdm_at, *settings.pdm_at)]

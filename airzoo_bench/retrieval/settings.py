@@ -18,7 +18,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Rank = Annotated[int, Field(ge=1, le=1000)]
 
 
-class Gallery(Strict):
+class MapGallery(Strict):
     """How the georeferenced map is cut into tiles."""
 
     tile_sizes_px: Annotated[
@@ -52,7 +52,7 @@ class ImageGallery(Strict):
     dropped: ClassVar[str] = ""
 
 
-class GroundTruth(Strict):
+class GeometricRules(Strict):
     """Which tiles answer a query, from rays cast through four anchor pixels."""
 
     rule: Literal["plane", "dsm", "iou"]
@@ -63,13 +63,13 @@ class GroundTruth(Strict):
     without_positive: WithoutPositive
 
     @model_validator(mode="after")
-    def _threshold_belongs_to_iou(self) -> GroundTruth:
+    def _threshold_belongs_to_iou(self) -> GeometricRules:
         if (self.rule == "iou") != (self.iou_above is not None):
             raise ValueError("iou_above is given with rule = 'iou', and only then")
         return self
 
 
-class StatedTruth(Strict):
+class StatedRules(Strict):
     """Which images answer a query, as the benchmark states by class labels or pairs."""
 
     rule: Literal["labels", "pairs"]
@@ -77,13 +77,13 @@ class StatedTruth(Strict):
     without_positive: WithoutPositive
 
     @model_validator(mode="after")
-    def _pairs_belong_to_pairs(self) -> StatedTruth:
+    def _pairs_belong_to_pairs(self) -> StatedRules:
         if (self.rule == "pairs") != (self.pairs is not None):
             raise ValueError("pairs is given with rule = 'pairs', and only then")
         return self
 
 
-class RetrievalScores(Strict):
+class TileScores(Strict):
     """Scores of a ranked gallery of tiles that are cut from a map."""
 
     descriptor_metric: Metric
@@ -100,7 +100,7 @@ class RetrievalScores(Strict):
     pdm_tolerance_tiles: Positive
 
     @model_validator(mode="after")
-    def _check_ranks_kept(self) -> RetrievalScores:
+    def _check_ranks_kept(self) -> TileScores:
         if self.ranks_kept < self.deepest:
             raise ValueError(f"ranks_kept must reach the deepest score, {self.deepest}")
         return self
@@ -112,7 +112,7 @@ class RetrievalScores(Strict):
 
     @property
     def depth(self) -> int:
-        """The deepest rank that a headline score (recall, AP) reads."""
+        """The deepest rank that recall or AP reads: a tie beyond it decides nothing."""
         return max(*self.recall_at, self.ap_at)
 
 
@@ -176,22 +176,22 @@ class RetrievalProtocol(Protocol):
 
     track: Literal["retrieval"]
     gallery: Annotated[
-        Annotated[Gallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
+        Annotated[MapGallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
         _by(ImageGallery, lambda values: "source" in values),
     ]
     ground_truth: Annotated[
-        Annotated[GroundTruth, Tag("<map>")] | Annotated[StatedTruth, Tag("<images>")],
-        _by(StatedTruth, _is_stated),
+        Annotated[GeometricRules, Tag("<map>")] | Annotated[StatedRules, Tag("<images>")],
+        _by(StatedRules, _is_stated),
     ]
     scores: Annotated[
-        Annotated[RetrievalScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
+        Annotated[TileScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
         _by(ImageScores, lambda values: "recall_at_share" in values),
     ]
 
-    def map_rules(self) -> tuple[Gallery, GroundTruth]:
+    def map_rules(self) -> tuple[MapGallery, GeometricRules]:
         """Return how the map is cut into tiles, and which of them answer."""
         gallery, truth = self.gallery, self.ground_truth
-        if isinstance(gallery, ImageGallery) or isinstance(truth, StatedTruth):
+        if isinstance(gallery, ImageGallery) or isinstance(truth, StatedRules):
             raise ProtocolError(
                 f"protocol {self.name} has a gallery of images that its benchmark gives",
                 expected="one whose gallery is cut from a map",
@@ -202,7 +202,7 @@ class RetrievalProtocol(Protocol):
     @model_validator(mode="after")
     def _sections_fit(self) -> RetrievalProtocol:
         stated = isinstance(self.gallery, ImageGallery)
-        if isinstance(self.ground_truth, StatedTruth) != stated:
+        if isinstance(self.ground_truth, StatedRules) != stated:
             raise ValueError(
                 "rule 'labels' or 'pairs' needs [gallery] source = 'images', and only they have it"
             )

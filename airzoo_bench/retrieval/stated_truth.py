@@ -12,7 +12,7 @@ import pandas as pd
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.prepare import PreparedScene
-from airzoo_bench.retrieval.settings import StatedTruth
+from airzoo_bench.retrieval.settings import StatedRules
 from airzoo_bench.retrieval.truth import (
     POSITION_COLUMNS,
     Positives,
@@ -53,7 +53,7 @@ def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> StatedPai
 
 
 def build_truth(
-    scene: str, queries: ImageSet, gallery: ImageSet, pairs: StatedPairs, rules: StatedTruth
+    scene: str, queries: ImageSet, gallery: ImageSet, pairs: StatedPairs, rules: StatedRules
 ) -> PreparedScene:
     """Lay out queries, gallery and pairs as the truth of a scene."""
     asked, asked_order = _table(scene, queries, "queries")

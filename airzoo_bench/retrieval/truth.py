@@ -154,7 +154,7 @@ class RetrievalTruth:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 over all that a score is computed from."""
+        """SHA-256 over ids, geometry and positives; a score that reads more adds it here."""
         digest = hashlib.sha256()
         for ids in (self.queries["id"], self.tiles["id"]):
             digest.update("\n".join(ids.to_numpy(object)).encode() + b"\0")
@@ -199,7 +199,7 @@ def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
     folder = benchmark.scene_folder(scene)
     if not benchmark.is_sealed:
         rules = benchmark.file.tracks["retrieval"]["ground_truth"]
-        return read_truth(folder, scene, answerable=rules["without_positive"] == "exclude")
+        return read_truth(folder, scene, exclude_unanswered=rules["without_positive"] == "exclude")
     excluded = read_excluded(benchmark, scene, "retrieval")
     queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
     dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
@@ -208,8 +208,8 @@ def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
-def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> RetrievalTruth:
-    """Read a scene's truth; where `answerable`, queries without a positive are excluded."""
+def read_truth(folder: Path, scene: str, *, exclude_unanswered: bool = False) -> RetrievalTruth:
+    """Read a scene's truth; where `exclude_unanswered`, queries without a positive are excluded."""
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries, tiles = read_queries(folder, excluded), read_tiles(home)
@@ -217,7 +217,7 @@ def read_truth(folder: Path, scene: str, *, answerable: bool = False) -> Retriev
     dropped = _read_tile_table(home / "dropped_tiles.csv")
     positives = _read_positives(home / "positives.npz", len(queries), len(tiles))
     truth = RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
-    if answerable and not (positives.counts > 0).all():
+    if exclude_unanswered and not (positives.counts > 0).all():
         truth = _without_unanswered(truth)
     if truth.queries.empty:
         raise BenchmarkError(

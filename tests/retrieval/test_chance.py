@@ -13,15 +13,15 @@ from scipy.stats import hypergeom
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import score_scene
-from airzoo_bench.retrieval.settings import RetrievalScores
+from airzoo_bench.retrieval.settings import TileScores
 from tests.support import MadeScene, made_truth, protocol
 
 
-def scores(**changes: object) -> RetrievalScores:
-    return RetrievalScores.model_validate(protocol().scores.model_dump() | changes)
+def scores(**changes: object) -> TileScores:
+    return TileScores.model_validate(protocol().scores.model_dump() | changes)
 
 
-def over_all_orders(n_tiles: int, n_positives: int, chosen: RetrievalScores) -> dict[str, float]:
+def over_all_orders(n_tiles: int, n_positives: int, chosen: TileScores) -> dict[str, float]:
     """Score every order with our own metrics; only where the positives stand can matter."""
     places = list(combinations(range(n_tiles), n_positives))
     scene = MadeScene("s", [list(range(n_positives))] * len(places), n_tiles)

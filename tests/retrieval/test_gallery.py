@@ -16,12 +16,12 @@ from rasterio.transform import Affine
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
-from airzoo_bench.retrieval.settings import Gallery
+from airzoo_bench.retrieval.settings import MapGallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 
 
-def gallery(sizes: tuple[int, ...] = (64, 32), gsd_m: float | str = "any") -> Gallery:
-    return Gallery.model_validate(
+def gallery(sizes: tuple[int, ...] = (64, 32), gsd_m: float | str = "any") -> MapGallery:
+    return MapGallery.model_validate(
         {
             "tile_sizes_px": sizes,
             "overlap": 0.5,

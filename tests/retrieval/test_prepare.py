@@ -19,7 +19,7 @@ from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import score_scene
-from airzoo_bench.retrieval.settings import Gallery, GroundTruth
+from airzoo_bench.retrieval.settings import MapGallery, GeometricRules
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth, write_truth
 from tests.support import protocol, write_raster
 
@@ -57,8 +57,8 @@ def inputs(
 
 
 def built(given: SceneInputs, least: float | str = 0.0, **rules: Any) -> PreparedScene:
-    gallery = Gallery.model_validate(SETTINGS | {"least_valid_share": least})
-    return build_truth(given, gallery, GroundTruth.model_validate(PLANE | rules))
+    gallery = MapGallery.model_validate(SETTINGS | {"least_valid_share": least})
+    return build_truth(given, gallery, GeometricRules.model_validate(PLANE | rules))
 
 
 def scattered(n: int = 60, seed: int = 0) -> np.ndarray[Any, Any]:
