@@ -28,7 +28,7 @@ from airzoo_bench.retrieval.positives import (
     positives_from_iou,
     positives_from_points,
 )
-from airzoo_bench.retrieval.settings import MapGallery, GeometricRules
+from airzoo_bench.retrieval.settings import GeometricRules, MapGallery
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     FOOTPRINT_COLUMNS,

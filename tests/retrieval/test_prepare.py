@@ -19,7 +19,7 @@ from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.prepare import PreparedScene, build_truth
 from airzoo_bench.retrieval.ranking import Ranking
 from airzoo_bench.retrieval.scoring import score_scene
-from airzoo_bench.retrieval.settings import MapGallery, GeometricRules
+from airzoo_bench.retrieval.settings import GeometricRules, MapGallery
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth, write_truth
 from tests.support import protocol, write_raster
 
