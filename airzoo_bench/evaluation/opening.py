@@ -83,14 +83,12 @@ def open_predictions(
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
     fields = npz_fields(path)
-    others = fields - {"protocol"}  # a method's own may be among them, which its reader opens
+    others = fields - {"protocol"}  # they may be a method's own, which its reader opens
     arrays = NpzFile(path, run.memory_bytes, others) if path.suffix == ".npz" else None
     chosen = _find_protocol(path, protocol, protocol_name(arrays) if arrays else None, data)
     asked = track or (None if chosen is None else chosen.track)
-    is_suites_own = (
-        "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
-    )
-    name = read_by.reader or (None if is_suites_own else find_reader(path, asked))
+    is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
+    name = read_by.reader or (None if is_own else find_reader(path, asked))
     if name is not None:
         return _open_native(path, reader_named(name), name, data, track, chosen, run, read_by)
     for option, value in (("--names", read_by.names), ("--image-size", read_by.image_size)):
