@@ -38,7 +38,6 @@ def test_given_to_a_command(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     special(kind, Path("one.npz"))
-    what = "a link to nothing" if kind == "link to nothing" else "a pipe, a socket or a device"
     for words in (command, "check"):
         assert run_main(*words.split(), "one.npz") == 2
-        assert f"one.npz: {what}" in capsys.readouterr().err
+        assert capsys.readouterr().err.startswith("airzoo-bench: one.npz: ")
