@@ -36,7 +36,7 @@ _SPARE = 64  # candidates beyond 2k that a query may keep
 _BYTES_OF_A_CANDIDATE = 64  # query, tile and value, and what sorting them takes
 _BYTES_OF_A_PAIR = 256  # the same of a pair that is ordered
 _PIECE_NUMBERS = 1 << 17  # of descriptors at a time in float64; stays in the cache
-_BLOCK_BYTES, _BLOCK_ROWS = 1 << 26, 1 << 15
+_BLOCK_BYTES, _BLOCK_ROWS = 1 << 25, 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Search:
 
     def queries_at_a_time(self) -> int:
         """Return the number of queries for one call of `nearest`."""
-        own: int = 32 * self.gallery.shape[1] + _BYTES_OF_A_CANDIDATE * self.capacity
+        own: int = 16 * self.gallery.shape[1] + _BYTES_OF_A_CANDIDATE * self.capacity
         return max(64, self.memory_bytes // 2 // own)
 
 
@@ -144,14 +144,12 @@ def release_pages(rows: Any) -> None:
 def _similarities(search: Search, queries: NDArray[Any], query: Ints, tile: Ints) -> Floats:
     """Return similarities of pairs in float64 and bounds of their errors (2, n)."""
     order = np.argsort(tile, kind="stable")  # by tile, as they lie in a file
-    step = max(16, _PIECE_NUMBERS // max(queries.shape[1], 1))
-    found = np.empty((2, len(query)))
+    step = max(1, _PIECE_NUMBERS // max(queries.shape[1], 1))
+    gallery, found = np.asarray(search.gallery), np.empty((2, len(query)))
 
     def evaluate(start: int) -> None:
         some = order[start : start + step]
-        asked = queries[query[some]].astype(np.float64)
-        near = np.asarray(search.gallery[tile[some]]).astype(np.float64)
-        found[:, some] = similarity(asked, near, search.metric)
+        found[:, some] = similarity(queries[query[some]], gallery[tile[some]], search.metric)
 
     with ThreadPoolExecutor(search.threads) as pool:
         for number, _ in enumerate(pool.map(evaluate, range(0, len(order), step))):
@@ -211,16 +209,19 @@ def error_bounds(norms: Floats, most: float, n: int, metric: Metric) -> Floats:
     return np.asarray(bound + n * _TINY * (1 + norms + most))
 
 
-def similarity(queries: Floats, gallery: Floats, metric: Metric) -> tuple[Floats, Floats]:
-    """Return similarities of pairs, (n, D) and (n, D), and bounds of their errors.
+def similarity(
+    queries: NDArray[Any], gallery: NDArray[Any], metric: Metric
+) -> tuple[Floats, Floats]:
+    """Return similarities in float64 of pairs, (n, D) and (n, D), and bounds of their errors.
 
     The order in which they are summed depends on D alone.
     """
     error = gamma(queries.shape[1], _DOUBLE)
     if metric == "l2":
-        apart = queries - gallery
+        apart = np.subtract(queries, gallery, dtype=np.float64)
         found = -_dot(apart, apart) / 2
         return found, error * np.abs(found)
+    queries, gallery = queries.astype(np.float64), gallery.astype(np.float64)
     sizes = np.sqrt(_dot(queries, queries) * _dot(gallery, gallery))
     found = _dot(queries, gallery)
     if metric == "cosine":
