@@ -209,21 +209,19 @@ def error_bounds(norms: Floats, most: float, n: int, metric: Metric) -> Floats:
     return np.asarray(bound + n * _TINY * (1 + norms + most))
 
 
-def similarity(
-    queries: NDArray[Any], gallery: NDArray[Any], metric: Metric
-) -> tuple[Floats, Floats]:
+def similarity(asked: NDArray[Any], near: NDArray[Any], metric: Metric) -> tuple[Floats, Floats]:
     """Return similarities in float64 of pairs, (n, D) and (n, D), and bounds of their errors.
 
     The order in which they are summed depends on D alone.
     """
-    error = gamma(queries.shape[1], _DOUBLE)
+    error = gamma(asked.shape[1], _DOUBLE)
     if metric == "l2":
-        apart = np.subtract(queries, gallery, dtype=np.float64)
+        apart = np.subtract(asked, near, dtype=np.float64)
         found = -_dot(apart, apart) / 2
         return found, error * np.abs(found)
-    queries, gallery = queries.astype(np.float64), gallery.astype(np.float64)
-    sizes = np.sqrt(_dot(queries, queries) * _dot(gallery, gallery))
-    found = _dot(queries, gallery)
+    asked, near = asked.astype(np.float64), near.astype(np.float64)
+    sizes = np.sqrt(_dot(asked, asked) * _dot(near, near))
+    found = _dot(asked, near)
     if metric == "cosine":
         return found / sizes, np.full(len(found), 2 * error)
     return found, error * sizes
