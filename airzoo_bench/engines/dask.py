@@ -129,7 +129,8 @@ def local_cluster(workers: int) -> Iterator[DaskEngine]:
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",  # else at a port that another cluster may have
+                scheduler_kwargs={"dashboard": False},
                 silence_logs=logging.CRITICAL,
             )
             client = Client(cluster)
@@ -169,8 +170,7 @@ def connect(address: str) -> Iterator[DaskEngine]:
                 f"no scheduler of Dask answers there ({type(error).__name__})",
                 where=place,
                 expected="local, dask, tcp://HOST:PORT or tls://HOST:PORT (not the dashboard's)",
-                fix="check that `dask scheduler` runs there, and for tls:// the certificates of "
-                "Dask's settings, distributed.comm.tls",
+                fix="check that `dask scheduler` runs there, and Dask's own settings of tls://",
             ) from None
         with client:
             _wait_for_workers(client, place)
