@@ -46,7 +46,7 @@ _SETTINGS = {
     # third of the time of work on large arrays. A worker's memory is bounded by what tasks take.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 28,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 25,
-    "logging": {"distributed": "critical", "tornado": "critical", "bokeh": "critical"},
+    "logging": {"distributed": "critical", "tornado": "critical"},
 }
 _loaded: dict[str, Any] = {}
 
