@@ -81,7 +81,7 @@ def _check_ranges(values: Values) -> Outcome:
     return Outcome("range", len(known), what, left, tuple(findings))
 
 
-def _of_pairs(
+def _pairs_outcome(
     check: str, what: str, none: str, pairs: Sequence[Pair], findings: Iterable[Finding | None]
 ) -> Outcome:
     cells = tuple(chain.from_iterable(pairs))
@@ -100,7 +100,7 @@ def _check_order(values: Values) -> Outcome:
     ]
     what = "pairs such as R@1 and R@5 of one row, whether the stricter one is not larger"
     none = "no row has one kind of recall at two thresholds"
-    return _of_pairs("order", what, none, pairs, (_disordered(*pair) for pair in pairs))
+    return _pairs_outcome("order", what, none, pairs, (_disordered(*pair) for pair in pairs))
 
 
 def _is_stricter(first: Score, second: Score) -> bool:
@@ -187,7 +187,7 @@ def _check_agreement(values: Values, off: AbstractSet[Value]) -> Outcome:
     what = "pairs of one number in two tables, whether both say the same"
     # Of averages that are off, the difference has been found.
     found = (_differing(*pair) for pair in pairs if off.isdisjoint(pair))
-    return _of_pairs("agreement", what, "nothing is printed in two tables", pairs, found)
+    return _pairs_outcome("agreement", what, "nothing is printed in two tables", pairs, found)
 
 
 def _differing(first: Value, second: Value) -> Finding | None:

@@ -260,7 +260,7 @@ def define_precision(
 
 
 def _is_precision(shares: Sequence[_Share], doubtful: Collection[tuple[str, ...]]) -> bool:
-    """Whether so many values are whole numbers of positives that it cannot be chance."""
+    """Whether more values are whole numbers of positives than by chance."""
     own = [share for share in shares if share.cell.row not in doubtful]
     misfits = sum(share.off > Fraction(1, 2) for share in own)
     # One misprint of several values must not hide what all others are.

@@ -95,7 +95,7 @@ class Score:
 
 @cache
 def read_score(name: str) -> Score:
-    """Understand a score's printed name; unknown names are of the family `OTHER`."""
+    """Understand a score's printed name; the family of unknown names is `OTHER`."""
     plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
     matches = {kind: pattern.fullmatch(plain) for kind, pattern in _PATTERNS.items()}
     if re.search(r"[@<]\s*[-\u2212]", name):  # no threshold is below 0
@@ -193,7 +193,7 @@ def read_values(published: Published) -> list[Value]:
 
 
 def _settled(values: list[Value]) -> list[Value]:
-    """Settle by the whole file whether recalls are of clouds, and accuracy a distance."""
+    """Decide by the whole file whether recall means clouds, and accuracy a distance."""
 
     def place(value: Value, score: Score) -> tuple[object, ...]:
         return value.table, *value.group, score.thresholds
@@ -202,7 +202,7 @@ def _settled(values: list[Value]) -> list[Value]:
     of_clouds = {place(value, value.score) for value in clouds if value.score.thresholds}
     settled = []
     for value in values:
-        score, cloud = value.score, _of_cloud(value.score)
+        score, cloud = value.score, _cloud_score(value.score)
         if cloud and place(value, cloud) in of_clouds:
             score = cloud
         elif score.family is Family.DISTANCE and value.unit not in _LENGTHS:
@@ -213,7 +213,7 @@ def _settled(values: list[Value]) -> list[Value]:
     return settled
 
 
-def _of_cloud(score: Score) -> Score | None:
+def _cloud_score(score: Score) -> Score | None:
     """Return recall or precision at K as a point cloud's within K; None for other scores."""
     if score.family is Family.AVERAGE_PRECISION and score.variant == "precision":
         return Score(score.name, Family.PRECISION, ((Fraction(score.cutoff), ""),))

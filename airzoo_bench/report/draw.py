@@ -46,7 +46,7 @@ def choose_score(
     return errors[0] if of_errors else found[0]
 
 
-def of_scene(methods: Sequence[Scored], wanted: str) -> list[Scored]:
+def restrict_to_scene(methods: Sequence[Scored], wanted: str) -> list[Scored]:
     """Return the methods restricted to one scene, named by id or title."""
     titles = methods[0].result.truth.scene_titles
     scene = find_scene(titles, wanted)
@@ -74,18 +74,18 @@ def picture(
 ) -> Figure:
     """Draw a kind of picture as ``airzoo-bench plot`` does."""
     if kind in OF_ONE_RUN:
-        return of_run(kind, paths, scene, sheet, **more)
+        return draw_run(kind, paths, scene, sheet, **more)
     methods = read_scored(paths)
     check_same_queries(methods)
     if scene is not None:
-        methods = of_scene(methods, scene)
+        methods = restrict_to_scene(methods, scene)
     chosen = choose_score(methods, score, of_errors=kind == "errors")
     scores = [] if kind in ("recall", "thresholds") else [chosen]
     figure: Figure = _KINDS[kind](methods, *scores, sheet=sheet, **more)
     return figure
 
 
-def of_run(
+def draw_run(
     kind: str,
     paths: Sequence[Path],
     scene: str | None = None,

@@ -287,7 +287,7 @@ def heading(score: ScoreColumn) -> str:
     return f"{score.title} [{UNITS[score.unit]}] {'↑' if score.higher_is_better else '↓'}"
 
 
-def shown_value(score: ScoreColumn, values: Floats) -> Floats:
+def scale_shares(score: ScoreColumn, values: Floats) -> Floats:
     """Return shares as percent; other values unchanged."""
     scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
     return scaled

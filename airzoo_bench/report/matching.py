@@ -190,7 +190,7 @@ def _need_matches(section: Section, number: int) -> Matches:
 def draw_matches(
     section: Section, place: Place, query: str, sheet: Sheet | None = None, number: int = 0
 ) -> Figure:
-    """Draw a query's photo beside its crop, with lines of its matches coloured by residual."""
+    """Draw a query's photo and its crop, with lines of its matches coloured by residual."""
     sheet, matches = sheet or Sheet(), _need_matches(section, number)
     row = int(np.flatnonzero(matches.queries == query)[0])
     part = slice(int(matches.offsets[row]), int(matches.offsets[row + 1]))

@@ -67,7 +67,7 @@ class Head:
 
 @dataclass(frozen=True)
 class Datum:
-    """A cell: its text, what it is sorted by, its mark, and its interval."""
+    """A cell: its text, its value for sorting, its mark, and its interval."""
 
     text: str
     order: float | None = None
@@ -77,7 +77,7 @@ class Datum:
 
 @dataclass(frozen=True)
 class Line:
-    """A row; a floor is what scores without a method, and stays below all others."""
+    """A row; a floor scores without a method, and stays below all others."""
 
     cells: list[Datum]
     floor: bool = False
@@ -113,7 +113,7 @@ class Findings:
 
 
 def find(section: Section) -> Findings:
-    """Compute intervals and tests as `compare` does, as far as they take seconds."""
+    """Compute intervals and tests as `compare` does, if they take seconds only."""
     limits, about_limits = _intervals(section)
     tests, about_tests = _tests(section)
     return Findings(limits, tests, [note for note in (about_limits, about_tests) if note])
@@ -169,7 +169,7 @@ def plan_groups(section: Section) -> ResamplingConfig | None:
 
 
 def _plan(section: Section, comparisons: int) -> ResamplingConfig | None:
-    """Return a plan whose resamples suffice for so many comparisons of a score."""
+    """Return a plan with enough resamples for some comparisons of a score."""
     count = len(section.methods)
     resamples = max(_RESAMPLES, _FINEST * count * (count - 1) // 2)
     values = comparisons * len(section.headline) * len(section.methods[0].records)

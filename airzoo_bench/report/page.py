@@ -44,8 +44,8 @@ from airzoo_bench.report.plots import (
     condition,
     draw_intervals,
     errors,
-    kept_ranks,
     over_what,
+    ranks_in_records,
     recall,
     scenes,
     threshold_scores,
@@ -222,7 +222,7 @@ def _figures(section: Section, found: Findings, notes: list[str]) -> Iterator[tu
         yield f"{axis_label(main)} by scene", scenes(methods, main)
     if section.track == "retrieval":
         try:
-            kept_ranks(methods[0])
+            ranks_in_records(methods[0])
             yield "Recall over the number of tiles looked at", recall(methods)
         except UsageError as error:
             notes.append(f"no picture of recall over K for {section.first.protocol.name}: {error}")

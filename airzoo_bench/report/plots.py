@@ -23,8 +23,8 @@ from airzoo_bench.report.figures import (
     new_canvas,
     noted,
     over_scenes,
+    scale_shares,
     series_style,
-    shown_value,
     spans_decades,
     who,
 )
@@ -72,7 +72,7 @@ def longest_list(method: Scored, up_to: int) -> int:
     return int(np.clip(method.records["ranked"].max(), 1, up_to))
 
 
-def kept_ranks(method: Scored) -> int:
+def ranks_in_records(method: Scored) -> int:
     """Return how many ranks of each query the protocol keeps."""
     if "first_hit_rank" not in method.records:
         raise UsageError(
@@ -117,7 +117,7 @@ def recall(
     methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
 ) -> Figure:
     """Draw recall at K over K, for each method up to the length of its longest list."""
-    kept, sheet = kept_ranks(methods[0]), noted(methods, sheet)
+    kept, sheet = ranks_in_records(methods[0]), noted(methods, sheet)
     if up_to is not None and up_to > kept:
         raise UsageError(f"--up-to {up_to}: the protocol keeps {kept} ranks of each query")
     lengths = [longest_list(method, up_to or kept) for method in methods]
@@ -263,7 +263,7 @@ def draw_intervals(
     axes = figure.add_subplot()
     values = np.array([method.result.overall[score.key] for method in methods])
     order = np.argsort((-1 if score.higher_is_better else 1) * values, kind="stable")[::-1]
-    shown = shown_value(score, np.column_stack([values, limits]))
+    shown = scale_shares(score, np.column_stack([values, limits]))
     _fit(axes, shown[np.isfinite(shown)], score)
     for place, row in enumerate(order):
         _draw_span(axes, shown[row, 1:], place, {"color": COLOURS[0], "linewidth": 2.2}, "x")
@@ -341,7 +341,7 @@ def scenes(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = 
     sheet = noted(methods, sheet)
     titles = methods[0].result.truth.scene_titles
     values = [[m.result.scenes[scene][score.key] for scene in titles] for m in methods]
-    shown = shown_value(score, np.array(values))
+    shown = scale_shares(score, np.array(values))
     width = sheet.wide(max(6.4, 2.9 + 0.58 * len(titles)))
     figure = new_canvas(width, max(1.6, 0.9 + 0.33 * len(methods)))
     axes = figure.add_subplot()
@@ -458,7 +458,7 @@ def _draw_groups(
     axes = figure.add_subplot()
     step = _SHARE_OF_GROUP / len(methods)
     size = float(np.clip(0.85 * step * (width - 0.9) * _POINTS / groups, 1.5, 6.0))
-    values, ends = shown_value(score, averages), shown_value(score, limits)
+    values, ends = scale_shares(score, averages), scale_shares(score, limits)
     for number, group in np.ndindex(*values.shape):
         place = group + step * (number - (len(methods) - 1) / 2)
         style = series_style(number)

@@ -33,7 +33,7 @@ _Source = tuple[Callable[[], bytes], dict[str, Any]]
 
 
 def pack_queries(section: Section, blobs: Blobs) -> dict[str, Any] | None:
-    """Pack the table of queries; None if records are of scenes."""
+    """Pack the table of queries; None if each record is a scene."""
     if not section.by_query:
         return None
     records, scenes = section.methods[0].records, list(section.first.scenes)

@@ -47,7 +47,7 @@ class Section:
 
     @property
     def by_query(self) -> bool:
-        """Whether records are of queries, not of scenes."""
+        """Whether each record is a query, not a scene."""
         return self.first.unit == "query"
 
     @cached_property
@@ -85,7 +85,7 @@ class Section:
         return notes
 
     def rows_of(self, scene: str) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-        """Return the rows of the records that are of a scene."""
+        """Return the rows of a scene's records."""
         return np.flatnonzero((self.methods[0].records["scene"] == scene).to_numpy(bool))
 
 
@@ -114,7 +114,7 @@ def read_sections(paths: Sequence[Path]) -> list[Section]:
         lists = len(members) * sum(counts["queries"] for counts in first.counts.values())
         ranks = min(_MOST_RANKS, _MOST_TILES // max(lists, 1))
         methods = [
-            Scored(names[n], results[n], _shown_records(paths[n], results[n], ranks))
+            Scored(names[n], results[n], _read_shown_columns(paths[n], results[n], ranks))
             for n in members
         ]
         check_same_queries(methods)
@@ -136,7 +136,7 @@ def read_sections(paths: Sequence[Path]) -> list[Section]:
     )
 
 
-def _shown_records(path: Path, result: Result, ranks: int) -> pd.DataFrame:
+def _read_shown_columns(path: Path, result: Result, ranks: int) -> pd.DataFrame:
     """Read of the records what a report shows, to take less time and hold less."""
     heads = column_names(records_path(path)) if records_path(path).is_file() else []
     scores = {column.key: column for column in result.columns}

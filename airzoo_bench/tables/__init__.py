@@ -1,1 +1,1 @@
-"""Tables: one model, many renderers; a table knows nothing of tracks."""
+"""Tables: one model, many renderers; a table knows no track."""

@@ -100,7 +100,7 @@ def condition_title(name: str) -> str:
 
 
 def even_edges(values: Floats, most: int = _MOST_BINS) -> tuple[float, ...]:
-    """Choose round edges, multiples of 1, 2 or 5 times a power of ten, for at most so many bins.
+    """Choose round edges, multiples of 1, 2 or 5 times a power of ten, for at most `most` bins.
 
     The edges ascend; there are none where all values, which are finite, are alike.
     """

@@ -29,7 +29,7 @@ _SHOWN = 6
 
 
 def score_title(score: ScoreColumn) -> str:
-    """Return title and unit of a score whose numbers are in rows."""
+    """Return title and unit of a score, for a row."""
     return f"{score.title} [{UNITS[score.unit]}]"
 
 

@@ -73,7 +73,7 @@ def latex(table: Table) -> str:
 
 
 def _tabular(table: Table) -> str:
-    """Set pieces below each other, the columns of smaller ones spread over those of the widest."""
+    """Set pieces below each other, each spread to the width of the widest."""
     pieces, leading = by_count(table), table.leading_columns
     room = max(len(piece.columns) for piece in pieces) - leading
     cells = [cell for row in table.rows for cell in row.cells]

@@ -18,7 +18,7 @@ from airzoo_bench.tables.method_table import (
     identity,
     method_table,
     score_column,
-    shown_values,
+    values_by_scene,
 )
 from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
 from airzoo_bench.tables.published import OVERALL
@@ -78,7 +78,7 @@ def scenes_layout(methods: MethodTable, *, average: bool = True) -> Table:
 
 
 def _units_note(scores: Sequence[ScoreColumn]) -> str:
-    """Say the units of scores, whose columns are under other titles."""
+    """Say the units of scores, for tables with other titles above the columns."""
     by_unit: dict[str, dict[str, None]] = {}
     for score in scores:
         by_unit.setdefault(UNITS[score.unit], {})[score.title] = None
@@ -173,7 +173,7 @@ def scenes_table(
     """Lay out one result: a row a scene, the average over scenes, the mean over all queries."""
     if scores is None:
         scores = [c for c in result.columns if every_score or c.headline]
-    own = MethodRow("", shown_values(result.columns, result), uncertainties or {})
+    own = MethodRow("", values_by_scene(result.columns, result), uncertainties or {})
     # Where a scene is one query, their number says nothing.
     counted = "points" if result.unit == "scene" else "queries"
     titles = result.truth.scene_titles
@@ -190,7 +190,7 @@ def scenes_table(
         rows.append(Row((Cell(POOLED), Cell(total), *pooled), summary=True))
     references = result.references if floors else {}
     for name, reference in references.items():
-        row = MethodRow(name, shown_values(result.columns, reference), floor=True)
+        row = MethodRow(name, values_by_scene(result.columns, reference), floor=True)
         # The average first: the name alone is short, and of one scene it is all there is to say.
         parts = {OVERALL: name}
         if len(reference.scenes) > 1:

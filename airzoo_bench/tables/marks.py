@@ -57,7 +57,7 @@ def best_texts(column: Column, cells: Sequence[Cell]) -> list[str]:
 
 
 def with_decimals(table: Table, decimals: int) -> Table:
-    """Show so many digits behind the point of every score."""
+    """Show `decimals` digits behind the point of every score."""
     columns = (
         column if column.higher_is_better is None else replace(column, decimals=decimals)
         for column in table.columns
@@ -89,7 +89,7 @@ def find_row(table: Table, name: str, option: str) -> int:
 
 
 def parse_baselines(table: Table, names: Sequence[str]) -> dict[int, int]:
-    """Find whose gain over whom is asked for: the row of each baseline by the method's row."""
+    """Return the row of each method's baseline, by the method's row."""
     found: dict[int, int] = {}
     for text in names:
         for row, baseline in _baseline_pairs(table, text):

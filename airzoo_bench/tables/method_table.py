@@ -109,7 +109,7 @@ def method_table(
         tuple(scores.values()),
         first.truth.scene_titles,
         tuple(
-            MethodRow(name, shown_values(result.columns, result), mark=FLOOR_MARK * bool(floor))
+            MethodRow(name, values_by_scene(result.columns, result), mark=FLOOR_MARK * bool(floor))
             for name, result, floor in zip(names, results, floors, strict=True)
         ),
         method_notes=tuple(noted.values()),
@@ -126,7 +126,7 @@ def empty_table(protocol: Protocol, scores: Sequence[ScoreColumn]) -> MethodTabl
     return MethodTable(title, protocol.benchmark, protocol.track, tuple(scores), scenes)
 
 
-def shown_values(
+def values_by_scene(
     scores: Sequence[ScoreColumn], numbers: Result | Reference
 ) -> dict[str, dict[str, float]]:
     """Return scores as tables show them, by scene, with `OVERALL` for the average, then by key."""
@@ -213,7 +213,7 @@ def with_floors(methods: MethodTable, results: Sequence[Result]) -> MethodTable:
     references, notes = shared_references(results)
     columns = [column for result in results for column in result.columns]
     rows = tuple(
-        MethodRow(name, shown_values(columns, found), floor=True)
+        MethodRow(name, values_by_scene(columns, found), floor=True)
         for name, found in references.items()
     )
     meanings = [f"{name}: {found.meaning}" for name, found in references.items()]

@@ -40,7 +40,7 @@ def _csv(table: Table) -> str:
 
 
 def _csv_column(table: Table, index: int) -> list[list[str]]:
-    """Return the fields of a column, each from its title down: values, and what is beside them."""
+    """Return the fields of a column, each from its title down: values, limits, gains."""
     column, cells = table.columns[index], [row.cells[index] for row in table.rows]
     title = f"{column.group} {column.title}"
     values = [repr(c.value) if c.is_too_small else c.text(column.decimals) for c in cells]
@@ -150,7 +150,7 @@ def _html_row(row: Row, cells: list[tuple[Cell, str, str]], sides: list[str]) ->
 
 
 def _json(table: Table) -> str:
-    """Write values in the shape of the rows, and in the same shape what some cells have beside."""
+    """Write values in the shape of the rows; limits and gains in the same shape."""
     content: dict[str, object] = {
         "title": table.title,
         "columns": [_json_column(column) for column in table.columns],

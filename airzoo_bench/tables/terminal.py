@@ -70,7 +70,7 @@ def _by_width(table: Table, room: int) -> list[Table]:
 
 
 class _Layout:
-    """A table's columns as they are drawn: those of a group stand closer, under its title."""
+    """A table's columns as they are drawn: columns of a group are closer, under its title."""
 
     def __init__(self, table: Table, styled: bool = False) -> None:
         self.table, self.styled = table, styled
@@ -84,7 +84,7 @@ class _Layout:
         return plain(self.table.columns[unit[0]].group)
 
     def width_of(self, unit: Sequence[int]) -> int:
-        """Measure columns that stand together under one title."""
+        """Return the width of columns under one title."""
         width = sum(self.widths[i] for i in unit) + _WITHIN * (len(unit) - 1)
         return max(width, cell_len(self.group_of(unit)))
 

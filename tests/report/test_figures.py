@@ -170,14 +170,14 @@ def test_pictures_say_what_they_are_of_in_letters_that_can_be_read() -> None:
 
 def test_one_scene_as_if_it_were_all() -> None:
     methods = [retrieval_method("a", 0), retrieval_method("b", 1)]
-    east = draw.of_scene(methods, "east")
+    east = draw.restrict_to_scene(methods, "east")
     ranks = methods[0].records.loc[methods[0].records["scene"] == "east", "first_hit_rank"]
     figure = draw.recall(east)
     assert figure.axes[0].lines[0].get_ydata()[0] == pytest.approx(100 * (ranks == 1).mean())
     assert "mean over scenes" not in figure.axes[0].get_ylabel()
     assert "20 queries in scene East" in texts_of(figure)
     with pytest.raises(UserError, match="no scene 'eats'"):
-        draw.of_scene(methods, "eats")
+        draw.restrict_to_scene(methods, "eats")
 
 
 @pytest.mark.parametrize("form", ["png", "svg", "pdf"])

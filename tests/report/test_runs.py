@@ -49,7 +49,7 @@ def test_lines_are_coloured_by_residual_and_arrows_are_magnified(
     matched: tuple[matching.World, Path],
 ) -> None:
     world, out = matched
-    figure = draw.of_run("query", [out], data=world.root, query="hills/q0")
+    figure = draw.draw_run("query", [out], data=world.root, query="hills/q0")
     found = read_matches(out)
     assert found is not None
     lines = figure.axes[0].lines
@@ -57,10 +57,10 @@ def test_lines_are_coloured_by_residual_and_arrows_are_magnified(
     assert "inlier" in texts_of(figure)
     # All are below the limit, so none is vermilion.
     assert not any(np.allclose(line.get_color(), np.array((213, 94, 0)) / 255) for line in lines)
-    said = texts_of(draw.of_run("map", [out], data=world.root))
+    said = texts_of(draw.draw_run("map", [out], data=world.root))
     assert f"errors × {arrow_factor(np.array([0.001]), 600)}" in said
     with pytest.raises(UsageError, match="did you mean"):
-        draw.of_run("query", [out], data=world.root, query="hills/qO")
+        draw.draw_run("query", [out], data=world.root, query="hills/qO")
 
 
 def test_the_factor_of_arrows_is_round_and_fits_nine_of_ten() -> None:
@@ -105,7 +105,7 @@ def test_tiles_and_hits_of_retrieval_are_drawn(tmp_path: Path) -> None:
         assert out.stat().st_size > 10_000
     titles = [
         axes.get_title()
-        for axes in draw.of_run("query", [result], data=data, query="park/p00").axes
+        for axes in draw.draw_run("query", [result], data=data, query="park/p00").axes
     ]
     assert titles[:2] == ["photo", "true place"]
     assert {title.split()[1] for title in titles[2:]} <= {"hit", "miss"}
@@ -123,7 +123,7 @@ def test_clouds_are_kept_and_drawn_by_their_errors(tmp_path: Path) -> None:
     assert len(kept.predicted) == len(kept.precision_m) > 0
     assert kept.precision_m.max() <= 0.25 + 1e-3
     np.testing.assert_allclose(kept.true.mean(axis=0), 0.0, atol=1.0)
-    axes = draw.of_run("cloud", [out], "lot").axes
+    axes = draw.draw_run("cloud", [out], "lot").axes
     precision = next(line for line in axes[2].lines if line.get_label() == "precision")
     np.testing.assert_allclose(precision.get_ydata(), 100 * kept.curve[1])
     page = made_page(tmp_path, out, "--data", world.root)
