@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.filesize import decimal
 
 from airzoo_bench.cli.common import Format, FormatOption, put, say, show_rows
 from airzoo_bench.cli.locations import DataOption, resolve_data
-from airzoo_bench.core.errors import UsageError, counted, sized
+from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import About, about_file, about_of
 
@@ -66,7 +67,7 @@ def download(
     left_out = others_patterns(about.scene_files, scene or [])
     source = HubDataset(about.repository, left_out, folder)
     sizes = source.sizes()
-    say(f"{counted(len(sizes), 'file')} to fetch, {sized(sum(sizes))}")
+    say(f"{counted(len(sizes), 'file')} to fetch, {decimal(sum(sizes))}")
     if sizes and sys.stdin.isatty():
         typer.confirm("Go on?", default=True, abort=True, err=True)
     source.fetch()

@@ -170,11 +170,3 @@ def counted(number: int, noun: str, several: str | None = None) -> str:
 def agreeing(number: int, one: str, several: str) -> str:
     """Return the form of a word that agrees with a number, such as ``is`` or ``are``."""
     return one if number == 1 else several
-
-
-def sized(count: int) -> str:
-    """Return ``1.2 GB`` of a number of bytes."""
-    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if count >= size:
-            return f"{count / size:.3g} {unit}"
-    return counted(count, "byte")

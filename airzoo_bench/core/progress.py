@@ -1,4 +1,4 @@
-"""Telling the person who waits how far the work is, without printing in library code."""
+"""How far long work is, for whoever shows it: library code prints nothing."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from time import monotonic
 from typing import Protocol, TypeVar
 
 T = TypeVar("T")
-
-_FIRST_S = 2.0
-_EVERY_S = 30.0
 
 
 class Progress(Protocol):
@@ -52,8 +49,8 @@ def report_progress(
     *,
     say: Callable[[str], None],
     clock: Callable[[], float] = monotonic,
-    first_s: float = _FIRST_S,
-    every_s: float = _EVERY_S,
+    first_s: float = 2.0,
+    every_s: float = 30.0,
 ) -> Generator[T, None, None]:
     """Yield the items; name what takes long, and say now and then how long the rest takes."""
     name = Timer(first_s, say, [f"{label} ..."])
@@ -65,16 +62,8 @@ def report_progress(
             yield item
             now = clock()
             if now - last >= every_s and done < total:
-                left = (now - begin) / done * (total - done)
-                speed = f"{done / (now - begin):.3g}/s"
-                say(f"{label}: {done:,} of {total:,}, {speed}, about {_duration(left)} left")
+                minutes = (now - begin) / done * (total - done) / 60
+                say(f"{label}: {done:,} of {total:,}, about {minutes:,.0f} min left")
                 last = now
     finally:
         name.cancel()
-
-
-def _duration(seconds: float) -> str:
-    for size, unit in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= size:
-            return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"

@@ -37,40 +37,28 @@ def resolve(place: str) -> Any:
 
 
 class Registry:
-    """Places ``module:name`` by name: built in, of installed packages, or added at run time."""
+    """Places ``module:name`` by name: built in, or of installed packages."""
 
     def __init__(self, group: str, places: Mapping[str, str]) -> None:
-        self.group = group
-        self._places = dict(places)
-        self._added: dict[str, Any] = {}
+        self.group, self.places = group, dict(places)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._places or name in self._added or name in self._installed()
-
-    def add(self, name: str, thing: Any) -> None:
-        """Add a thing for the rest of this process."""
-        if name in self.names():
-            raise ValueError(f"{self.group}: {name!r} is there already")
-        self._added[name] = thing
-
-    def remove(self, name: str) -> None:
-        """Take back what `add` added."""
-        del self._added[name]
+        return name in self.places or name in self._installed()
 
     def names(self) -> list[str]:
         """Return all names: built-in first, in their own order, then others by name."""
-        return [*self._places, *sorted({*self._installed(), *self._added})]
+        return [*self.places, *sorted(self._installed())]
 
     def get(self, name: str) -> Any:
-        """Return a thing, imported when it is first asked for; raise KeyError where none is."""
-        if name in self._places:
-            return resolve(self._places[name])
-        return self._added[name] if name in self._added else self._installed()[name].load()
+        """Import what a name stands for; raise KeyError where none is."""
+        if name in self.places:
+            return resolve(self.places[name])
+        return self._installed()[name].load()
 
     def _installed(self) -> dict[str, EntryPoint]:
         """Return what other packages add; built-in names stay."""
         points = _entry_points(self.group, tuple(sys.path))
-        return {point.name: point for point in points if point.name not in self._places}
+        return {point.name: point for point in points if point.name not in self.places}
 
 
 @cache

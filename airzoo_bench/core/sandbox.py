@@ -16,9 +16,8 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ from airzoo_bench.core.registry import resolve
 if sys.platform == "linux":
     import resource
 
-_PACKAGE = "airzoo_bench"
 _LIBRARIES_BYTES = 512 << 20  # that Python and all libraries take before anything is read
 _MOST_DISK_BYTES = 1 << 36
 _MOST_ANSWER_BYTES = 256 << 20
@@ -41,7 +39,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
 _ENVIRONMENT = dict.fromkeys(_THREADS, "1") | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
 _CONTAINER = "AIRZOO_BENCH_CONTAINER"
 _SECRETS = ("GIT_TOKEN", "AIRZOO_BENCH_KEY")
-_KEY = "$"  # of what stands for a value that JSON does not have
+_TEXTS = ("what", "where", "expected", "fix")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,14 +72,17 @@ def call_limited(
     from there are mapped again. `folder` holds the other arrays for as long as they are used.
     """
     check_limits()
-    job = {"function": function, "arguments": dict(arguments), "where": where, "limits": limits}
-    (folder / "job.json").write_text(_written(job, folder, where))
-    _run_child(where, limits, folder, [str(where.absolute()), *map(str, _files(arguments))])
-    answer = folder / "answer.json"
-    if answer.stat().st_size > _MOST_ANSWER_BYTES:
-        raise _refusal(where, "it has far too many entries")
+    files, given = _Files(folder, where), list(arguments.values())
+    job = {"function": function, "arguments": dict(arguments), "limits": limits}
+    files.write("job.json", job)
+    # What arguments name is seen in a container too; the folder of benchmarks, with its truth, not.
+    given += [part for one in given if dataclasses.is_dataclass(one) for part in vars(one).values()]
+    also = [str(one.absolute()) for one in given if isinstance(one, Path) and one.is_file()]
+    _run_child(where, limits, folder, [str(where.absolute()), *also])
     try:
-        found = _read(answer.read_text(), folder, where)
+        if (folder / "answer.json").stat().st_size > _MOST_ANSWER_BYTES:
+            raise ValueError("it has far too many entries")
+        found = files.read("answer.json")
     except (ArithmeticError, AttributeError, LookupError, OSError, TypeError, ValueError) as error:
         raise _refusal(where, f"what was read of it is wrong: {error}") from error
     if isinstance(found, UserError):
@@ -89,33 +90,18 @@ def call_limited(
     return found
 
 
-def _files(value: Any) -> Iterator[Path]:
-    """Yield the files that arguments name; the folder of benchmarks, with their truth, is none."""
-    if isinstance(value, Path) and value.is_file():
-        yield value.absolute()
-    elif isinstance(value, Mapping):
-        for part in value.values():
-            yield from _files(part)
-    elif dataclasses.is_dataclass(value):
-        yield from _files(vars(value))
-
-
 def _run_child(where: Path, limits: Limits, folder: Path, files: Sequence[str]) -> None:
     paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {name: text for name, text in os.environ.items() if name not in _SECRETS}
-    container = []
+    environment |= _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(paths)}
+    container: list[str] = []
     for word in shlex.split(environment.pop(_CONTAINER, "")):
-        if word == "{files}":
-            container += [part for path in files for part in ("--ro-bind", path, path)]
-        else:
-            container.append(word.replace("{folder}", str(folder.resolve())))
+        binds = [part for path in files for part in ("--ro-bind", path, path)]
+        container += binds if word == "{files}" else [word.replace("{folder}", str(folder))]
+    command = [*container, sys.executable, "-P", "-m", __name__, str(folder), str(where)]
+    none = subprocess.DEVNULL
     child = subprocess.Popen(
-        [*container, sys.executable, "-P", "-m", __name__, str(folder), str(where)],
-        env=environment | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(paths)},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
+        command, env=environment, stdin=none, stdout=none, stderr=none, start_new_session=True
     )
     try:
         code = child.wait(limits.wall_s)
@@ -145,8 +131,9 @@ def _refusal(where: Path, why: str) -> PredictionError:
 
 def main(folder: Path, where: Path) -> None:
     """Do the job in a folder; this process is the child."""
-    job = _read((folder / "job.json").read_text(), folder, where)
-    limits = job["limits"]
+    files = _Files(folder, where)
+    job = files.read("job.json")
+    limits: Limits = job["limits"]
     memory = limits.memory_bytes + _LIBRARIES_BYTES
     for kind, soft, hard in (
         (resource.RLIMIT_DATA, memory, memory),
@@ -161,7 +148,7 @@ def main(folder: Path, where: Path) -> None:
     try:
         found = resolve(job["function"])(**job["arguments"])
         with found if isinstance(found, AbstractContextManager) else nullcontext(found) as value:
-            (folder / "answer.json").write_text(_written(value, folder, where))
+            files.write("answer.json", value)
         return
     except UserError as error:
         fault = error
@@ -170,86 +157,82 @@ def main(folder: Path, where: Path) -> None:
     except Exception as error:  # noqa: BLE001 - whatever a library makes of hostile bytes
         text = "".join(one if one.isprintable() else " " for one in str(error)[:200])
         fault = _refusal(where, f"{type(error).__name__}: {text}")
-    (folder / "answer.json").write_text(_written(fault, folder, where))
+    files.write("answer.json", fault)
 
 
-def _written(value: Any, folder: Path, where: Path) -> str:
-    return json.dumps(value, default=partial(_described, folder=folder, where=where))
+class _Files:
+    """Values in the files of a folder: JSON, where a list after a "$" describes what JSON has not.
 
+    An array is a file of its own, or a part of a file of the predictions.
+    """
 
-def _described(value: Any, folder: Path, where: Path) -> Any:
-    """Return JSON that describes a value of another type; arrays go into files."""
-    if hasattr(value, "stored"):
-        value = value.stored(folder)
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return _described_array(value, folder, where)
-    if isinstance(value, Path):
-        return {_KEY: "path", "text": str(value)}
-    if isinstance(value, np.dtype):
-        return {_KEY: "dtype", "text": value.str}
-    if isinstance(value, UserError):
-        texts = {name: getattr(value, name) for name in ("what", "where", "expected", "fix")}
-        return {_KEY: "error", "kind": type(value).__name__, **texts}
-    fields = {one.name: getattr(value, one.name) for one in dataclasses.fields(value) if one.init}
-    kind = f"{type(value).__module__}:{type(value).__qualname__}"
-    return {_KEY: "dataclass", "kind": kind, "fields": fields}
+    def __init__(self, folder: Path, predictions: Path) -> None:
+        self.folder, self.places = folder, (folder.resolve(), predictions.resolve())
 
+    def write(self, name: str, value: Any) -> None:
+        (self.folder / name).write_text(json.dumps(value, default=self._describe))
 
-def _described_array(array: np.ndarray[Any, Any], folder: Path, where: Path) -> Any:
-    if array.dtype.kind not in _KINDS:
-        raise TypeError(f"an array of {array.dtype}")
-    root: Any = array
-    while isinstance(root, np.memmap) and isinstance(root.base, np.memmap):
-        root = root.base
-    if isinstance(root, np.memmap) and root.filename and array.flags.c_contiguous:
-        path = str(Path(str(root.filename)).resolve())
-        if _is_below(path, folder, where):
-            start = int(root.offset) + array.ctypes.data - root.ctypes.data
-            map_of = {"path": path, "start": start, "dtype": array.dtype.str}
-            return {_KEY: "map", **map_of, "shape": array.shape}
-    number = len(list(folder.glob("[0-9]*.npy")))
-    np.save(folder / f"{number}.npy", np.asarray(array), allow_pickle=False)
-    return {_KEY: "array", "number": number}
+    def read(self, name: str) -> Any:
+        return json.loads((self.folder / name).read_text(), object_hook=self._restore)
 
+    def _describe(self, value: Any) -> Any:
+        if hasattr(value, "stored"):
+            value = value.stored(self.folder)
+        if isinstance(value, np.generic):
+            return value.item()
+        if isinstance(value, np.ndarray):
+            return {"$": self._describe_array(value)}
+        if isinstance(value, Path):
+            return {"$": ["path", str(value)]}
+        if isinstance(value, np.dtype):
+            return {"$": ["dtype", value.str]}
+        if isinstance(value, UserError):
+            texts = {name: getattr(value, name) for name in _TEXTS}
+            return {"$": ["error", type(value).__name__, texts]}
+        kind = f"{type(value).__module__}:{type(value).__qualname__}"
+        fields = [one.name for one in dataclasses.fields(value) if one.init]
+        return {"$": ["dataclass", kind, {name: getattr(value, name) for name in fields}]}
 
-def _is_below(path: str, *folders: Path) -> bool:
-    return any(Path(path).resolve().is_relative_to(one.resolve()) for one in folders)
+    def _describe_array(self, array: np.ndarray[Any, Any]) -> list[Any]:
+        if array.dtype.kind not in _KINDS:
+            raise TypeError(f"an array of {array.dtype}")
+        root: Any = array
+        while isinstance(root, np.memmap) and isinstance(root.base, np.memmap):
+            root = root.base
+        if isinstance(root, np.memmap) and root.filename and array.flags.c_contiguous:
+            path = Path(str(root.filename)).resolve()
+            if any(path.is_relative_to(place) for place in self.places):
+                start = int(root.offset) + array.ctypes.data - root.ctypes.data
+                return ["map", str(path), start, array.dtype.str, array.shape]
+        number = len(list(self.folder.glob("[0-9]*.npy")))
+        np.save(self.folder / f"{number}.npy", np.asarray(array), allow_pickle=False)
+        return ["array", number]
 
-
-def _read(text: str, folder: Path, where: Path) -> Any:
-    return json.loads(text, object_hook=partial(_restored, folder=folder, where=where))
-
-
-def _restored(found: dict[str, Any], folder: Path, where: Path) -> Any:
-    """Return the value of a description."""
-    match found.get(_KEY):
-        case "path":
-            return Path(found["text"])
-        case "dtype":
-            return np.dtype(found["text"])
-        case "array":
-            path = folder / f"{int(found['number'])}.npy"
-            return np.load(path, mmap_mode="c" if path.stat().st_size > 1 << 20 else None)
-        case "map":
-            dtype, shape = np.dtype(found["dtype"]), tuple(found["shape"])
-            if not _is_below(found["path"], folder, where) or dtype.kind not in _KINDS:
-                raise ValueError("an array that is not in the predictions")
-            if 0 in shape:
-                return np.empty(shape, dtype)
-            return np.memmap(found["path"], dtype, "r", found["start"], shape)
-        case "error":
-            kind = found["kind"] if found["kind"] in errors.__all__ else "PredictionError"
-            texts = {name: found[name] for name in ("where", "expected", "fix")}
-            return getattr(errors, kind)(found["what"], **texts)
-        case "dataclass":
-            module, _, _ = found["kind"].partition(":")
-            made = resolve(found["kind"]) if module.split(".")[0] == _PACKAGE else None
-            if not dataclasses.is_dataclass(made):
-                raise ValueError(f"{found['kind']} is no type of the suite")
-            return made(**found["fields"])  # type: ignore[operator]
-    return found
+    def _restore(self, found: dict[str, Any]) -> Any:
+        match found.get("$"):
+            case ["path", text]:
+                return Path(text)
+            case ["dtype", text]:
+                return np.dtype(text)
+            case ["array", number]:
+                path = self.folder / f"{int(number)}.npy"
+                return np.load(path, mmap_mode="c" if path.stat().st_size > 1 << 20 else None)
+            case ["map", path, start, text, shape]:
+                dtype = np.dtype(text)
+                inside = any(Path(path).resolve().is_relative_to(place) for place in self.places)
+                if not inside or dtype.kind not in _KINDS:
+                    raise ValueError("an array that is not in the predictions")
+                if 0 in shape:
+                    return np.empty(shape, dtype)
+                return np.memmap(path, dtype, "r", start, tuple(shape))
+            case ["error", kind, texts]:
+                return getattr(errors, kind if kind in errors.__all__ else "UserError")(**texts)
+            case ["dataclass", kind, fields]:
+                made = resolve(kind) if kind.startswith("airzoo_bench.") else None
+                if not dataclasses.is_dataclass(made):
+                    raise ValueError(f"{kind} is no type of the suite")
+                return made(**fields)  # type: ignore[operator]
+        return found
 
 
 if __name__ == "__main__":

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
 import difflib
-import json
 import tomllib
 from pathlib import Path
 from reprlib import Repr
@@ -23,10 +21,7 @@ M = TypeVar("M", bound=BaseModel)
 _SHORT = Repr()  # a value nested without end is as short as any
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 _SHOWN = 5
-_OFFERED = 3
-_AS_NEAR = 0.1  # of what difflib says: others than the best are offered where they are as near
 _MOST_COMPARED = 5000  # names that difflib compares in a quarter of a second
-_SHORTEST_PART = 3  # letters; fewer are in too many names
 
 
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -75,23 +70,8 @@ def read_toml(
     try:
         return tomllib.loads(read_text(path, kind, what, limit_bytes))
     except (ValueError, RecursionError) as error:  # the latter of values nested too deep
-        raise kind(
-            f"not valid TOML: {error}",
-            where=path,
-            expected=f"a {what}",
-            fix="correct that place",
-        ) from error
-
-
-def toml_value(value: Any) -> str:
-    """Write a value as TOML on one line."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(toml_value, value))}]"
-    if isinstance(value, datetime.date):
-        return value.isoformat()
-    return json.dumps(value, ensure_ascii=False)
+        said = f"not valid TOML: {error}"
+        raise kind(said, where=path, expected=f"a {what}", fix="correct that place") from error
 
 
 def validated(
@@ -113,75 +93,39 @@ def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
-    strange = item["type"] == "extra_forbidden"
-    # Parts such as "<map>" name which of several tables was chosen, and are no keys.
+    kind, said = item["type"], str(item["msg"]).removeprefix("Value error, ")
     *within, last = map(str, item["loc"] or [""])
-    parts = [part for part in within if not part.startswith("<")]
-    named = ".".join([*parts, last] if strange or not last.startswith("<") else parts)
-    key = repr(named[:80])[1:-1]
-    said = item["msg"].removeprefix("Value error, ")
-    if strange:
-        return f"unknown key '{key}'{nearest(str(item['loc'][-1]), _known_keys(model))}"
-    if item["type"] == "json_invalid":
-        return f"not valid JSON: {item['ctx']['error']}"
-    example = _example(item["loc"], model)
-    if item["type"] == "missing":
-        return f"key '{key}' is missing{example}"
-    if not item["loc"]:
-        return str(said)
-    if isinstance(item["input"], dict) and item["type"] == "value_error":
-        return f"key '{key}': {said}"
-    given = _SHORT.repr(item["input"])
-    shown = given if len(given) <= 60 else given[:57] + "..."
-    return f"key '{key}' is {shown}: {said}{example}"
+    # Parts such as "<map>" name which of several tables was chosen, and are no keys.
+    named = [part for part in within if not part.startswith("<")]
+    named += [last] if kind == "extra_forbidden" or not last.startswith("<") else []
+    key = repr(".".join(named)[:80])[1:-1]
+    if kind == "extra_forbidden":
+        return f"unknown key '{key}'{nearest(last, _known_keys(model))}"
+    if kind == "missing":
+        return f"key '{key}' is missing"
+    if not item["loc"]:  # it is of the whole file
+        return said
+    value = "" if isinstance(item["input"], dict) else f" is {_SHORT.repr(item['input'])[:60]}"
+    return f"key '{key}'{value}: {said}"
 
 
-def _example(loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """Show what would be right, where the field of a finding has an example."""
-    for key in loc:
-        field = next((f for n, f in model.model_fields.items() if key in (n, f.alias)), None)
-        if field is None:
-            return ""
-        inner = _models_in(field.annotation)
-        if len(inner) != 1 or key == loc[-1]:
-            return f" (such as {key} = {toml_value(field.examples[0])})" if field.examples else ""
-        model = inner[0]
-    return ""
+def _known_keys(model: Any) -> list[str]:
+    """Return the keys of a model, or of the models in a type, and of all within."""
+    if not hasattr(model, "model_fields"):
+        return [key for part in get_args(model) for key in _known_keys(part)]
+    fields = model.model_fields.items()
+    inner = [key for _, field in fields for key in _known_keys(field.annotation)]
+    return [field.alias or name for name, field in fields] + inner
 
 
-def _known_keys(model: type[BaseModel]) -> list[str]:
-    keys: list[str] = []
-    for name, field in model.model_fields.items():
-        keys.append(field.alias or name)
-        for part in _models_in(field.annotation):
-            keys += _known_keys(part)
-    return keys
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for part in get_args(annotation) for model in _models_in(part)]
-
-
-def nearest(name: str, known: list[str], offered: int = _OFFERED) -> str:
-    """Offer the known names that are most like a mistyped one, or hold it, for messages."""
+def nearest(name: str, known: list[str], offered: int = 3) -> str:
+    """Offer the known names that are most like a mistyped one, for messages."""
     near = near_names(name, known, offered)
     return f" (did you mean {' or '.join(map(repr, near))}?)" if near else ""
 
 
-def near_names(name: str, known: list[str], offered: int = _OFFERED) -> list[str]:
-    """Return the known names that are most like a mistyped one, or hold it."""
-    near = [other for other in known if _letters(other) == _letters(name)]
-    if not near:
-        near = difflib.get_close_matches(name, known[:_MOST_COMPARED], n=offered, cutoff=0.6)
-        ratios = [difflib.SequenceMatcher(None, other, name).ratio() for other in near]
-        near = [n for n, ratio in zip(near, ratios, strict=True) if ratio > ratios[0] - _AS_NEAR]
-    if not near and len(name) >= _SHORTEST_PART:
-        near = [other for other in known if name.casefold() in other.casefold()]
-    return near[:offered]
-
-
-def _letters(name: str) -> str:
-    """Return a name in the one spelling that UAV-VisLoc, uav_visloc and UAVVisLoc share."""
-    return "".join(letter for letter in name.casefold() if letter.isalnum()) or name
+def near_names(name: str, known: list[str], offered: int = 3) -> list[str]:
+    """Return the known names that are most like a mistyped one, in letters of either case."""
+    spelt = {other.casefold(): other for other in known[:_MOST_COMPARED]}
+    near = difflib.get_close_matches(name.casefold(), spelt, n=offered, cutoff=0.6)
+    return [spelt[other] for other in near]

@@ -25,7 +25,7 @@ from airzoo_bench.core.files import (
     atomic_folder,
     cannot_write,
     fingerprint,
-    only_run,
+    only_writer,
     temporary_folder,
 )
 from airzoo_bench.core.progress import Progress, with_progress
@@ -208,10 +208,9 @@ def prepare_scenes(
     source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Make the benchmark folder of some scenes."""
-    run, home = _Run(source, protocols, settings), settings.folder.parent
+    run = _Run(source, protocols, settings)
     # Runs into other folders share the finished scenes, by the benchmark's name.
-    what, otherwise = "another run is making this benchmark here", "name an --out elsewhere"
-    with _writing(settings.folder), only_run(run.staging, what, home, otherwise):
+    with _writing(settings.folder), only_writer(run.staging):
         try:
             run.finish()
             prepared = run.assemble()
@@ -246,7 +245,6 @@ class _Run:
         progress, source = self.settings.progress, self.source
         keys = partial(scene_keys, source, self.protocols, self.settings)
         self.keys = with_progress(keys, "looking through the source", progress)
-        self.staging.mkdir(parents=True, exist_ok=True)
         made = self._take_finished()
         scenes = [scene for scene in source.scenes if scene not in made]
         found = self.settings.engine.map(

@@ -22,7 +22,7 @@ from rasterio import Affine
 from rasterio.enums import MaskFlags
 from rasterio.windows import Window
 
-from airzoo_bench.core.errors import RasterError, sized
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
@@ -74,9 +74,9 @@ class HeightField:
         size = window.width * window.height * np.dtype(height_type(info.dtype)).itemsize
         if size > _MOST_BYTES:
             raise RasterError(
-                f"heights of {window.width} x {window.height} px need {sized(size)}",
+                f"heights of {window.width} x {window.height} px need {size / 1e9:.1f} GB",
                 where=path,
-                expected=f"at most {sized(_MOST_BYTES)}",
+                expected=f"at most {_MOST_BYTES / 1e9:.1f} GB",
                 fix="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
             )
         with opened(path) as dataset:

@@ -12,7 +12,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.core.errors import SubmissionError, UsageError
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_folder, check_new_folder, only_writer
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Board
@@ -44,21 +44,16 @@ def build_board(
     """Build the site in place of an earlier one; folders of runs and submissions may be missing."""
     cache = out.with_name(f"{out.name}.cache")
     check_new_folder(out, replace=True, mark=BOARD_JSON)
-    cache.mkdir(parents=True, exist_ok=True)
-    try:
-        with only_writer(out):
-            entries = read_entries(runs, submissions, cache, note)
-            versions = [one.measured for entry in entries for one in (entry, *entry.older)]
-            forget_others({one.key for one in versions if one is not None}, cache)
-            files = _site_files(_board_json(entries, board, data, cache), note)
-            with atomic_folder(out, replace=True, mark=BOARD_JSON) as folder:
-                for path, content in files.items():
-                    target = folder / path
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    target.write_text(content, encoding="utf-8", newline="")
-    except BlockingIOError as error:
-        fix = "wait until it has ended"
-        raise SubmissionError("another build writes it", where=out, fix=fix) from error
+    with only_writer(cache):
+        entries = read_entries(runs, submissions, cache, note)
+        versions = [one.measured for entry in entries for one in (entry, *entry.older)]
+        forget_others({one.key for one in versions if one is not None}, cache)
+        files = _site_files(_board_json(entries, board, data, cache), note)
+        with atomic_folder(out, replace=True, mark=BOARD_JSON) as folder:
+            for path, content in files.items():
+                target = folder / path
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_text(content, encoding="utf-8", newline="")
     return out
 
 

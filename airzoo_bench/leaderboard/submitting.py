@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
-from airzoo_bench.core.validation import SAFE_NAME, nearest, toml_value, validation_message
+from airzoo_bench.core.validation import SAFE_NAME, nearest, validation_message
 from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.leaderboard.board import Board, Place
 from airzoo_bench.leaderboard.checks import size_of_tree
@@ -104,7 +104,7 @@ def _ask(key: str, protocols: Sequence[str]) -> Any:
                 return adapter.validate_python(value)
         except ValidationError as error:
             said = error.errors()[0]["msg"].removeprefix("Value error, ")
-        typer.echo(f"  {toml_value(answer)}{nearest(answer, known)}: {said}", err=True)
+        typer.echo(f"  {answer!r}{nearest(answer, known)}: {said}", err=True)
 
 
 # --- the folder ---

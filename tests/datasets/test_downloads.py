@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fnmatch
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,11 +16,12 @@ from airzoo_bench.datasets.downloads import others_patterns
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.support import run_main
 
+PARK: Any = None
 SCENES = {"01": ("01/*", "map/*"), "02": ("02/*", "map/*")}
 
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[list[dict[str, Any]]]:
+def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[dict[str, Any]]:
     """Register a dataset, and a client that takes note of its calls."""
     made: list[dict[str, Any]] = []
 
@@ -32,12 +32,12 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[list[dict
 
     about = About("Park", "A made-up dataset.", "park", "https://park", "CC0", "who/park")
     about = About(**{**vars(about), "scene_files": SCENES})
-    DATASETS.add("park", SimpleNamespace(about=about))
+    monkeypatch.setattr(f"{__name__}.PARK", SimpleNamespace(about=about))
+    monkeypatch.setitem(DATASETS.places, "park", f"{__name__}:PARK")
     client = SimpleNamespace(snapshot_download=snapshot_download)
     monkeypatch.setitem(sys.modules, "huggingface_hub", client)
     monkeypatch.chdir(tmp_path)
-    yield made
-    DATASETS.remove("park")
+    return made
 
 
 def test_the_client_fetches_what_lacks(
@@ -47,7 +47,7 @@ def test_the_client_fetches_what_lacks(
     said = capsys.readouterr()
     assert said.out == "there\n"
     assert "Park, licence: CC0" in said.err
-    assert "2 files to fetch, 3 kB" in said.err
+    assert "2 files to fetch, 3.0 kB" in said.err
     assert "next: airzoo-bench prepare park --source there" in said.err
     assert [one.get("dry_run", False) for one in calls] == [True, False]
     assert calls[1]["repo_id"] == "who/park"
@@ -106,14 +106,14 @@ def test_what_the_client_says_is_told(
     assert "pip install" in capsys.readouterr().err
 
 
-def test_what_is_not_on_the_hub_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_not_on_the_hub_is_listed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     links = ("https://a/1.zip", "https://a/2.zip")
     about = About("Far", "A made-up dataset.", "far", "https://far", "none stated", links=links)
-    DATASETS.add("far", SimpleNamespace(about=about))
-    try:
-        assert run_main("download", "far") == 0
-    finally:
-        DATASETS.remove("far")
+    monkeypatch.setattr(f"{__name__}.PARK", SimpleNamespace(about=about))
+    monkeypatch.setitem(DATASETS.places, "far", f"{__name__}:PARK")
+    assert run_main("download", "far") == 0
     said = capsys.readouterr()
     assert said.out == "https://a/1.zip\nhttps://a/2.zip\n"
     assert "airzoo-bench prepare far --source FOLDER" in said.err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -63,9 +62,11 @@ HEIGHT = HeightTrack()
 
 
 @pytest.fixture
-def heights(data: Path, tmp_path: Path, scenes: list[MadeScene]) -> Iterator[Path]:
+def heights(
+    data: Path, tmp_path: Path, scenes: list[MadeScene], monkeypatch: pytest.MonkeyPatch
+) -> Path:
     """Return a prediction file of the track, whose protocol stands in the benchmark folder."""
-    TRACKS.add("height", INFO)
+    monkeypatch.setitem(TRACKS.places, "height", f"{__name__}:INFO")
     values = {"schema": 1, "name": "made-height", "version": 1, "title": "Heights", "summary": "-"}
     places = [{"id": scene.id, "title": scene.id.title()} for scene in scenes]
     values |= {"benchmark": "made", "track": "height", "scenes": places}
@@ -76,8 +77,7 @@ def heights(data: Path, tmp_path: Path, scenes: list[MadeScene]) -> Iterator[Pat
     ids = [query for scene in scenes for query in scene.query_ids][:-1]
     path = tmp_path / "heights.npz"
     np.savez(path, protocol="made-height", query_ids=ids, metres=np.arange(len(ids)) + 100.0)
-    yield path
-    TRACKS.remove("height")
+    return path
 
 
 def test_it_is_scored(heights: Path, data: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +43,12 @@ class Toy(Reader):
         return ReadPredictions(found, ("best first",), (f"{len(reading.truths)} scenes",))
 
 
+TOY = Toy()
+
+
 @pytest.fixture
-def toy() -> Iterator[None]:
-    READERS.add("toy", Toy())
-    yield
-    READERS.remove("toy")
+def toy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(READERS.places, "toy", f"{__name__}:TOY")
 
 
 @pytest.fixture
@@ -108,16 +109,12 @@ def test_refusals(
     assert words in capsys.readouterr().err
 
 
-def test_two_that_are_equally_sure_are_named(ranked: Path) -> None:
-    READERS.add("toy2", Toy())
-    try:
-        with pytest.raises(UserError, match="--reader toy or --reader toy2"):
-            ab.evaluate(ranked, protocol="made-retrieval")
-        assert (
-            ab.evaluate(ranked, protocol="made-retrieval", reader="toy2").overall["recall@1"] == 1.0
-        )
-    finally:
-        READERS.remove("toy2")
+def test_two_that_are_equally_sure_are_named(ranked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(READERS.places, "toy2", f"{__name__}:TOY")
+    with pytest.raises(UserError, match="--reader toy or --reader toy2"):
+        ab.evaluate(ranked, protocol="made-retrieval")
+    found = ab.evaluate(ranked, protocol="made-retrieval", reader="toy2")
+    assert found.overall["recall@1"] == 1.0
 
 
 def test_what_a_reader_refuses_is_an_error_of_the_check(

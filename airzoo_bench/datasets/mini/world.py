@@ -16,9 +16,8 @@ A folder appears whole or not at all; a later fault shows in its checksums, and 
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -177,7 +176,6 @@ _INDEX = "checksums.json"
 _RASTERS = ("dom", "dsm", "satellite")
 _FILES = ("world.npz", *(f"{name}.tif" for name in _RASTERS))
 _NODATA = -9999.0
-_PAUSE_S = 0.2
 
 
 def world_folder(root: Path, region: Region, seed: int) -> Path:
@@ -263,12 +261,5 @@ def _is_sound(folder: Path, region: Region, seed: int) -> bool:
 @contextmanager
 def sole_maker(folder: Path) -> Iterator[None]:
     """Wait until no other process makes a folder, and hold it, so that it is made once."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as stack:
-        while True:
-            try:
-                stack.enter_context(only_writer(folder))
-                break
-            except BlockingIOError:
-                time.sleep(_PAUSE_S)
+    with only_writer(folder.with_name(f".{folder.name}.lock"), wait=True):
         yield

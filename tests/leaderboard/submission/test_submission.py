@@ -53,19 +53,17 @@ def test_what_a_board_keeps_has_no_contact(path: Path) -> None:
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "missing": (
         {"training_data": None},
-        "key 'training_data' is missing (such as training_data = [\"gsv-cities\", "
-        '"university-1652"])',
+        "key 'training_data' is missing",
     ),
     "unknown": ({"methd": "SALAD"}, "unknown key 'methd' (did you mean 'method'?)"),
-    "type": ({"method": 3}, "key 'method' is 3: Input should be a valid string (such as method"),
-    "date": ({"date": "2026-11-22"}, "(such as date = 2026-11-22)"),
+    "type": ({"method": 3}, "key 'method' is 3: Input should be a valid string"),
+    "date": ({"date": "2026-11-22"}, "key 'date' is '2026-11-22'"),
     "contact": ({"contact": "Ada"}, "key 'contact' is 'Ada': an e-mail address"),
     "http": ({"paper": "http://example.org"}, "key 'paper' is 'http://example.org'"),
     "user": ({"code": "https://github.com@evil.example/"}, "without a user"),
     "stages": (
         {"pipeline": {"stages": "two"}},
-        "key 'pipeline.stages' is 'two': Input should be 'single-stage' or 're-ranked' (such as "
-        'stages = "single-stage")',
+        "key 'pipeline.stages' is 'two': Input should be 'single-stage' or 're-ranked'",
     ),
     "two places": (
         {"predictions": {"file": "p.npz", "url": "https://a.b/p", "sha256": "0" * 64, "bytes": 1}},
