@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.filesize import decimal
 
 from airzoo_bench.cli.common import Format, FormatOption, put, say, show_rows
 from airzoo_bench.cli.locations import DataOption, resolve_data
@@ -67,7 +66,7 @@ def download(
     left_out = others_patterns(about.scene_files, scene or [])
     source = HubDataset(about.repository, left_out, folder)
     sizes = source.sizes()
-    say(f"{counted(len(sizes), 'file')} to fetch, {decimal(sum(sizes))}")
+    say(f"{counted(len(sizes), 'file')} to fetch, {sum(sizes) / 1e6:,.3g} MB")
     if sizes and sys.stdin.isatty():
         typer.confirm("Go on?", default=True, abort=True, err=True)
     source.fetch()

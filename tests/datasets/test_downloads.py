@@ -47,7 +47,7 @@ def test_the_client_fetches_what_lacks(
     said = capsys.readouterr()
     assert said.out == "there\n"
     assert "Park, licence: CC0" in said.err
-    assert "2 files to fetch, 3.0 kB" in said.err
+    assert "2 files to fetch, 0.003 MB" in said.err
     assert "next: airzoo-bench prepare park --source there" in said.err
     assert [one.get("dry_run", False) for one in calls] == [True, False]
     assert calls[1]["repo_id"] == "who/park"
