@@ -23,7 +23,7 @@ from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.photos import opened_photo
-from airzoo_bench.geometry.arrays import Floats, Ints
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LONLAT_CRS, to_lonlat
 from airzoo_bench.geometry.poses import Poses
@@ -31,7 +31,7 @@ from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, to_map_pi
 from airzoo_bench.geometry.sift import Grey, extract, mutual_nearest
 from airzoo_bench.matching.info import SiftSettings
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.truth import MatchingTruth, read_truth
+from airzoo_bench.matching.truth import read_truth
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 # Nearer to the horizon than 6 degrees a photo is treated as if it were that far below it.
@@ -67,9 +67,16 @@ def predict(
     ids: list[str] = []
     matches = [(np.zeros((0, 2)), np.zeros((0, 2)))]
     for scene in protocol.scenes:
-        truth = read_truth(benchmark, scene.id)
+        truth, entry = read_truth(benchmark, scene.id), benchmark.scene(scene.id)
         ids += truth.queries["id"].tolist()
-        tasks = _tasks(benchmark, truth)
+        tasks = []
+        for row, name in enumerate(truth.queries["image"]):
+            dom, camera, lie = truth.map_of(row).dom, truth.cameras.take(row), (0.0, 1.0)
+            if not truth.own_maps:
+                ground = needed(entry.plane_height_m, "height of the ground", scene.id)
+                lie = lie_on_map(camera, truth.priors.take(row), entry.crs, dom, ground)
+            photo, window = benchmark.resolve(entry.images) / name, tuple(truth.crops[row].tolist())
+            tasks.append(Task(photo, camera, dom.path, window, *lie))
         matched = run.processes.map(
             match_task, tasks, shared=settings, stage="photos", name=lambda task: str(task.photo)
         )
@@ -82,18 +89,6 @@ def predict(
         "map_xy": np.concatenate(map_xy),
     }
     write_predictions(out, protocol.name, arrays)
-
-
-def _tasks(benchmark: Benchmark, truth: MatchingTruth) -> list[Task]:
-    scene, tasks = benchmark.scene(truth.scene), []
-    for row, (name, crop) in enumerate(zip(truth.queries["image"], truth.crops, strict=True)):
-        dom, camera, lie = truth.map_of(row).dom, truth.cameras.take(row), (0.0, 1.0)
-        if not truth.own_maps:
-            ground = needed(scene.plane_height_m, "height of the ground", scene.id)
-            lie = lie_on_map(camera, truth.priors.take(row), scene.crs, dom, ground)
-        photo = benchmark.resolve(scene.images) / name
-        tasks.append(Task(photo, camera, dom.path, tuple(crop.tolist()), *lie))
-    return tasks
 
 
 def lie_on_map(
@@ -116,12 +111,22 @@ def match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
     photo_scale, crop_scale = min(1.0, task.gsd_ratio), min(1.0, 1.0 / task.gsd_ratio)
     largest = max(size.max() * photo_scale, max(task.window[2:]) * crop_scale)
     fit = min(1.0, settings.long_side_px / largest)
-    wanted = np.maximum(np.round(size * photo_scale * fit), 1).astype(int)
+    width, height = np.maximum(np.round(size * photo_scale * fit), 1).astype(int).tolist()
     colours = read_rgb(task.dom, task.window)
     # Black is where a map has no data; what is nearly black is not.
     crop = np.maximum(np.round(colours @ _GREY).astype(np.uint8), colours.any(axis=-1))
+    with opened_photo(task.photo, "put the photos back where benchmark.toml says") as image:
+        if image.size != tuple(size.tolist()):
+            what = f"the photo is {image.size[0]} x {image.size[1]} px"
+            expected = f"{size[0]} x {size[1]} px, the size of its camera"
+            raise BenchmarkError(what, where=task.photo, expected=expected)
+        # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
+        # so the box says where that is.
+        reduced = image.draft("L", (width, height))
+        box = reduced[1] if reduced else (0, 0, *image.size)
+        resized = image.convert("L").resize((width, height), Image.Resampling.LANCZOS, box)
     query_xy, crop_xy = match(
-        _read_photo(task.photo, size, wanted),
+        np.asarray(resized),
         task.camera,
         crop,
         turn_deg=task.turn_deg,
@@ -129,22 +134,6 @@ def match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
         settings=settings,
     )
     return query_xy, crop_xy + task.window[:2]
-
-
-def _read_photo(path: Path, size: Ints, wanted: Ints) -> Grey:
-    with opened_photo(path, "put the photos back where benchmark.toml says") as image:
-        if image.size != tuple(size.tolist()):
-            raise BenchmarkError(
-                f"the photo is {image.size[0]} x {image.size[1]} px",
-                where=path,
-                expected=f"{size[0]} x {size[1]} px, the size of its camera",
-            )
-        target = (int(wanted[0]), int(wanted[1]))
-        # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
-        # so the box says where that is.
-        reduced = image.draft("L", target)
-        box = reduced[1] if reduced else (0, 0, *image.size)
-        return np.asarray(image.convert("L").resize(target, Image.Resampling.LANCZOS, box))
 
 
 def match(

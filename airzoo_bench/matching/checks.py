@@ -7,10 +7,9 @@ known, matches and heights are compared with these.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
@@ -24,12 +23,7 @@ from airzoo_bench.geometry.poses import (
 )
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
 from airzoo_bench.matching.lifting import lift
-from airzoo_bench.matching.predictions import (
-    Correspondences,
-    GivenPoses,
-    MatchingPredictions,
-    ScenePart,
-)
+from airzoo_bench.matching.predictions import Correspondences, GivenPoses, MatchingPredictions
 from airzoo_bench.matching.truth import MatchingTruth
 
 NEAR_M, NEAR_DEG = 0.05, 0.1
@@ -47,33 +41,54 @@ _CONVENTIONS = (
 _X_FIRST = "write x, the column, before y"
 
 
+@dataclass(frozen=True, eq=False)
+class ScenePart:
+    """The predictions for the Q queries of a scene, in their order, in pixels of the whole map."""
+
+    answered: Bools  # (Q,), which queries the file has
+    content: Correspondences | GivenPoses
+    notes: tuple[str, ...]  # on what looks wrong
+
+
 def open_scene(
     predictions: MatchingPredictions, truth: MatchingTruth, rows: Ints, finest_m: float
 ) -> ScenePart:
     """Return the rows (Q,) for the queries of a scene, -1 for none, in pixels of the map."""
-    content = predictions.content.take(rows)
+    content, answered = predictions.content.take(rows), rows >= 0
     if isinstance(content, GivenPoses):
         doubts = _check_poses(content, truth, finest_m)
     else:
         if content.map_xy is not None and content.map_frame == "crop":
             content = replace(content, map_xy=content.map_xy + truth.crops[content.query, :2])
-        doubts = _check_matches(content, truth, np.flatnonzero(rows >= 0))
+        doubts = _check_matches(content, truth, answered)
     notes = tuple(f"scene {truth.scene}: {doubt}" for doubt in doubts if doubt)
-    return ScenePart(rows >= 0, content, notes)
+    return ScenePart(answered, content, notes)
 
 
 def _check_matches(
-    content: Correspondences, truth: MatchingTruth, answered: Ints
+    content: Correspondences, truth: MatchingTruth, answered: Bools
 ) -> Iterator[str | None]:
-    _check_image_size(content, truth, answered)
-    _check_photo_pixels(content, truth)
-    yield _check_map_pixels(content, truth)
-    yield _doubt_image_size(content, truth)
+    sizes = np.stack([truth.cameras.width, truth.cameras.height], axis=1)
+    stated = sizes if content.image_size is None else content.image_size
+    other = np.flatnonzero(answered & (stated != sizes).any(axis=1))
+    if other.size:
+        what = f"another image size than that of {_name(truth, other)}: "
+        what += f"{_sides(stated[other[0]])}, the first is {_sides(sizes[other[0]])}"
+        raise _fault(what, "image_size", "write width before height; scale x and y by their ratio")
+    of_match = sizes[content.query]
+    exchanged = _inside(content.query_xy[:, ::-1], of_match).all()
+    fix = f"{_X_FIRST}: the other way round all lie inside" if exchanged else "scale them to it"
+    _refuse_outside("query_xy", content.query_xy, of_match, content, truth, fix)
+    _check_map_pixels(content, truth)
+    far, shares = 0.6 if len(of_match) < 2000 else 0.9, content.query_xy / of_match
+    if len(of_match) >= 100 and (shares < far).all():
+        said = f"no match lies beyond {far:.0%} of the photos' width and height"
+        yield f"{said}: are the matches in the size of a smaller image?"
     if content.points3d is not None:
         _check_degrees(content.points3d, truth, "points3d")
         yield _doubt_crs(content.points3d, truth.priors.centres[content.query], "point", 10_000.0)
     if truth.has_poses:
-        _check_points(content, truth)
+        _check_points(content, truth, float(np.hypot(*sizes.T).max(initial=0.0)))
 
 
 def _check_poses(
@@ -87,9 +102,11 @@ def _check_poses(
     _check_camera_to_world(given, priors)
     _check_axes(given.rotation, priors.rotation)
     # After the convention, which decides the digits that count.
-    yield check_digits(content, truth.queries["id"].to_numpy(str), true.centres, finest_m)
+    yield _check_digits(content, truth, true.centres, finest_m)
     yield _doubt_crs(given.centres, priors.centres, "pose", 1_000.0)
-    yield _doubt_copies(given, priors)
+    if near := count_near(given, priors, NEAR_M, NEAR_DEG):
+        said = f"{near:,} of {counted(len(given), 'answer')} equal to the prior"
+        yield f"{said}, the photo's own GPS and gimbal angles"
     if truth.has_poses:
         yield _check_heights(given.centres, true.centres[content.has_pose])
 
@@ -97,65 +114,32 @@ def _check_poses(
 # --- matches ---
 
 
-def _check_image_size(content: Correspondences, truth: MatchingTruth, answered: Ints) -> None:
-    if content.image_size is None:
-        return
-    true, stated = _photo_sizes(truth)[answered], content.image_size[answered]
-    bad = np.flatnonzero((stated != true).any(axis=1))
-    if bad.size:
-        fix = f"scale x and y by the ratio of the sizes; {_X_FIRST}, and width before height"
-        what = f"matches in another image size than that of {_name(truth, answered[bad])}: "
-        what += f"{_sides(stated[bad[0]])}, the first is {_sides(true[bad[0]])}"
-        raise _fault(what, "image_size", fix)
-
-
-def _check_photo_pixels(content: Correspondences, truth: MatchingTruth) -> None:
-    size = _photo_sizes(truth)[content.query]
-    fix = "scale them from the size that the method worked in"
-    if _inside(content.query_xy[:, ::-1], size).all():
-        fix = f"{_X_FIRST}: the other way round all lie inside"
-    _refuse_outside("query_xy", content.query_xy, size, content, truth, fix)
-
-
-def _check_map_pixels(content: Correspondences, truth: MatchingTruth) -> str | None:
+def _check_map_pixels(content: Correspondences, truth: MatchingTruth) -> None:
     """Refuse pixels of the map that lie in the crops only when x and y or the frame change."""
     if content.map_xy is None or not len(content.map_xy):
-        return None
+        return
     corner, size = np.split(truth.crops[content.query], 2, axis=1)
     if content.map_frame == "crop":
         fix = "say map_frame='map' if they are pixels of the whole map; crops.csv has the crops"
         _refuse_outside("map_xy", content.map_xy - corner, size, content, truth, fix)
     readings = content.map_xy - corner, content.map_xy[:, ::-1] - corner, content.map_xy
     as_map, exchanged, of_crop = (float(_inside(xy, size).mean()) for xy in readings)
+    if content.map_frame == "map":
+        of_crop = 0.0  # a file that states their frame is believed
     if as_map > 0.8 or max(exchanged, of_crop) < 0.98:
-        return None
+        return
     what, share, fix = "pixels of the crop", of_crop, "say map_frame='crop', or map_frame='map'"
     if exchanged >= 0.98:
         what, share, fix = "rows before columns", exchanged, _X_FIRST
     said = f"the map pixels look like {what}: read so, {share:.0%} lie in their crops"
-    if content.map_frame == "map" and exchanged < 0.98:
-        return said  # a file that states their frame is believed
     raise _fault(f"{said}; as they are, {as_map:.0%}", "map_xy", fix)
 
 
-def _doubt_image_size(content: Correspondences, truth: MatchingTruth) -> str | None:
-    """Doubt pixels that all lie in a corner of the photos, if there are enough of them."""
-    count = len(content.query_xy)
-    if count < 100:
-        return None
-    reach = (content.query_xy / _photo_sizes(truth)[content.query]).max(axis=0)
-    if (reach >= (0.6 if count < 2000 else 0.9)).any():
-        return None
-    said = f"no match lies beyond {reach[0]:.0%} of the photos' width and {reach[1]:.0%} of their "
-    return f"{said}height: are the matches in the size of a smaller image?"
-
-
-def _check_points(content: Correspondences, truth: MatchingTruth) -> None:
+def _check_points(content: Correspondences, truth: MatchingTruth, diagonal: float) -> None:
     """Judge by the true poses whether x and y are exchanged, or heights of points are in feet."""
     what, name, fix = "x and y exchanged", "map_xy", _X_FIRST
     if content.map_xy is None:
         what, name, fix = "heights in feet", "points3d", "multiply heights by 0.3048"
-    diagonal = float(np.hypot(*_photo_sizes(truth).T).max(initial=0.0))
     off, left = (_misfit_px(content, truth, diagonal, otherwise=one) for one in (False, True))
     _judge(what, name, fix, off, left, 0.05 * diagonal, "px")
 
@@ -171,13 +155,13 @@ def _misfit_px(
     off = [np.zeros(1)]
     for query, part in parts[:: -(-len(parts) // 10) or 1]:
         rows = np.linspace(part.start, part.stop - 1, 40).astype(int)
-        if content.points3d is not None:
-            points = content.points3d[rows] * (_FEET if otherwise else 1.0)
-        else:
-            assert content.map_xy is not None
+        if content.map_xy is not None:
             corner, reference = truth.crops[query, :2], truth.map_of(query)
             xy = corner + (content.map_xy[rows] - corner)[:, :: -1 if otherwise else 1]
             points = lift(xy, reference.dom, reference.dsm, jobs=1).points
+        else:
+            assert content.points3d is not None
+            points = content.points3d[rows] * (_FEET if otherwise else 1.0)
         seen = world_to_camera(truth.poses.take(query), points[None])
         away = project(truth.cameras.take(query), seen)[0] - content.query_xy[rows]
         off.append(np.fmin(_length(away), diagonal))
@@ -197,12 +181,12 @@ def _check_degrees(coordinates: Floats, truth: MatchingTruth, name: str) -> None
 
 def _check_camera_to_world(given: Poses, priors: Poses) -> None:
     fix, back = "invert them: R.T and -R.T @ t", np.swapaxes(given.rotation, 1, 2)
+    if _angle(given.rotation, priors.rotation) < _angle(back, priors.rotation):
+        fix = "the rotations are right and the last column is the centre: t = -R @ centre"
     off, left = (
         float(np.median(_length(places - priors.centres)))
         for places in (given.centres, given.translation)
     )
-    if _angle(given.rotation, priors.rotation) < _angle(back, priors.rotation):
-        fix = "the rotations are right and the last column is the centre: t = -R @ centre"
     _judge("camera-to-world poses", "poses", fix, off, left, 0.0, "m from GPS")
 
 
@@ -235,8 +219,8 @@ def _check_axes(given: Floats, priors: Floats) -> None:
         raise _fault(what, "rotations", "convert them; OpenGL's w2c becomes diag(1, -1, -1) @ R")
 
 
-def check_digits(
-    given: GivenPoses, ids: NDArray[np.str_], true_centres: Floats, finest_m: float
+def _check_digits(
+    given: GivenPoses, truth: MatchingTruth, true_centres: Floats, finest_m: float
 ) -> str | None:
     """Refuse poses whose digits leave more than a centimetre open; doubt centres on a lattice.
 
@@ -253,9 +237,9 @@ def check_digits(
     lost = np.nan_to_num(given.errors_m)
     coarse = np.flatnonzero(lost > limit)
     if coarse.size:
-        what = f"too few digits in the {name} of {first_of(ids[coarse], len(ids), noun='query')}: "
-        what += f"they move a camera by {np.sqrt((lost[coarse] ** 2).mean()):.2g} m on average"
-        raise _fault(what, name, fix, f"digits that fix camera centres to {limit:g} m")
+        what = f"too few digits in the {name} of {_name(truth, coarse)}: they move a camera by "
+        what += f"{np.sqrt((lost[coarse] ** 2).mean()):.2g} m on average, more than {limit:g} m"
+        raise _fault(what, name, fix)
     most = float(lost.max(initial=0.0))
     said = f"centres lie on a lattice: if they were rounded to it, they are {most:.2g} m off"
     return said if most > least else None
@@ -281,37 +265,24 @@ def _doubt_crs(places: Floats, gps: Floats, noun: str, limit: float) -> str | No
     return f"{said} position: are all coordinates in the scene's CRS?" if far else None
 
 
-def _doubt_copies(given: Poses, priors: Poses) -> str | None:
-    near = count_near(given, priors, NEAR_M, NEAR_DEG)
-    said = f"{near:,} of {counted(len(given), 'answer')} equal to the prior, the photo's own GPS "
-    return f"{said}and gimbal angles" if near else None
-
-
 def count_near(poses: Poses, priors: Poses, metres: float, degrees: float) -> int:
     """Count the poses, NaN where there is none, that lie as near to their priors as that."""
     turned = rotation_angle_deg(poses.rotation, priors.rotation)
     return int(((_length(poses.centres - priors.centres) < metres) & (turned < degrees)).sum())
 
 
-# --- what several checks need ---
+# --- several checks ---
 
 
-def _fault(what: str, name: str, fix: str, expected: str = _CONVENTIONS) -> PredictionError:
-    return PredictionError(what, where=f"field '{name}'", expected=expected, fix=fix)
+def _fault(what: str, name: str, fix: str) -> PredictionError:
+    return PredictionError(what, where=f"field '{name}'", expected=_CONVENTIONS, fix=fix)
 
 
 def _judge(
-    what: str,
-    name: str,
-    fix: str,
-    off: float,
-    left: float,
-    clear: float,
-    unit: str,
-    share: float = 0.1,
+    what: str, name: str, fix: str, off: float, left: float, clear: float, unit: str
 ) -> None:
-    """Refuse a clear misfit of which another reading leaves a small share."""
-    if off > clear and left < share * off:
+    """Refuse a clear misfit of which another reading leaves less than a tenth."""
+    if off > clear and left < 0.1 * off:
         said = f"looks like {what}: {off:.4g} {unit} as it is, {left:.4g} {unit} read so (medians)"
         raise _fault(said, name, fix)
 
@@ -323,10 +294,6 @@ def _length(vectors: Floats) -> Floats:
 
 def _angle(one: Floats, other: Floats) -> float:
     return float(np.median(rotation_angle_deg(one, other)))
-
-
-def _photo_sizes(truth: MatchingTruth) -> Ints:
-    return np.stack([truth.cameras.width, truth.cameras.height], axis=1)
 
 
 def _inside(xy: Floats, size: Ints) -> Bools:
@@ -346,8 +313,8 @@ def _refuse_outside(
         raise _fault(what, name, fix)
 
 
-def _sides(size: Ints) -> str:
-    return f"{size[0]}x{size[1]} px"
+def _sides(size: Ints | Floats) -> str:
+    return f"{size[0]:g}x{size[1]:g} px"
 
 
 def _name(truth: MatchingTruth, rows: Ints) -> str:

@@ -95,8 +95,8 @@ def area_share(errors: Floats, limit: float) -> Floats:
 def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floats]:
     """Return the columns of the records that errors of Q poses give: the errors, then scores."""
     metres, degrees = errors.translation_m, errors.rotation_deg
-    parts = ("error_m", metres), ("horizontal_m", errors.horizontal_m)
-    columns = dict((*parts, ("vertical_m", errors.vertical_m)))
+    columns = {"error_m": metres, "horizontal_m": errors.horizontal_m}
+    columns["vertical_m"] = errors.vertical_m
     if degrees is not None:
         worst = settings.failed_rotation_deg
         failed = np.inf if worst == "infinite" else worst

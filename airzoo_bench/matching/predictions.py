@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,17 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import (
-    CameraError,
-    PredictionError,
-    UnreadableError,
-    counted,
-    first_of,
-)
+from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES, check_ids
 from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
-from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, wrong_type
+from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m
@@ -31,8 +24,8 @@ _EXPECTED = (
     "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "
     "points3d, or poses, or rotations and centres"
 )
+_PIXELS = ("query_xy", "map_xy", "image_size")
 _TEXT_BYTES = 1 << 27
-_NUMBER = re.compile(r"\s[-+]?\.?\d[-+\d.eE]*(\s|$)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +37,7 @@ class Correspondences:
     map_xy: Floats | None = None  # (M, 2), pixels of the map or of the query's crop
     map_frame: str | None = None  # "map" or "crop", where the file states it
     points3d: Floats | None = None  # (M, 3) in the scene's CRS, instead of `map_xy`
-    image_size: Ints | None = None  # (Q, 2), width and height that pixels belong to, if stated
+    image_size: Floats | None = None  # (Q, 2), width and height that pixels belong to, if stated
 
     @property
     def kind(self) -> str:
@@ -91,25 +84,14 @@ class GivenPoses:
 
     def take(self, rows: Ints) -> GivenPoses:
         """Return the poses of some queries, in this order; a row of -1 has none."""
-        there = rows >= 0
-        rotation = np.where(there[:, None, None], self.poses.rotation[rows], np.nan)
-        poses = Poses(
-            rotation=rotation, centres=np.where(there[:, None], self.poses.centres[rows], np.nan)
-        )
-        return replace(self, poses=poses, errors_m=np.where(there, self.errors_m[rows], np.nan))
+        poses, errors_m = self.poses.take(rows), self.errors_m[rows]
+        for values in (poses.rotation, poses.centres, errors_m):
+            values[rows < 0] = np.nan
+        return replace(self, poses=poses, errors_m=errors_m)
 
 
 MatchingPredictions = QueryPredictions[Correspondences | GivenPoses]
 """A prediction file of the matching track, as read."""
-
-
-@dataclass(frozen=True, eq=False)
-class ScenePart:
-    """The predictions for the Q queries of a scene, in their order, in pixels of the whole map."""
-
-    answered: Bools  # (Q,), which queries the file has
-    content: Correspondences | GivenPoses
-    notes: tuple[str, ...]  # on what looks wrong
 
 
 def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
@@ -119,81 +101,50 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
     else:
         found = read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
     check_ids(found.query_ids, f"{path}, field 'query_ids'")
-    if isinstance(found.content, Correspondences):
-        _check_offsets(path, found.content, found.query_ids)
-        _check_finite(path, found.content, found.query_ids)
     return found
 
 
-def _read_correspondences(arrays: Arrays, query_ids: NDArray[np.str_]) -> Correspondences:
-    there, name = arrays.names(), "map_xy"
-    offsets, query_xy = _integers(arrays, "offsets", ()), _pixels(arrays, "query_xy")
-    map_xy = _pixels(arrays, name) if name in there else None
-    points = None if name in there else _coordinates(arrays, "points3d")
-    name, other = ("points3d", points) if map_xy is None else (name, map_xy)
-    if other is not None and len(other) != len(query_xy):
-        raise PredictionError(
-            f"field '{name}' has {counted(len(other), 'row')}, 'query_xy' has {len(query_xy):,}",
-            where=arrays.path,
-            expected="a row a match in both",
-        )
+def _read_correspondences(arrays: Arrays, ids: NDArray[np.str_]) -> Correspondences:
+    there = arrays.names()
+    offsets = numbers(arrays, "offsets", (None,))
+    fields = {name: _read_doubles(arrays, name, 2) for name in _PIXELS if name in there}
+    if "points3d" in there:
+        fields["points3d"] = _read_coordinates(arrays, "points3d")
+    if "image_size" in there:
+        check_length(arrays, "image_size", fields["image_size"], len(ids))
     frame = str(arrays.read("map_frame")) if "map_frame" in there else None
     if frame not in (None, "map", "crop"):
-        raise PredictionError(
-            f"field 'map_frame' is {str(frame)[:80]!r}",
-            where=arrays.path,
-            expected="'map' (pixels of the whole map) or 'crop' (of the query's crop)",
-        )
-    size = None
-    if "image_size" in there:
-        size = _integers(arrays, "image_size", (2,))
-        check_length(arrays, "image_size", size, len(query_ids))
-    return Correspondences(offsets, query_xy, map_xy, frame, points, size)
-
-
-def _check_offsets(path: Path, content: Correspondences, ids: NDArray[np.str_]) -> None:
-    offsets, rows = content.offsets, len(content.query_xy)
+        what, expected = f"is {frame[:80]!r}", "'map' (pixels of the whole map) or 'crop'"
+        raise _fault(arrays, "map_frame", what, expected)
     # Compared, not subtracted: the difference of two large integers may wrap around.
-    falling = np.flatnonzero(offsets[1:] < offsets[:-1])
+    rows, falling = len(fields["query_xy"]), np.flatnonzero(~(offsets[1:] >= offsets[:-1]))[:1]
     if len(offsets) != len(ids) + 1 or falling.size or offsets[0] != 0 or offsets[-1] != rows:
-        said = f"they are {len(offsets):,} for {counted(len(ids), 'query')}"
-        if len(offsets) == len(ids) + 1:
-            said = f"from {offsets[0]} to {offsets[-1]}"
-            said += f", falling first at query {ids[falling[0]]}" if falling.size else ""
-        raise PredictionError(
-            f"the offsets do not add up: {said}",
-            where=f"{path}, field 'offsets'",
-            expected=f"{len(ids) + 1:,} numbers that rise from 0 to {rows}, the rows of query_xy",
-            fix="np.concatenate([[0], np.cumsum(number of matches of each query)])",
-        )
-
-
-def _check_finite(path: Path, content: Correspondences, ids: NDArray[np.str_]) -> None:
-    for name in ("query_xy", "map_xy", "points3d"):
-        values = getattr(content, name)
-        bad = np.zeros(0) if values is None else ~np.isfinite(values).all(axis=1)
+        first = f" at query {ids[falling[0]]}" if falling.size and falling[0] < len(ids) else ""
+        what = f"does not add up{first}: it has {len(offsets):,} numbers for {len(ids):,} queries"
+        expected = f"{len(ids) + 1:,} whole numbers that rise from 0 to {rows}, as of np.cumsum"
+        raise _fault(arrays, "offsets", what, expected)
+    found = Correspondences(offsets.astype(np.int64), map_frame=frame, **fields)
+    for name in [one for one in fields if one != "image_size"]:
+        bad = ~np.isfinite(fields[name]).all(axis=1)
+        if len(bad) != rows:
+            what = f"has {len(bad):,} rows, 'query_xy' has {rows:,}"
+            raise _fault(arrays, name, what, "a row a match in both")
         if bad.any():
-            rows = counted(int(bad.sum()), "row is", "rows are")
-            whose = first_of(ids[np.unique(content.query[bad])], len(ids), noun="query")
-            what, where = f"{rows} NaN or infinite, in {whose}", f"{path}, field '{name}'"
-            raise PredictionError(what, where=where, expected="finite coordinates of each match")
+            whose = first_of(ids[np.unique(found.query[bad])], len(ids), noun="query")
+            what = f"is NaN or infinite in {whose}"
+            raise _fault(arrays, name, what, "finite coordinates of each match")
+    return found
 
 
-def _pixels(arrays: Arrays, name: str) -> Floats:
-    return numbers(arrays, name, (None, 2)).astype(np.float64)
+def _read_doubles(arrays: Arrays, name: str, *shape: int) -> Floats:
+    return numbers(arrays, name, (None, *shape)).astype(np.float64)
 
 
-def _integers(arrays: Arrays, name: str, shape: tuple[int, ...]) -> Ints:
-    """Read integers of this shape for each row."""
-    values = arrays.read(name)
-    if values.dtype.kind in "iu" and values.ndim == len(shape) + 1 and values.shape[1:] == shape:
-        return values.astype(np.int64)
-    expected = f"integers of shape ({', '.join(map(str, ('any', *shape)))})"
-    fix = f"np.asarray({name}, dtype=np.int64)"
-    raise wrong_type(arrays.path, name, values, expected=expected, fix=fix)
+def _fault(arrays: Arrays, name: str, what: str, expected: str) -> PredictionError:
+    return PredictionError(f"field '{name}' {what}", where=arrays.path, expected=expected)
 
 
-def _coordinates(arrays: Arrays, name: str) -> Floats:
+def _read_coordinates(arrays: Arrays, name: str) -> Floats:
     """Read coordinates of the scene, which are millions of metres: float32 rounds them to 0.25 m.
 
     Only X and Y show whether they were rounded: heights of a surface model fit float32 exactly.
@@ -205,26 +156,21 @@ def _coordinates(arrays: Arrays, name: str) -> Floats:
     largest = float(np.abs(finite).max(initial=0.0))
     step = 0.0 if narrow is None else float(np.spacing(narrow(largest)))
     if step > COARSEST_M:
-        raise PredictionError(
-            f"field '{name}' is {np.dtype(narrow)} or was once, which keeps coordinates such as "
-            f"{largest:.0f} to {step:.2g} m only",
-            where=arrays.path,
-            expected="float64",
-            fix=f"compute and write {name} as float64",
-        )
+        what = f"is {np.dtype(narrow)} or was once, which keeps {largest:.0f} to {step:.2g} m only"
+        raise _fault(arrays, name, what, "numbers computed and written as float64")
     return values
 
 
-def _read_poses(arrays: Arrays, query_ids: NDArray[np.str_]) -> GivenPoses:
+def _read_poses(arrays: Arrays, ids: NDArray[np.str_]) -> GivenPoses:
     """Read ``poses`` or, beside centres, ``rotations``."""
     centred = "centres" in arrays.names()
     name, columns = ("rotations", 3) if centred else ("poses", 4)
-    matrices = numbers(arrays, name, (None, 3, columns)).astype(np.float64)
-    place = _coordinates(arrays, "centres") if centred else matrices[:, :, 3]
+    matrices = _read_doubles(arrays, name, 3, columns)
+    place = _read_coordinates(arrays, "centres") if centred else matrices[:, :, 3]
     for field, values in ((name, matrices), ("centres", place)):
-        check_length(arrays, field, values, len(query_ids))
+        check_length(arrays, field, values, len(ids))
     where = f"{arrays.path}, field '{name}'"
-    return given_poses(where, query_ids, matrices[:, :, :3], place, centred=centred)
+    return given_poses(where, ids, matrices[:, :, :3], place, centred=centred)
 
 
 def given_poses(
@@ -239,35 +185,30 @@ def given_poses(
 
     A row is NaN where there is no pose.
     """
-    values = np.column_stack((rotation.reshape(len(place), -1), place))
+    values, count = np.column_stack((rotation.reshape(len(place), -1), place)), len(place)
     found = np.asarray(np.isfinite(values).all(axis=1))
     half = np.array(names)[~found & ~np.isnan(values).all(axis=1)]
+    expected = "world-to-camera poses, NaN in all of a missing one"
     if half.size:
-        raise PredictionError(
-            f"poses that are NaN or infinite in part: {first_of(half, len(names))}",
-            where=where,
-            expected="a whole pose, or NaN in all of it where there is none",
-        )
-    listed = np.array(names)[found].tolist()
-    rotation, place = rotation[found], place[found]
-    quaternions = rotation if rotation.ndim == 2 else None
+        what = f"poses that are NaN or infinite in part: {first_of(half, len(names))}"
+        raise PredictionError(what, where=where, expected=expected)
+    listed, place = np.array(names)[found].tolist(), place[found]
+    matrices, quaternions = rotation[found], rotation[found] if rotation.ndim == 2 else None
     make = Poses.from_centres if centred else Poses.from_translations
     try:
-        matrices = rotation if quaternions is None else quaternion_to_matrix(quaternions, listed)
+        if quaternions is not None:
+            matrices = quaternion_to_matrix(quaternions, listed)
         known = make(matrices, place, listed)
     except CameraError as error:
-        fix = error.fix or "write world-to-camera rotations, and NaN in all of a missing pose"
-        raise PredictionError(error.what, where=where, expected=error.expected, fix=fix) from error
+        stated = error.expected or expected
+        raise PredictionError(error.what, where=where, expected=stated, fix=error.fix) from error
     # Beside a centre, what the rotation has lost does not move the camera.
     moved = centre_errors_m(place) if centred else pose_errors_m(matrices, place, quaternions)
-
-    def spread(of_found: Floats) -> Floats:
-        every = np.full((len(found), *of_found.shape[1:]), np.nan)
-        every[found] = of_found
-        return every
-
-    poses = Poses(rotation=spread(known.rotation), centres=spread(known.centres))
-    return GivenPoses(poses, spread(moved), centred)
+    poses = Poses(rotation=np.full((count, 3, 3), np.nan), centres=np.full((count, 3), np.nan))
+    errors_m = np.full(count, np.nan)
+    poses.rotation[found], poses.centres[found] = known.rotation, known.centres
+    errors_m[found] = moved
+    return GivenPoses(poses, errors_m, centred)
 
 
 def _read_pose_list(path: Path) -> MatchingPredictions:
@@ -293,14 +234,14 @@ def _read_pose_list(path: Path) -> MatchingPredictions:
 
 
 def _split_name(line: str) -> tuple[str, list[float]] | None:
-    """Split a line; a name may have spaces, and its later words are no numbers: DJI 0001.JPG."""
+    """Split a line; a name may have spaces."""
     name, *columns = line.rsplit(None, 7)
     try:
         pose = [float(word) for word in columns]
     except ValueError:
         return None
     # What does not print, or is long, is no id and no line of a message.
-    if len(pose) < 7 or _NUMBER.search(name) or not name.isprintable() or len(name) > 256:
+    if len(pose) < 7 or not name.isprintable() or len(name) > 256:
         return None
     ending = Path(name).suffix
     return name.removesuffix(ending) if ending.lower() in PHOTO_SUFFIXES else name, pose

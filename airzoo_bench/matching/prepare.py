@@ -23,7 +23,7 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
@@ -74,13 +74,12 @@ def given_truth(inputs: SceneInputs, maps: Path) -> MatchingTruth:
     files = [own_map(maps, photo) for photo in inputs.photos["id"]]
     there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
     found = tuple(
-        ReferenceMap(open_info(dom), dsm, raster_sha256(dsm))
-        for (dom, dsm), has_map in zip(files, there, strict=True)
-        if has_map
+        ReferenceMap(open_info(files[row][0]), files[row][1], raster_sha256(files[row][1]))
+        for row in np.flatnonzero(there)
     )
     windows = np.array([(0, 0, *one.size) for one in found], np.int64).reshape(-1, 4)
     queries = with_truth_as_prior(inputs.photos[there].reset_index(drop=True))
-    excluded = _excluded(inputs, ~there, np.full((~there).sum(), CropStatus.NO_MAP))
+    excluded = _excluded(inputs, np.where(there, CropStatus.CROPPED, CropStatus.NO_MAP))
     return MatchingTruth(inputs.scene, queries, windows, found, excluded, own_maps=True)
 
 
@@ -93,36 +92,29 @@ def build_truth(inputs: SceneInputs, crop: Crop, prior: Prior) -> MatchingTruth:
     there = np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
     queries = photos[there].reset_index(drop=True)
     cameras, priors = cameras_of(queries), poses_of(queries, PRIOR_COLUMNS)
-    if prior.is_measured:
-        _refuse_truth_as_prior(priors, poses_of(queries))
-    with blocked_heights(dsm) as field:
-        windows, of_queries = crop_windows(cameras, priors, dom, field, crop)
-    kept = of_queries == CropStatus.CROPPED
-    status = np.full(len(photos), CropStatus.NO_PRIOR, object)
-    status[there] = of_queries
-    left_out = status != CropStatus.CROPPED
-    excluded = _excluded(inputs, left_out, status[left_out])
-    maps = (ReferenceMap(dom, dsm, raster_sha256(dsm)),)
-    return MatchingTruth(scene, queries[kept].reset_index(drop=True), windows[kept], maps, excluded)
-
-
-def _refuse_truth_as_prior(priors: Poses, poses: Poses) -> None:
     # Not number by number: a pose has two quaternions, and metadata are rounded. Not every photo:
     # one that was moved would hide all the others.
-    same = count_near(poses, priors, _SAME_M, _SAME_DEG)
-    if 2 * same > len(poses):
+    same = count_near(poses_of(queries), priors, _SAME_M, _SAME_DEG)
+    if prior.is_measured and 2 * same > len(queries):
         raise BenchmarkError(
-            f"the prior poses equal the ground truth in {same} of {len(poses)} photos "
+            f"the prior poses equal the ground truth in {same} of {len(queries)} photos "
             f"(to {_SAME_M * 100:g} cm and {_SAME_DEG:g} degrees)",
             expected="priors from the photos' own metadata",
             fix="a protocol that means this says prior.source = 'truth'",
         )
+    with blocked_heights(dsm) as field:
+        windows, of_queries = crop_windows(cameras, priors, dom, field, crop)
+    status = np.full(len(photos), CropStatus.NO_PRIOR, object)
+    status[there], kept = of_queries, of_queries == CropStatus.CROPPED
+    excluded = _excluded(inputs, status)
+    maps = (ReferenceMap(dom, dsm, raster_sha256(dsm)),)
+    return MatchingTruth(scene, queries[kept].reset_index(drop=True), windows[kept], maps, excluded)
 
 
-def _excluded(inputs: SceneInputs, left_out: Bools, reasons: NDArray[Any]) -> pd.DataFrame:
-    photos = inputs.photos[left_out][["id", "image"]].reset_index(drop=True)
-    texts = np.array([str(reason) for reason in reasons], object)
-    return with_unposed(photos.assign(reason=texts), inputs)
+def _excluded(inputs: SceneInputs, status: NDArray[Any]) -> pd.DataFrame:
+    photos = inputs.photos[["id", "image"]].assign(reason=[str(one) for one in status])
+    left_out = photos[photos["reason"] != CropStatus.CROPPED].reset_index(drop=True)
+    return with_unposed(left_out, inputs)
 
 
 def crop_windows(
@@ -133,8 +125,17 @@ def crop_windows(
     Returns windows (N, 4) in whole pixels of the map, x, y, width and height, zero where there is
     no crop; and the CropStatus (N,) of each.
     """
-    ends = _ends_of_corner_rays(cameras, priors, field, crop)
-    pixels = to_map_pixels(field.crs, dom)(ends)
+    # Rays of the image's corners end on the ground, or at the range.
+    directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
+    centres, far = priors.centres, crop.max_range_m
+    ends = centres[:, None] + far * directions
+    height_at = NearestHeights(field, crop.nearest_of_px)
+    for start in range(0, len(cameras), _CAMERAS):
+        part = slice(start, start + _CAMERAS)
+        hits = intersect_heightfield(centres[part], directions[part], field, far)
+        points = meet_missing(centres[part], directions[part], hits, field, height_at, far)
+        ends[part] = np.where(np.isnan(points), ends[part], points)
+    pixels = to_map_pixels(field.crs, dom)(ends[..., :2])
     low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
     grown = crop.margin * (high - low)
     blind = np.isnan(grown).any(axis=1)
@@ -149,28 +150,22 @@ def crop_windows(
     return windows, status
 
 
-def _ends_of_corner_rays(cameras: Cameras, priors: Poses, field: HeightField, crop: Crop) -> Floats:
-    """Return where the rays (N, 4) of the image's corners end: on the ground, or at the range."""
-    directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
-    centres, far = priors.centres, crop.max_range_m
-    ends = centres[:, None] + far * directions
-    height_at = NearestHeights(field, crop.nearest_of_px)
-    for start in range(0, len(cameras), _CAMERAS):
-        part = slice(start, start + _CAMERAS)
-        hits = intersect_heightfield(centres[part], directions[part], field, far)
-        points = meet_missing(centres[part], directions[part], hits, field, height_at, far)
-        ends[part] = np.where(np.isnan(points), ends[part], points)
-    return ends[..., :2]
-
-
 def write_crop(
     dom_path: str | Path, dsm_path: str | Path, window: PixelWindow, folder: Path, name: str
 ) -> tuple[Path, Path]:
     """Write the crop of map and surface model, ``<name>_dom.tif`` and ``<name>_dsm.tif``."""
     dom, dsm = open_info(dom_path), open_info(dsm_path)
     targets = folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
-    _copy_window(dom_path, window, targets[0])
-    _copy_window(dsm_path, _window_below(window, dom, dsm), targets[1])
+    below = _window_below(window, dom, dsm)
+    layout = {"tiled": True, "blockxsize": 256, "blockysize": 256, "bigtiff": "if_safer"}
+    for source, part, target in zip((dom, dsm), (window, below), targets, strict=True):
+        # The mask goes into the file: a separate one would not be moved with it.
+        internal = rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True)
+        with opened(source.path) as dataset, internal, MemoryFile() as memory:
+            cut = f"vrt://{dataset.name}?srcwin={','.join(map(str, part))}"
+            rasterio.shutil.copy(cut, memory.name, driver="GTiff", compress="deflate", **layout)
+            with atomic_write(target) as stream:
+                stream.write(memory.getbuffer())
     return targets
 
 
@@ -185,22 +180,7 @@ def _window_below(window: PixelWindow, dom: RasterInfo, dsm: RasterInfo) -> Pixe
     low = np.clip(np.floor(np.fmin.reduce(pixels)) - 1, 0, size)
     high = np.clip(np.ceil(np.fmax.reduce(pixels)) + 1, 0, size)
     if not (high > low).all():
-        raise RasterError(
-            f"the surface model does not meet the window {window} of the map",
-            where=dsm.path,
-            expected=f"a raster that covers {dom.path}",
-        )
+        what = f"the surface model does not meet the window {window} of the map"
+        raise RasterError(what, where=dsm.path, expected=f"a raster that covers {dom.path}")
     first, second, third, fourth = (int(value) for value in (*low, *(high - low)))
     return first, second, third, fourth
-
-
-def _copy_window(source: str | Path, window: PixelWindow, target: Path) -> None:
-    """Write a window of a GeoTIFF as one of its own, whole or not at all."""
-    layout = {"tiled": True, "blockxsize": 256, "blockysize": 256, "bigtiff": "if_safer"}
-    # The mask goes into the file: a separate one would not be moved with it.
-    internal = rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True)
-    with opened(source) as dataset, internal, MemoryFile() as memory:
-        part = f"vrt://{dataset.name}?srcwin={','.join(map(str, window))}"
-        rasterio.shutil.copy(part, memory.name, driver="GTiff", compress="deflate", **layout)
-        with atomic_write(target) as stream:
-            stream.write(memory.getbuffer())

@@ -12,7 +12,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -36,7 +36,7 @@ _TRIALS_MULTIPLIER = 3.0
 _LINE_TOLERANCE = 1e-6
 # A query may take ten seconds, and photos taken one after the other are hard together: each is a
 # block, and the engine sends short ones together. Only of very many queries some share a block.
-_BLOCKS, _QUERIES_A_BLOCK, _QUERIES_A_THREAD = 10_000, 64, 16
+_BLOCKS, _QUERIES_A_THREAD = 10_000, 16
 
 
 class Status(StrEnum):
@@ -89,14 +89,14 @@ def solve_queries(
     cameras: Cameras, pairs: Correspondences, solver: Solver, run: Run, name: str
 ) -> list[PoseEstimate]:
     """Solve for the poses of Q queries, which messages call the name's, in blocks."""
-    jobs, engine, count = run.jobs, run.engine, len(pairs.offsets) - 1
-    size = min(_QUERIES_A_BLOCK, max(1, count // _BLOCKS))
-    blocks = engine.cut(count, size if jobs == 1 else max(size, _QUERIES_A_THREAD * jobs))
-    found = engine.map(
+    count = len(pairs.offsets) - 1
+    size = max(1, count // _BLOCKS) if run.jobs == 1 else _QUERIES_A_THREAD * run.jobs
+    blocks = run.engine.cut(count, size)
+    found = run.engine.map(
         _solve_block,
         blocks,
         # Where all is one block, it shows how far it is; several are shown by the engine.
-        shared=(cameras, pairs, solver, jobs, run.progress if len(blocks) == 1 else silent),
+        shared=(cameras, pairs, solver, run.jobs, run.progress if len(blocks) == 1 else silent),
         stage="blocks of queries",
         name=lambda block: f"queries {block.start + 1:,} to {block.stop:,} of {name}",
     )
@@ -108,17 +108,17 @@ def _solve_block(
 ) -> list[PoseEstimate]:
     """Solve some queries by threads, one a query, as long as nothing fails."""
     cameras, pairs, solver, jobs, progress = shared
-    points = pairs.points3d
-    assert points is not None
+    assert pairs.points3d is not None
     load_pycolmap()  # here, since signals that it takes are given back in the main thread only
+    pool, parts, points = ThreadPoolExecutor(jobs), pairs.parts(), pairs.points3d
 
     def solve(query: int) -> PoseEstimate:
-        rows = slice(*pairs.offsets[query : query + 2].tolist())
+        rows = parts[query]
         return solve_pose(cameras.take(query), pairs.query_xy[rows], points[rows], solver)
 
-    pool, rows = ThreadPoolExecutor(jobs), range(block.start, block.stop)
+    queries = range(block.start, block.stop)
     try:
-        return list(progress(pool.map(solve, rows), "poses", len(rows)))
+        return list(progress(pool.map(solve, queries), "poses", len(queries)))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -130,21 +130,26 @@ def solve_pose(camera: Cameras, query_xy: Floats, points: Floats, solver: Solver
     """
     matches = np.concatenate((query_xy, points), axis=1)
     rows, place = np.unique(matches, axis=0, return_inverse=True)
-    if len(rows) < MIN_MATCHES:
-        return _failure(Status.TOO_FEW_MATCHES, len(points))
-    chosen = np.arange(len(rows))
+    chosen, inliers = np.arange(len(rows)), np.zeros(len(rows), np.bool_)
     if len(rows) > solver.max_matches:
         random = np.random.default_rng(solver.seed)
         chosen = np.sort(random.choice(len(rows), solver.max_matches, replace=False))
-    estimate = _solve_rows(camera, rows[chosen], solver)
-    of_rows = np.zeros(len(rows), np.bool_)
-    of_rows[chosen] = estimate.inliers
     left_out = len(points) - int(np.isin(place, chosen).sum())
-    return replace(estimate, inliers=of_rows[place], left_out=left_out)
+    enough = len(rows) >= MIN_MATCHES
+    found = _solve_rows(camera, rows[chosen], solver) if enough else None
+    if found is None:
+        status = Status.NO_POSE if enough else Status.TOO_FEW_MATCHES
+        nothing = np.full((3, 4), np.nan)
+        return PoseEstimate(nothing[:, :3], nothing[:, 3], inliers[place], status, left_out)
+    rotation, centre, inliers[chosen] = found
+    return PoseEstimate(rotation, centre, inliers[place], Status.SOLVED, left_out)
 
 
-def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> PoseEstimate:
-    """Solve for rows (M, 5) of pixels and points, whose number limits the trials."""
+_Found = tuple[Floats, Floats, Bools]  # rotation; centre or translation; inliers
+
+
+def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> _Found | None:
+    """Find rotation, centre and inliers of rows (M, 5), whose number limits the trials."""
     most = max(1, solver.max_trials_times_matches // len(rows))
     trials = (min(solver.min_trials, most), min(solver.max_trials, most))
     query_xy, points = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
@@ -156,17 +161,11 @@ def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> PoseEstimate:
         local = points - origin
         found = find(camera, query_xy, local, solver, trials)
         if found is None or _are_on_a_line(local[found[2]]):
-            return _failure(Status.NO_POSE, len(points))
+            return None
         rotation, translation, inliers = found
         centre = origin - apply_matrix(rotation.T, translation)
-    if not np.isfinite(centre).all():  # as it is not where the rotation is not
-        return _failure(Status.NO_POSE, len(points))
-    return PoseEstimate(rotation, centre, inliers, Status.SOLVED)
-
-
-def _failure(status: Status, count: int) -> PoseEstimate:
-    nothing = np.zeros(count, np.bool_)
-    return PoseEstimate(np.full((3, 3), np.nan), np.full(3, np.nan), nothing, status)
+    # The centre is not finite where the rotation is not.
+    return (rotation, centre, inliers) if np.isfinite(centre).all() else None
 
 
 def _are_on_a_line(points: Floats) -> bool:
@@ -174,9 +173,6 @@ def _are_on_a_line(points: Floats) -> bool:
     axis = away[np.argmax(np.abs(away).max(axis=1))]
     across = np.cross(away, axis)
     return bool(np.abs(across).max() <= _LINE_TOLERANCE * (axis @ axis))
-
-
-_Found = tuple[Floats, Floats, Bools]  # rotation and translation of x_cam = R X + t, inliers
 
 
 def _find_by_colmap(

@@ -17,7 +17,7 @@ from airzoo_bench.evaluation.queries import assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, count_near, open_scene
+from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, ScenePart, count_near, open_scene
 from airzoo_bench.matching.info import INFO
 from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
 from airzoo_bench.matching.metrics import matching_scores, pose_columns, pose_errors
@@ -25,7 +25,6 @@ from airzoo_bench.matching.predictions import (
     Correspondences,
     GivenPoses,
     MatchingPredictions,
-    ScenePart,
     read_matching,
 )
 from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
@@ -87,16 +86,17 @@ class MatchingTrack(Track):
             estimates = _as_estimates(content.poses)
         else:
             estimates, of_matches = _solve(truth, content, protocol, run)
-        poses, is_given = _poses_of(estimates), isinstance(content, GivenPoses)
-        records = _records(truth, part.answered, estimates, of_matches, protocol.scores)
+        poses, records = _record(truth, part.answered, estimates, of_matches, protocol.scores)
         counts = {
             "queries": len(records),
             "missing": int((~records["answered"]).sum()),
             "failed": int(records["failed"].sum()),
             "left_out": len(truth.excluded),
             **{name: int(column.sum()) for name, column in of_matches.items() if name != "inliers"},
-            "equal_to_prior": is_given * count_near(poses, truth.priors, _SAME_M, _SAME_DEG),
+            "equal_to_prior": 0,
         }
+        if isinstance(content, GivenPoses):
+            counts["equal_to_prior"] = count_near(poses, truth.priors, _SAME_M, _SAME_DEG)
         if protocol.prior.is_measured:
             counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
         notes = [f"scene {truth.scene}: {note}" for note in _notes(records, counts)]
@@ -129,11 +129,12 @@ class MatchingTrack(Track):
         """Score the priors as if they were a method's poses; where none are measured, nothing."""
         if not protocol.prior.is_measured:
             return {}
-        scenes, records = [truth.scene for truth in truths], []
-        for truth in truths:
-            answered, given = np.ones(len(truth.queries), np.bool_), _as_estimates(truth.priors)
-            records.append(_records(truth, answered, given, {}, protocol.scores))
-        summary = summarise(concatenate(records), matching_scores(protocol.scores), scenes)
+        records = []
+        for one in truths:
+            answered, given = np.ones(len(one.queries), np.bool_), _as_estimates(one.priors)
+            records.append(_record(one, answered, given, {}, protocol.scores)[1])
+        scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
+        summary = summarise(concatenate(records), scores, scenes)
         meaning = "what the photos' own GPS and gimbal angles score, without any matching"
         return {"Prior itself": Reference(meaning=meaning, **asdict(summary))}
 
@@ -163,19 +164,10 @@ class MatchingTrack(Track):
 
 def _as_estimates(poses: Poses) -> list[PoseEstimate]:
     """Return poses that need no solving, NaN where there is none."""
-    found = np.asarray(np.isfinite(poses.centres).all(axis=1))
-    rows = zip(poses.rotation, poses.centres, found, strict=True)
-    status, none = (Status.NOT_GIVEN, Status.GIVEN), np.zeros(0, np.bool_)
-    return [
-        PoseEstimate(rotation, centre, none, status[int(there)]) for rotation, centre, there in rows
-    ]
-
-
-def _poses_of(estimates: Sequence[PoseEstimate]) -> Poses:
-    return Poses(
-        rotation=np.array([one.rotation for one in estimates]).reshape(-1, 3, 3),
-        centres=np.array([one.centre for one in estimates]).reshape(-1, 3),
-    )
+    none, found = np.zeros(0, np.bool_), np.isfinite(poses.centres).all(axis=1)
+    status = np.where(found, Status.GIVEN, Status.NOT_GIVEN).tolist()
+    rows = zip(poses.rotation, poses.centres, status, strict=True)
+    return [PoseEstimate(rotation, centre, none, Status(one)) for rotation, centre, one in rows]
 
 
 def _solve(
@@ -189,8 +181,7 @@ def _solve(
     offsets = np.concatenate([[0], np.cumsum(lifted)])[matches.offsets]
     pairs = Correspondences(offsets, matches.query_xy[lifted], points3d=points[lifted])
     run = replace(run, progress=Headed(truth.scene, run.progress))
-    name = f"scene {truth.scene}"
-    solved = solve_queries(truth.cameras, pairs, protocol.solver, run, name)
+    solved = solve_queries(truth.cameras, pairs, protocol.solver, run, f"scene {truth.scene}")
     inliers = np.zeros(len(lifted), np.bool_)
     inliers[lifted] = np.concatenate([np.zeros(0, np.bool_), *(one.inliers for one in solved)])
     parts = zip(solved, matches.parts(), strict=True)
@@ -223,16 +214,18 @@ def _lift_matches(
     return Lifted(*map(np.concatenate, zip(*found, strict=True)))
 
 
-def _records(
+def _record(
     truth: MatchingTruth,
     answered: Bools,
     estimates: Sequence[PoseEstimate],
     of_matches: dict[str, Ints],
     settings: MatchingScores,
-) -> pd.DataFrame:
-    true, poses = truth.poses, _poses_of(estimates)
-    rotation = true.rotation if settings.orientation_is_trusted else None
-    errors = pose_errors(poses.rotation, poses.centres, rotation, true.centres)
+) -> tuple[Poses, pd.DataFrame]:
+    """Return the estimates as poses, and the records of their errors."""
+    rotation = np.array([one.rotation for one in estimates]).reshape(-1, 3, 3)
+    centres = np.array([one.centre for one in estimates]).reshape(-1, 3)
+    true = truth.poses.rotation if settings.orientation_is_trusted else None
+    errors = pose_errors(rotation, centres, true, truth.poses.centres)
     status = [one.status.value for one in estimates]
     columns = {
         "scene": truth.scene,
@@ -243,7 +236,8 @@ def _records(
         **of_matches,
         **pose_columns(errors, settings),
     }
-    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+    records = pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
+    return Poses(rotation=rotation, centres=centres), records
 
 
 def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:

@@ -37,7 +37,6 @@ from airzoo_bench.storage.urls import ensure_file
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
 _GRID = ("width", "height", "a", "b", "c", "d", "e", "f")
-_MAP_LIMIT_BYTES = 1 << 20
 _ANEW = "prepare the benchmark again"
 
 
@@ -58,8 +57,9 @@ class ReferenceMap:
     def grid(self) -> dict[str, Any]:
         """Size, geotransform and CRS of the map."""
         transform = [float(value) for value in self.dom.transform[:6]]
-        size = {"width": self.dom.width, "height": self.dom.height}
-        return size | {"transform": transform, "crs": self.dom.crs.to_string()}
+        width, height = self.size
+        crs = self.dom.crs.to_string()
+        return {"width": width, "height": height, "transform": transform, "crs": crs}
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,6 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
 def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     """Read a scene's truth, and check that its surface model and map are the prepared ones."""
     folder, entry = benchmark.scene_folder(scene), benchmark.scene(scene)
-    home = folder / "matching"
     excluded = read_excluded(benchmark, scene, "matching")
     prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source")
     is_truth = prior in ("truth", "given")
@@ -161,15 +160,24 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     queries = read_queries(folder, excluded, columns)
     if is_truth:
         queries = with_truth_as_prior(queries)
-    ids = queries["id"].tolist()
-    if entry.maps is not None:
-        maps = _read_own_maps(home / "maps.csv", benchmark.resolve(entry.maps), ids)
+    home, ids = folder / "matching", queries["id"].tolist()
+    if entry.maps is None:
+        dom, grid = benchmark.resolve(needed(entry.dom, "map", scene)), home / "map.json"
+        try:
+            prepared = dict(json.loads(read_text(grid, BenchmarkError, "grid of the map")))
+        except (ValueError, TypeError) as error:
+            raise BenchmarkError(f"not JSON: {error}", where=grid, fix=_ANEW) from error
+        files = [(dom, benchmark.resolve(entry.dsm or ""), entry.dsm_sha256, prepared)]
     else:
-        dom = benchmark.resolve(needed(entry.dom, "map", scene))
-        dsm, grid = benchmark.resolve(entry.dsm or ""), _read_grid(home / "map.json")
-        maps = (_checked_map(dom, dsm, entry.dsm_sha256, grid),)
-    table = _read_rows(home / "crops.csv", CROP_COLUMNS, ids)
-    crops = table[list(CROP_COLUMNS)].to_numpy(np.int64)
+        table, own = home / "maps.csv", benchmark.resolve(entry.maps)
+        files = []
+        for row in _read_rows(table, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
+            prepared = {"width": int(row["width"]), "height": int(row["height"])}
+            prepared |= {"transform": [float(row[one]) for one in _GRID[2:]], "crs": row["crs"]}
+            files.append((*own_map(own, row["id"]), str(row["dsm_sha256"]), prepared))
+    maps = tuple(_checked_map(*one) for one in files)
+    rows = _read_rows(home / "crops.csv", CROP_COLUMNS, ids)
+    crops = rows[list(CROP_COLUMNS)].to_numpy(np.int64)
     sizes = np.broadcast_to([one.size for one in maps], (len(ids), 2))
     outside = (crops < (0, 0, 1, 1)).any(axis=1) | (crops[:, :2] + crops[:, 2:] > sizes).any(axis=1)
     refuse_cells(home / "crops.csv", "id", ids, outside, "windows inside the map")
@@ -182,24 +190,6 @@ def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFra
     if table["id"].tolist() != ids:
         raise BenchmarkError("the rows are not those of queries.csv", where=path, fix=_ANEW)
     return table
-
-
-def _read_own_maps(path: Path, folder: Path, ids: list[str]) -> tuple[ReferenceMap, ...]:
-    """Read the queries' maps, and check that they are the prepared ones."""
-    maps = []
-    for row in _read_rows(path, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
-        size = {"width": int(row["width"]), "height": int(row["height"])}
-        grid = size | {"transform": [float(row[one]) for one in _GRID[2:]], "crs": row["crs"]}
-        maps.append(_checked_map(*own_map(folder, row["id"]), str(row["dsm_sha256"]), grid))
-    return tuple(maps)
-
-
-def _read_grid(path: Path) -> dict[str, Any]:
-    text = read_text(path, BenchmarkError, "grid of the map", _MAP_LIMIT_BYTES)
-    try:
-        return dict(json.loads(text))
-    except (ValueError, TypeError) as error:
-        raise BenchmarkError(f"not JSON: {error}", where=path, fix=_ANEW) from error
 
 
 def _checked_map(
@@ -221,12 +211,9 @@ def _checked_map(
 
 def check_dsm(dsm: Path, prepared: str | None) -> None:
     """Refuse a surface model that is not the one that was prepared."""
-    there = ensure_file(dsm).is_file()
-    if not there or raster_sha256(dsm) != prepared:
+    if not ensure_file(dsm).is_file() or raster_sha256(dsm) != prepared:
         raise BenchmarkError(
-            "the surface model is not the one that the benchmark was prepared with"
-            if there
-            else "the surface model is not there",
+            "the surface model is not there, or not the one that was prepared",
             where=dsm,
             expected=f"a raster with the SHA-256 {(prepared or 'none')[:12]}…",
             fix="put it back where benchmark.toml says, with its side files (.aux.xml, .msk, world "

@@ -1,12 +1,20 @@
-"""Poses of matches: conventions, what may change an answer, and failures as results."""
+"""Poses of matches: conventions, what may change an answer, failures as results, and Ctrl-C."""
 
 from __future__ import annotations
 
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pycolmap
 import pytest
+import tomli_w
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras
@@ -23,6 +31,8 @@ from tests.matching.pose_support import (
     joined,
     make_scene,
 )
+from tests.matching.world import N_QUERIES, SIZE, World
+from tests.support import HANGS_S, run_main
 
 
 def solve(problem: Problem, **changes: Any) -> PoseEstimate:
@@ -87,8 +97,7 @@ def test_neither_order_nor_doubles_change_a_bit() -> None:
     copies = np.concatenate([random.permutation(300), np.full(500, 7), np.arange(50)])
     for order in (random.permutation(300), copies):
         again = solve(Problem(camera, xy[order], points[order]))
-        np.testing.assert_array_equal(again.centre, first.centre)
-        np.testing.assert_array_equal(again.rotation, first.rotation)
+        np.testing.assert_array_equal(again.matrix, first.matrix)
         np.testing.assert_array_equal(again.inliers, first.inliers[order])
 
 
@@ -111,33 +120,27 @@ def test_beyond_the_limit_a_choice_is_solved() -> None:
 
 def line_problem(origin: Any = (0.0, 0.0, 0.0), noise_px: float = 0.0) -> Problem:
     scene = make_scene(7)
-    share = np.linspace(-1.0, 1.0, 200)[:, None]
-    points = share * (30.0, 5.3, 1.7) + (3.0, 30.0, 10.0)
+    points = np.linspace(-1.0, 1.0, 200)[:, None] * (30.0, 5.3, 1.7) + (3.0, 30.0, 10.0)
     in_camera = (points - scene.centre) @ scene.rotation.T
     xy = in_camera[:, :2] / in_camera[:, 2:] * (2900.0, 2930.0) + (2010.0, 1480.0)
     xy += np.random.default_rng(0).normal(0.0, noise_px, xy.shape)
     return Problem(scene.problem.camera, xy, points + origin)
 
 
-def taken(rows: list[int]) -> Problem:
-    camera, xy, points = make_scene(8).problem
-    return Problem(camera, xy[rows], points[rows])
-
-
-def scaled(xy: float = 1.0, points: float = 1.0) -> Problem:
+def changed(rows: Any, xy: float = 1.0, points: float = 1.0) -> Problem:
     problem = make_scene(8, count=40).problem
-    return Problem(problem.camera, problem.query_xy * xy, problem.points * points)
+    return Problem(problem.camera, problem.query_xy[rows] * xy, problem.points[rows] * points)
 
 
 FAILURES = {
-    "none": (taken([]), Status.TOO_FEW_MATCHES),
-    "three often": (taken([0, 1, 2] * 10), Status.TOO_FEW_MATCHES),
-    "one pixel": (scaled(xy=0.0), Status.NO_POSE),
-    "one point": (scaled(points=0.0), Status.NO_POSE),
+    "none": (changed([]), Status.TOO_FEW_MATCHES),
+    "three often": (changed([0, 1, 2] * 10), Status.TOO_FEW_MATCHES),
+    "one pixel": (changed(..., xy=0.0), Status.NO_POSE),
+    "one point": (changed(..., points=0.0), Status.NO_POSE),
     "line": (line_problem(), Status.NO_POSE),
     "noisy line far away": (line_problem(PROJECTED, 0.5), Status.NO_POSE),
-    "points overflow": (scaled(points=1e305), Status.NO_POSE),
-    "pixels too far": (scaled(xy=1e300), Status.NO_POSE),
+    "points overflow": (changed(..., points=1e305), Status.NO_POSE),
+    "pixels too far": (changed(..., xy=1e300), Status.NO_POSE),
 }
 
 
@@ -146,17 +149,16 @@ def test_failures(case: str, name: str, capfd: pytest.CaptureFixture[str]) -> No
     problem, status = FAILURES[case]
     estimate = solve(problem, name=name, max_trials=5000)
     assert estimate.status is status
-    assert np.isnan(estimate.rotation).all()
-    assert np.isnan(estimate.centre).all()
+    assert np.isnan(estimate.matrix).all()
     assert estimate.inliers.tolist() == [False] * len(problem.points)
     assert capfd.readouterr() == ("", "")
 
 
-# --- many queries -------------------------------------------------------------------------------
+# --- many queries, and bounds of what a protocol may ask for ------------------------------------
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
-@pytest.mark.parametrize("size", [1, 2, 4, None])
+@pytest.mark.parametrize("size", [1, 2, None])
 def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> None:
     problems = [
         make_scene(seed, count=200, noise_px=1.0, outliers=0.4).problem for seed in range(5)
@@ -165,3 +167,62 @@ def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> 
     run = Run(jobs=jobs, engine=Scattered(size))
     found = solve_queries(*joined(problems), SOLVER, run, "the made scene")
     assert [fingerprint(estimate) for estimate in found] == alone
+
+
+# The command, which says when the solver is first called.
+INTERRUPTED = """
+from airzoo_bench.matching import solving
+solve = solving._solve_rows
+def announce_and_solve(*arguments):
+    print("solving", flush=True)
+    return solve(*arguments)
+solving._solve_rows = announce_and_solve
+from airzoo_bench.__main__ import main
+main()
+"""
+
+
+def with_solver(world: World, path: Path, changes: dict[str, Any]) -> Path:
+    """Write the world's protocol with other values of its solver."""
+    values = world.protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
+    values["solver"] |= changes
+    path.write_text(tomli_w.dumps(values))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("max_trials", 999), ("max_matches", 10**9), ("confidence", 1.0)]
+)
+def test_bounds_of_protocols(
+    world: World, tmp_path: Path, key: str, value: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = with_solver(world, tmp_path / "own.toml", {key: value})
+    path = world.write(tmp_path / "m.npz", world.matches())
+    assert run_main("eval", "matching", path, "--data", world.root, "--protocol", own) == 2
+    assert key in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.slow), 2])
+def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path, jobs: int) -> None:
+    random, count = np.random.default_rng(0), 20_000
+    query_xy = [random.random((count, 2)) * SIZE for _ in range(N_QUERIES)]
+    map_xy = [c[:2] + random.random((count, 2)) * c[2:] for c in world.truth.crops]
+    path = world.write(tmp_path / "m.npz", world.correspondences(query_xy, map_xy=map_xy))
+    # Random matches take every trial: half an hour of a processor for each query.
+    endless = {"max_trials": 10_000_000, "max_trials_times_matches": 10**12}
+    own, out = with_solver(world, tmp_path / "own.toml", endless), tmp_path / "out"
+    ask = ["eval", "matching", path, "--data", world.root, "--protocol", own]
+    command = [sys.executable, "-c", INTERRUPTED, *map(str, [*ask, "--out", out, "--jobs", jobs])]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("solving")
+    time.sleep(0.5)
+    until = psutil.Process(process.pid).cpu_times().user
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=HANGS_S)
+    whole = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+    assert process.returncode == 130
+    assert "nothing was left half-written" in said
+    assert whole - until < 8.0 * jobs
+    assert not out.exists()

@@ -26,6 +26,7 @@ from tests.matching.world import (
 from tests.support import run_main
 
 GIVEN = {"matches": "matches", "in_crops": "matches", "pairs": "pairs", "poses": "poses"}
+ERRORS = ["error_m", "horizontal_m", "vertical_m", "rotation_deg"]
 
 
 @pytest.mark.parametrize("form", GIVEN)
@@ -34,8 +35,7 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
     rows, result = run.records, run.result
     assert rows["query"].tolist() == world.ids
     assert rows["pitch_deg"].tolist() == world.truth.queries["pitch_deg"].tolist()
-    for column in ("error_m", "horizontal_m", "vertical_m", "rotation_deg"):
-        assert rows[column].max() < 1e-6
+    assert rows[ERRORS].max().max() < 1e-6
     assert not rows["failed"].any()
     assert result.predictions.kind == GIVEN[form]
     assert f"scored from {GIVEN[form]}" in result.notes
@@ -44,25 +44,17 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
         assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
 
 
-@pytest.fixture
-def failing(world: World) -> dict[str, Any]:
-    """Return predictions that lack q0, have 3 matches of q1, and q2 off the map."""
+def test_failures_stay_in_median_and_denominator(world: World, tmp_path: Path) -> None:
+    # The predictions lack q0, have 3 matches of q1, and q2 off the map.
     query_xy = [world.query_xy[1][:3], *world.query_xy[2:]]
     map_xy = [world.map_xy[1][:3], world.map_xy[2] - 1000, *world.map_xy[3:]]
     fields = world.correspondences(query_xy, map_xy=map_xy)
-    return fields | {"query_ids": np.array(world.ids[1:])}
-
-
-def test_failures_stay_in_median_and_denominator(
-    world: World, tmp_path: Path, failing: dict[str, Any]
-) -> None:
-    run = evaluated(world, tmp_path, failing)
+    run = evaluated(world, tmp_path, fields | {"query_ids": np.array(world.ids[1:])})
     rows, result = run.records, run.result
     assert rows["failed"].tolist() == [True, True, True, False, False]
     few, found = ["too few matches"] * 2, ["solved"] * 2
     assert rows["status"].tolist() == ["missing from the predictions", *few, *found]
-    for column in ("error_m", "horizontal_m", "vertical_m", "rotation_deg"):
-        assert np.isposinf(rows[column][:3]).all()
+    assert np.isposinf(rows[ERRORS][:3]).all(axis=None)
     assert rows["matches"].tolist() == [0, 3, N_MATCHES, N_MATCHES, N_MATCHES]
     assert rows["outside_map"].tolist() == [0, 0, N_MATCHES, 0, 0]
     estimates = run.scored["hills"].details[1]
@@ -94,8 +86,15 @@ def test_records_do_not_depend_on_order(world: World, tmp_path: Path) -> None:
     assert rows["error_m"].between(1e-3, 5.0).all()
 
 
+# --- settings of protocols ----------------------------------------------------------------------
+
+
+def world_of(folder: Path, base: str = "photos-matching", **sections: Any) -> World:
+    return make_world(folder, made_matching_protocol(base, **sections))
+
+
 def test_without_trusted_orientation_there_is_no_pose_recall(tmp_path: Path) -> None:
-    world = make_world(tmp_path, made_matching_protocol("airzoo-real-matching"))
+    world = world_of(tmp_path, "airzoo-real-matching")
     run = evaluated(world, tmp_path, world.matches())
     titles = [column.title for column in scenes_table(run.result).columns]
     assert titles == ["Scene", "Queries", "Median", "@5m", "@10m", "@20m"]
@@ -104,11 +103,8 @@ def test_without_trusted_orientation_there_is_no_pose_recall(tmp_path: Path) -> 
 
 
 def test_the_rotation_of_a_failure_and_fewest_matches_are_the_protocols(tmp_path: Path) -> None:
-    world = make_world(
-        tmp_path,
-        made_matching_protocol(scores={"failed_rotation_deg": 180.0}, solver={"least_matches": 5}),
-    )
-    counts = [0, 4, 5, N_MATCHES, N_MATCHES]
+    fewest = {"scores": {"failed_rotation_deg": 180.0}, "solver": {"least_matches": 5}}
+    world, counts = world_of(tmp_path, **fewest), [0, 4, 5, N_MATCHES, N_MATCHES]
     query_xy = [xy[:n] for xy, n in zip(world.query_xy, counts, strict=True)]
     map_xy = [xy[:n] for xy, n in zip(world.map_xy, counts, strict=True)]
     rows = records(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
@@ -120,7 +116,7 @@ def test_the_rotation_of_a_failure_and_fewest_matches_are_the_protocols(tmp_path
 
 @pytest.mark.parametrize("limit", [100.0, 105.0])
 def test_heights_that_do_not_count_are_dropped(tmp_path: Path, limit: float) -> None:
-    world = make_world(tmp_path, made_matching_protocol(lift={"heights_above_m": limit}))
+    world = world_of(tmp_path, lift={"heights_above_m": limit})
     rows = records(world, tmp_path, world.matches())
     low = [int((points[:, 2] <= limit).sum()) for points in world.points]
     assert (rows["no_height"] >= low).all()
@@ -135,8 +131,7 @@ def test_half_pixels_are_seen(tmp_path: Path, world: World) -> None:
     on_photo = world.correspondences([xy + 0.5 for xy in world.query_xy], map_xy=world.map_xy)
     # Half a pixel of f = 520 px is 0.055 degrees; 0.078 along the diagonal.
     assert records(world, tmp_path, on_photo)["rotation_deg"].between(0.03, 0.15).all()
-    protocol = made_matching_protocol(lift={"map_pixel_centres": "integer"})
-    other = make_world(tmp_path / "integer", protocol)
+    other = world_of(tmp_path / "integer", lift={"map_pixel_centres": "integer"})
     shifted = other.correspondences(other.query_xy, map_xy=[xy - 0.5 for xy in other.map_xy])
     assert records(other, tmp_path, shifted)["error_m"].max() < 1e-6
 
@@ -170,10 +165,8 @@ def test_answers_about_the_prior_are_counted_however_they_are_given(
     world: World, tmp_path: Path, *, away: float, degrees: float, near: int, solved: bool
 ) -> None:
     turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
-    priors = world.truth.priors
-    poses = Poses(
-        rotation=turn @ priors.rotation, centres=priors.centres + np.array((away, 0.0, 0.0))
-    )
+    priors, east = world.truth.priors, np.array((away, 0.0, 0.0))
+    poses = Poses(rotation=turn @ priors.rotation, centres=priors.centres + east)
     fields = world.named(rotations=poses.rotation, centres=poses.centres)
     if solved:  # rays of the pose itself, as pairs
         points = np.random.default_rng(0).uniform((-9, -9, 30), (9, 9, 50), (N_QUERIES, 40, 3))

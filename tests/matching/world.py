@@ -23,8 +23,8 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.checks import open_scene
-from airzoo_bench.matching.predictions import ScenePart, read_matching
+from airzoo_bench.matching.checks import ScenePart, open_scene
+from airzoo_bench.matching.predictions import read_matching
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
