@@ -125,7 +125,7 @@ def _read_correspondences(arrays: Arrays, ids: NDArray[np.str_]) -> Corresponden
         raise _fault(arrays, "offsets", what, expected)
     found = Correspondences(offsets.astype(np.int64), map_frame=frame, **fields)
     for name in [one for one in fields if one != "image_size"]:
-        bad = ~np.isfinite(fields[name]).all(axis=1)
+        bad = np.logical_not(np.isfinite(fields[name]).all(axis=1))
         if len(bad) != rows:
             what = f"has {len(bad):,} rows, 'query_xy' has {rows:,}"
             raise _fault(arrays, name, what, "a row a match in both")
