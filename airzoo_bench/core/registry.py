@@ -130,14 +130,14 @@ READERS = Registry(
         "colmap-poses": "airzoo_bench.readers.poses:COLMAP_POSES",
         "tum": "airzoo_bench.readers.poses:TUM_POSES",
         "kitti": "airzoo_bench.readers.poses:KITTI_POSES",
-        "cloud-trajectory": "airzoo_bench.readers.reconstructions:CLOUD_TRAJECTORY",
-        "cut3r": "airzoo_bench.readers.reconstructions:CUT3R",
+        "cloud-trajectory": "airzoo_bench.readers.frames:CLOUD_TRAJECTORY",
+        "cut3r": "airzoo_bench.readers.frames:CUT3R",
         "depth-anything-3": "airzoo_bench.readers.reconstructions:DEPTH_ANYTHING_3",
         "dust3r": "airzoo_bench.readers.reconstructions:DUST3R",
         "mapanything": "airzoo_bench.readers.reconstructions:MAPANYTHING",
         "vggt": "airzoo_bench.readers.reconstructions:VGGT",
         "vggt-colmap": "airzoo_bench.readers.reconstructions:VGGT_COLMAP",
-        "vggt-slam": "airzoo_bench.readers.reconstructions:VGGT_SLAM",
+        "vggt-slam": "airzoo_bench.readers.frames:VGGT_SLAM",
     },
 )
 """What reads files as methods write them, by name, each an `evaluation.reader.Reader`."""

@@ -80,9 +80,9 @@ class Reader(ABC):
     """
 
     track: ClassVar[str]
-    title: ClassVar[str]
-    layout: ClassVar[str]
-    methods: ClassVar[tuple[str, ...]] = ()
+    title: str
+    layout: str
+    methods: tuple[str, ...] = ()
     takes_names: ClassVar[bool] = False
     takes_image_size: ClassVar[bool] = False
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +22,7 @@ from airzoo_bench.formats.arrays import as_floating, check_fields, texts
 from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
 from airzoo_bench.formats.mat5 import MatFile
 from airzoo_bench.formats.npz import NpzFile, map_numbers
+from airzoo_bench.readers.gather import gather, temporary_array
 from airzoo_bench.readers.names import (
     ImageNames,
     folders_of,
@@ -30,12 +30,10 @@ from airzoo_bench.readers.names import (
     query_names,
     scene_finder,
 )
-from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.predictions import Descriptors, RetrievalPredictions
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
-_ROUNDING = 2e-3  # of lengths, next to each other: half precision rounds by half of it
-_LOOKED_AT = 256
-_METRICS = {"l2": "L2 distance", "cosine": "cosine", "inner_product": "inner product"}
+_RECIPE = "what the lines of docs/recipes/retrieval.md save"
 
 Described = tuple[Sequence[str], NDArray[Any]]
 Opened = tuple[Sequence[str], Callable[[int], NDArray[Any]]]
@@ -138,38 +136,15 @@ def join(
     gallery = galleries[0].rows
     if len(galleries) > 1:
         kind = np.result_type(*(one.rows for one in galleries))
-        gallery = _temporary_rows((len(tiles), gallery.shape[1]), kind)
+        gallery = temporary_array((len(tiles), gallery.shape[1]), kind)
         np.concatenate([one.rows for one in galleries], out=gallery)
     return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
 
 
-def compared(
-    own: str, reading: Reading, content: RankedIds | Descriptors
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Say how descriptors are compared, and whether that is another way than the method's own."""
-    metric = reading.protocol.scores.descriptor_metric  # type: ignore[attr-defined]
-    said = (f"descriptors are compared by {_METRICS[metric]}, as the protocol says",)
-    lengths = _lengths(content.gallery) if isinstance(content, Descriptors) else np.ones(1)
-    if metric == own or not lengths.max() - lengths.min() > _ROUNDING * lengths.max():
-        return said, ()
-    return said, (
-        f"the method ranks by {_METRICS[own]}, the protocol by {_METRICS[metric]}, and the "
-        f"descriptors of tiles are {lengths.min():.3g} to {lengths.max():.3g} long: the ranking "
-        "may be another than the method's own",
-    )
-
-
-def _lengths(rows: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the lengths of some rows, spread over all of them."""
-    some = np.unique(np.linspace(0, len(rows) - 1, _LOOKED_AT).astype(int))
-    return np.asarray(np.linalg.norm(rows[some].astype(np.float64), axis=1))
-
-
-def _temporary_rows(shape: tuple[int, int], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return rows that are mapped from a file without a name, which goes with them."""
-    with tempfile.TemporaryFile() as file:
-        file.truncate(shape[0] * shape[1] * kind.itemsize)
-        return np.memmap(file, kind, "r+", shape=shape)
+def comparison(reading: Reading) -> str:
+    """Say how descriptors are compared."""
+    metric = str(reading.protocol.scores.descriptor_metric)  # type: ignore[attr-defined]
+    return f"descriptors are compared by {metric.replace('_', ' ')}, as the protocol says"
 
 
 # --- queries and tiles apart ---
@@ -179,7 +154,6 @@ class DescribedSets(Reader):
     """Reads descriptors and names of queries, and those of tiles."""
 
     track = "retrieval"
-    metric: ClassVar[str] = "inner_product"  # by which the method ranks; or "l2", "cosine"
     conventions: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -194,23 +168,8 @@ class DescribedSets(Reader):
             check_descriptors(path, f"'{kind}' features", rows, len(names))
         queries = query_rows(given["query"], images, path)
         predictions = join(path, [queries], [gallery_rows(given["gallery"], images, path)])
-        said, notes = compared(self.metric, reading, predictions.content)
-        notes = (*aside(queries.strange), *notes)
-        return ReadPredictions(predictions, (*self.conventions, *said), notes)
-
-
-LINES = """\
-gallery_features = []  # before the loop over gallery_loader
-gallery_features.append(gallery_features_batch.float().cpu())  # last in it, once normalised
-np.savez(  # after it
-    "features.npz",
-    query_features=img_features_query.cpu().numpy(),
-    query_names=np.array(query_list),
-    gallery_features=torch.cat(gallery_features).numpy(),
-    gallery_names=np.array(gallery_list),
-)
-"""
-"""What is added to `evaluate` in game4loc/evaluate/gta.py."""
+        said = (*self.conventions, comparison(reading))
+        return ReadPredictions(predictions, said, aside(queries.strange))
 
 
 class _Game4Loc(DescribedSets):
@@ -226,7 +185,7 @@ class _Game4Loc(DescribedSets):
 
     def described(self, path: Path, kind: str, memory: int) -> Described:
         file = NpzFile(path, memory)
-        check_fields(file, self.fields, self.fields, "what these lines save:\n" + LINES)
+        check_fields(file, self.fields, self.fields, _RECIPE)
         rows = (file.read if kind == "query" else file.map)(f"{kind}_features")
         return texts(file, f"{kind}_names", 1).tolist(), rows
 
@@ -259,7 +218,6 @@ class DescribedImages(Reader):
     """Reads descriptors by image, queries and tiles together: its name tells which one it is."""
 
     track = "retrieval"
-    metric: ClassVar[str]
     conventions: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -278,13 +236,12 @@ class DescribedImages(Reader):
             raise PredictionError(what, where=path, fix=fix)
         queries, gallery = (_rows(path, names, found, read) for found in (photos, tiles))
         predictions = join(path, [queries], [gallery])
-        said, notes = compared(self.metric, reading, predictions.content)
         stored = f"descriptors are {queries.rows.dtype}, as the file has them"
-        said = (stored, *self.conventions, *said)
+        said = (stored, *self.conventions, comparison(reading))
         others = zip(names, photos, tiles, strict=True)
         left = [name[-80:] for name, one, two in others if one is two is None]
         asides = (f"images that are neither queries nor tiles, left aside: {first_of(left)}",)
-        return ReadPredictions(predictions, said, (*asides * bool(left), *notes))
+        return ReadPredictions(predictions, said, asides * bool(left))
 
 
 def _rows(
@@ -295,17 +252,10 @@ def _rows(
 ) -> NamedRows:
     """Read descriptors in the order of their ids, all of the first one's length and type."""
     ids = {one: number for number, one in enumerate(found) if one is not None}
-    some = [ids[one] for one in sorted(ids)]
-    first = read(some[0]).reshape(-1)
-    check_descriptors(path, f"{names[some[0]][:200]!r}", first[None])
-    rows = _temporary_rows((len(some), first.size), first.dtype)
-    for place, number in enumerate(some):
-        one = read(number).reshape(-1)
-        if one.shape != first.shape or one.dtype != first.dtype:
-            what = f"{names[number][:200]!r} has {one.size:,} numbers of type {one.dtype}"
-            expected = f"{first.size:,} of type {first.dtype}, as {names[some[0]][:200]!r} has"
-            raise PredictionError(what, where=path, expected=expected)
-        rows[place] = one
+    numbers = [ids[one] for one in sorted(ids)]
+    places = [f"{path}, {names[number][:200]!r}" for number in numbers]
+    rows = gather(places, lambda row: read(numbers[row]).reshape(-1))
+    check_descriptors(path, "each", rows)
     return NamedRows(np.array(sorted(ids), dtype=str), rows)
 
 
@@ -313,7 +263,6 @@ class _AnyLoc(DescribedImages):
     title = "a folder of descriptors by image"
     layout = "files IMAGE.jpg.npy of shape (1, D), in one folder or several below it"
     methods = ("AnyLoc",)
-    metric = "l2"
     conventions = ("images are named by their files, without .npy",)
 
     def recognise(self, path: Path) -> float:
@@ -345,7 +294,6 @@ class _HlocGlobal(DescribedImages):
     title = "global features of hloc"
     layout = "HDF5 with a group for each image that holds global_descriptor"
     methods = ("hloc", "NetVLAD", "DIR", "OpenIBL", "MegaLoc")
-    metric = "inner_product"
     key = "/global_descriptor"
 
     def recognise(self, path: Path) -> float:

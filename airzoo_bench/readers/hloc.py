@@ -12,14 +12,21 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
-from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels, paired
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.readers.pictures import (
+    MatchRows,
+    Pair,
+    Picture,
+    Pictures,
+    Pixels,
+    matched_pixels,
+    paired,
+)
 
 _CENTRE = 0.5  # hloc counts from the centre of the first pixel
 _MATCHES, _DENSE, _KEYPOINTS = "/matches0", "/keypoints0", "/keypoints"
 _SUFFIXES = (".h5", ".hdf5")
 _MOST_FILES, _HEAD = 1000, 40
-_LAST_INT16 = (1 << 15) - 1
 
 
 class _Hloc(Reader):
@@ -99,11 +106,8 @@ class _Features:
 
     def steps(self) -> tuple[str, ...]:
         """Say how far float16 has rounded the keypoints."""
-        said = (
-            f"keypoints were rounded to float16, in steps of up to {self._step:g} px: hloc keeps "
-            "float32 with as_half=False"
-        )
-        return (said,) if self._step else ()
+        said = f"keypoints were rounded to float16, in steps of up to {self._step:g} px: "
+        return (said + "hloc keeps float32 with as_half=False",) if self._step else ()
 
 
 def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) -> Pixels:
@@ -118,10 +122,7 @@ def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) 
         what = "counts keypoints of a file of features, which is not beside it"
         raise PredictionError(what, fix="copy the .h5 of extract_features there")
     first, second = (features.keypoints(one) for one in pair)
-    matches = file.read(group + _MATCHES)
-    _check_indices(matches, len(first), len(second))
-    found = np.flatnonzero(matches != -1)
-    return first[found] + _CENTRE, second[matches[found]] + _CENTRE
+    return matched_pixels(first + _CENTRE, second + _CENTRE, file.read(group + _MATCHES))
 
 
 def _pixels_of(file: Hdf5File, name: str) -> NDArray[Any]:
@@ -131,19 +132,6 @@ def _pixels_of(file: Hdf5File, name: str) -> NDArray[Any]:
         what = f"{name.rsplit('/', 1)[1]} is {values.dtype} of shape {values.shape}"
         raise PredictionError(what, expected="numbers of shape (N, 2)")
     return values
-
-
-def _check_indices(matches: Ints, first: int, second: int) -> None:
-    """Refuse matches that count other keypoints, or wrapped around at 32,767."""
-    sound = matches.ndim == 1 and matches.dtype.kind == "i" and len(matches) == first
-    narrow = matches.dtype.itemsize == 2 and second - 1 > _LAST_INT16
-    if not sound or narrow or (matches < -1).any() or (matches >= second).any():
-        raise PredictionError(
-            f"matches0 is {matches.dtype} of shape {matches.shape}, or has numbers beyond the "
-            f"{first:,} and {counted(second, 'keypoint')} of the pictures",
-            fix="match the features of this run again; numbers of 16 bits wrap around beyond "
-            f"{_LAST_INT16:,} keypoints (max_keypoints)",
-        )
 
 
 def _hdf5_files(path: Path) -> list[Path]:
@@ -164,18 +152,17 @@ def _pair_of_files(path: Path) -> tuple[Path, Path | None]:
     """Return the file of matches, and that of features where there is one."""
     kinds = {one: _kind_of(one) for one in _hdf5_files(path)}
     matches = [one for one, kind in kinds.items() if kind == "matches"]
-    if len(matches) != 1:
-        what = f"has {counted(len(matches), 'file')} of matches: {first_of(matches)}"
-        expected = "one file of matches, with that of its features beside it"
-        raise PredictionError(what, where=path, expected=expected)
     beside = _hdf5_files(path if path.is_dir() else path.parent)
     features = sorted(one for one in beside if kinds.get(one, _kind_of(one)) == "features")
     # hloc begins the name of a file of matches with that of its features.
-    own = [one for one in features if matches[0].stem.startswith(one.stem)]
-    if not own and len(features) > 1:
-        what = f"which features {matches[0].name} counts is unclear: {first_of(features)}"
-        raise PredictionError(what, where=path, fix="put the two into a folder of their own")
-    return matches[0], max(own or features, key=lambda one: len(one.stem), default=None)
+    own = [one for one in features if matches and matches[0].stem.startswith(one.stem)] or features
+    longest = max((len(one.stem) for one in own), default=0)
+    best = [one for one in own if len(one.stem) == longest]
+    if len(matches) != 1 or len(best) > 1:
+        what = f"has {counted(len(matches), 'file')} of matches and of features {first_of(best)}"
+        fix = "put one file of matches and that of its features into a folder of their own"
+        raise PredictionError(what, where=path, fix=fix)
+    return matches[0], next(iter(best), None)
 
 
 HLOC = _Hloc()

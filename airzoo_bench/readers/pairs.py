@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError, counted
+from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.core.files import first_bytes, npz_fields
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import Arrays, numbers
 from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers, read_header
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels
+from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels, matched_pixels
 
 _HEAD = 3
 _CENTRE = 0.5
@@ -65,9 +66,7 @@ class PairFiles(Reader):
         if not self.takes_image_size:
             return xy
         size = size_of(arrays, side, reading)
-        if (xy > np.add(size, 1)).any():
-            what = f"pixels up to {xy.max(axis=0)} in a picture that is said to have {size} px"
-            raise PredictionError(what, where=arrays.path, expected="width before height")
+        _check_within(arrays, xy, size)
         return xy * np.divide(picture.size, size)
 
     def recognise(self, path: Path) -> float:
@@ -113,8 +112,7 @@ def _pair(name: str, pictures: Pictures) -> Pair | None:
         return found
     cuts = [at for at, letter in enumerate(stem) if letter == "_" and at >= len(folder)]
     home = folder and f"{folder}/"
-    halves = [(stem[:at], stem[at + 1 :]) for at in cuts]
-    halves += [(one, other.removeprefix("_")) for one, other in halves]  # as in A__B
+    halves = [(stem[:at], stem[at + 1 :].removeprefix("_")) for at in cuts]  # or as in A__B
     different = {pictures.pair(one, home + other) for one, other in halves} - {None}
     if len(different) == 1:
         return different.pop()
@@ -136,9 +134,8 @@ def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
 
 def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
     """Return the width and height of the model's input, from the file or the user."""
-    name, turned = f"image_size{side}", f"hw{side}_i"
-    stated = next((one for one in (name, turned) if one in arrays.names()), None)
-    if (stated is None) == (reading.image_size is None):
+    name = f"image_size{side}"
+    if (name in arrays.names()) == (reading.image_size is not None):
         raise PredictionError(
             "says not, or twice, to which size of the pictures its pixels belong",
             where=arrays.path,
@@ -146,14 +143,21 @@ def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
             fix=f"add to np.savez: image_size{side}=[image{side}.shape[-1], image{side}.shape[-2]]"
             ", or give --image-size WxH for files that do not state it",
         )
-    if stated is None:
-        return reading.image_size or (0.0, 0.0)
-    values: Any = arrays.read(stated)
+    if reading.image_size is not None:
+        return reading.image_size
+    values: Any = arrays.read(name)
     if values.dtype.kind not in "iu" or values.size != 2 or values.min() < 1:
-        what = f"field {stated!r} is {values.reshape(-1)[:4].tolist()}"
+        what = f"field {name!r} is {values.reshape(-1)[:4].tolist()}"
         raise PredictionError(what, where=arrays.path, expected="width and height, in pixels")
-    first, second = map(float, values.reshape(-1))
-    return (first, second) if stated == name else (second, first)
+    width, height = map(float, values.reshape(-1))
+    return width, height
+
+
+def _check_within(arrays: Arrays, xy: Floats, size: tuple[float, float]) -> None:
+    if (xy > np.add(size, 1)).any():
+        what = f"pixels up to {xy.max(axis=0)} in pictures of {size[0]:g}x{size[1]:g} px"
+        fix = "state the size at which the model was given the pictures"
+        raise PredictionError(what, where=arrays.path, expected="width before height", fix=fix)
 
 
 # --- methods ---
@@ -185,15 +189,7 @@ class _SuperGlue(_Resized):
         return super().knows(path) and "matches" in npz_fields(path)
 
     def pixels(self, arrays: Arrays) -> Pixels:
-        first, second = super().pixels(arrays)
-        matches = arrays.read("matches")
-        fits = matches.dtype.kind == "i" and matches.shape == (len(first),)
-        if not fits or ((matches < -1) | (matches >= len(second))).any():
-            what = "field 'matches' does not count the keypoints that are there"
-            expected = f"whole numbers of shape ({len(first)},): -1, or 0 to {len(second) - 1}"
-            raise PredictionError(what, where=arrays.path, expected=expected)
-        found = np.flatnonzero(matches >= 0)
-        return first[found], second[matches[found]]
+        return matched_pixels(*super().pixels(arrays), arrays.read("matches"))
 
 
 class _Roma(PairFiles):
@@ -255,11 +251,7 @@ class _Dust3r(PairFiles):
             half = [float(min(centre))] * 2
         elif resized[0] == resized[1]:
             half[1] = 3 * half[0] / 4
-        if (xy > np.multiply(2, half) + 1).any():
-            made = f"{2 * half[0]:.0f}x{2 * half[1]:.0f} px of {wide}x{high} at size={size}"
-            what = f"pixels up to {xy.max(axis=0)}, and load_images makes {made}"
-            expected = "the size that load_images had, with square_ok=False, patch_size=16"
-            raise PredictionError(what, where=arrays.path, expected=expected)
+        _check_within(arrays, xy, (2 * half[0], 2 * half[1]))
         found: Floats = (xy + np.subtract(centre, half)) * np.divide(picture.size, resized)
         return found
 
@@ -295,31 +287,30 @@ class _AerialExtreMatch(PairFiles):
         return dtype.kind == "f" and len(shape) == 2 and shape[1] == 4
 
     def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
-        mapped = map_numbers(path)
-        if mapped.ndim != 2 or mapped.shape[1] != 4:
-            what = f"an array of shape {mapped.shape}"
-            raise UnreadableError(what, where=path, expected="(N, 4): x y and x y")
-        values = np.array(mapped, dtype=np.float64)
+        values = np.array(map_numbers(path), dtype=np.float64)
+        if values.shape[1:] != (4,):
+            what = f"an array of shape {values.shape}"
+            raise PredictionError(what, where=path, expected="(N, 4): x y and x y")
         return values[:, :2], values[:, 2:]
 
 
-# --- pickles, which are recognised, never loaded, and answered with the lines that mend them ---
+# --- pickles, which are recognised, never loaded ---
 
 
+@dataclass(frozen=True)
 class _PickledMatches(Reader):
-    """Files of one kind that only running them would read.
+    """Files that only running them would read; a recipe has the lines that convert them.
 
-    `suffix` is that of the files, or of those in a folder; `mark` stands near the beginning of the
-    pickle; `lines` are what the user runs where the files were written, and trusts them.
+    `suffix` is that of the files, or of those in a folder; `mark` is near the beginning of the
+    pickle.
     """
 
     track = "matching"
-
-    def __init__(
-        self, title: str, layout: str, methods: tuple[str, ...], suffix: str, mark: str, lines: str
-    ) -> None:
-        self.title, self.layout, self.methods = title, layout, methods  # type: ignore[misc]
-        self.suffix, self.mark, self.lines = suffix, mark.encode(), lines
+    title: str
+    layout: str
+    suffix: str
+    mark: bytes
+    methods: tuple[str, ...]
 
     def recognise(self, path: Path) -> float:
         found = islice(path.iterdir(), 1000) if path.is_dir() else [path]
@@ -328,55 +319,31 @@ class _PickledMatches(Reader):
         return 0.9 * (first is not None and self.mark in first_bytes(first, 1 << 16))
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        lines = "\n            ".join(self.lines.strip().splitlines())
         what = f"is {self.title}: a Python pickle, which would run whatever it says, never loaded"
-        fix = f"where you made these files and trust them:\n            {lines}"
+        fix = "convert it by the lines in docs/recipes/matching.md, under Pickles"
         raise PredictionError(what, where=path, expected="arrays that numpy.savez wrote", fix=fix)
 
 
 VISMATCH = _PickledMatches(
     "results of vismatch",
     "*.torch: what torch.save made of a dictionary with matched_kpts0",
-    ("vismatch", "image-matching-models"),
     ".torch",
-    "matched_kpts0",
-    """
-import glob, numpy as np, pathlib, torch
-pathlib.Path("matches").mkdir()
-for f in glob.glob("outputs/*/*.torch"):
-    r = torch.load(f, weights_only=False)
-    size = [512, 512]  # --im-size: both pictures are stretched to this square
-    np.savez(f"matches/{pathlib.Path(r['img0_path']).stem}.npz", mkpts0_f=r["matched_kpts0"],
-             mkpts1_f=r["matched_kpts1"], image_size0=size, image_size1=size)
-airzoo-bench eval matching matches --protocol NAME
-""",
+    b"matched_kpts0",
+    ("vismatch", "image-matching-models"),
 )
 LOFTR_DUMP = _PickledMatches(
     "LoFTR's dump of an evaluation",
     "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f",
-    ("LoFTR",),
     ".npy",
-    "mkpts0_f",
-    """
-import numpy as np, pathlib
-pathlib.Path("matches").mkdir()
-for r in np.load("LoFTR_pred_eval.npy", allow_pickle=True):
-    size0 = size1 = [640, 480]  # width and height of what the model was given
-    np.savez(f"matches/{pathlib.Path(r['pair_names'][0]).stem}.npz", mkpts0_f=r["mkpts0_f"],
-             mkpts1_f=r["mkpts1_f"], image_size0=size0, image_size1=size1)
-airzoo-bench eval matching matches --protocol NAME
-""",
+    b"mkpts0_f",
+    ("LoFTR",),
 )
 HLOC_LOGS = _PickledMatches(
     "hloc's logs of a localisation",
     "*_logs.pkl: a dictionary with the PnP of each query",
-    ("hloc",),
     ".pkl",
-    "keypoints_query",
-    """
-the poses stand in the text beside it, whose name lacks _logs.pkl:
-airzoo-bench eval matching RESULTS.txt --protocol NAME
-""",
+    b"keypoints_query",
+    ("hloc",),
 )
 LOFTR, SUPERGLUE, ROMA = _Loftr(), _SuperGlue(), _Roma()
 DUST3R_MATCHES, MAST3R_VISLOC, AERIALEXTREMATCH = _Dust3r(), _Mast3rVisloc(), _AerialExtreMatch()

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.queries import QueryPredictions
@@ -18,10 +20,6 @@ from airzoo_bench.readers.names import ImageNames, names_in
 
 _SLACK_PX = 1.0  # sub-pixel refinement oversteps the border
 _BYTES_OF_MATCH = 160  # of memory: four numbers as read, moved, joined and sorted
-# Pixels of nearly all photos reach the far part of them, unless they are those of smaller pictures.
-_FAR_PART, _LEAST_MATCHES, _LEAST_QUERIES = 0.75, 100, 3
-# Where a side is reached and the other is not, the photos were padded to squares: 0.75 of 4:3.
-_UNPADDED, _PADDED_MATCHES, _PADDED_QUERIES = 0.76, 500, 10
 _CROP = "_dom.tif"  # what `prepare --crops files` adds to a query's name
 
 Pair = tuple["Picture", "Picture"]
@@ -100,6 +98,23 @@ def paired(first: Picture | None, second: Picture | None) -> Pair | None:
     return (first, second) if (first.query is None) != (second.query is None) else None
 
 
+def matched_pixels(first: Floats, second: Floats, matches: NDArray[Any]) -> Pixels:
+    """Return pairs of keypoints: of each of the first, `matches` has a number of the second, or -1.
+
+    Numbers of 16 bits, as hloc writes them, wrap around at 32,767.
+    """
+    sound = matches.dtype.kind == "i" and matches.shape == (len(first),)
+    narrow = matches.dtype.itemsize == 2 and len(second) > 1 << 15
+    if not sound or narrow or (matches < -1).any() or (matches >= len(second)).any():
+        raise PredictionError(
+            f"matches are {matches.dtype} of shape {matches.shape}, or have numbers beyond the "
+            f"{len(first):,} and {counted(len(second), 'keypoint')} of the pictures",
+            fix="match again, with at most 32,767 keypoints where numbers have 16 bits",
+        )
+    found = np.flatnonzero(matches != -1)
+    return first[found], second[matches[found]]
+
+
 class MatchRows:
     """Matches of photos with crops or maps, query by query."""
 
@@ -108,7 +123,6 @@ class MatchRows:
         self.path, self.budget = path, budget
         self._rows: dict[str, list[Pixels]] = {}
         self._sources: dict[tuple[str, tuple[int, int], bool], str] = {}
-        self._farthest: dict[str, Floats] = {}
         self._count = 0
 
     def add(self, pair: Pair, xy: Pixels, source: str) -> None:
@@ -141,8 +155,6 @@ class MatchRows:
                 expected="pixels of the picture at its full size",
                 fix="match the files that prepare wrote, and write pixels of their full size",
             )
-        farthest = (xy / picture.size).max(axis=0, initial=0.0)
-        self._farthest[kind] = np.maximum(self._farthest.get(kind, farthest), farthest)
 
     def predictions(self, names: Iterable[str], pictures: Pictures) -> MatchingPredictions:
         """Return what was taken, in pixels of the whole map; `names` are what the file has."""
@@ -154,27 +166,9 @@ class MatchRows:
                 expected=f"pairs such as {pictures.example}",
                 fix="prepare with --crops files, and match each photo to its crop",
             )
-        for kind in {"photo", "crop"} & self._farthest.keys():
-            self._check_reach(kind, *self._farthest[kind].tolist())
         counts = [sum(len(xy) for xy, _ in rows) for rows in self._rows.values()]
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         parts = [pair for rows in self._rows.values() for pair in rows]
         query_xy, map_xy = (np.concatenate(side) for side in zip(*parts, strict=True))
         content = Correspondences(offsets, query_xy, map_xy, "map", None, None)
         return QueryPredictions(self.path, None, np.array(list(self._rows), dtype=str), content)
-
-    def _check_reach(self, kind: str, across: float, down: float) -> None:
-        """Refuse pixels that leave a part of all pictures empty."""
-        many = self._count >= _LEAST_MATCHES and len(self._rows) >= _LEAST_QUERIES
-        most = self._count >= _PADDED_MATCHES and len(self._rows) >= _PADDED_QUERIES
-        padded = kind == "photo" and most and min(across, down) < _UNPADDED
-        if padded or (many and max(across, down) < _FAR_PART):
-            raise PredictionError(
-                f"no pixel of {counted(len(self._rows), 'query')} lies beyond {across:.0%} of the "
-                f"width and {down:.0%} of the height of its {kind}: they look like pixels of "
-                "smaller pictures, or of padded ones",
-                where=self.path,
-                expected="pixels of the pictures at their full size",
-                fix="multiply x and y by the ratio of the widths and of the heights, or state the "
-                "size that they belong to, without padding, where the layout has a field for it",
-            )

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -15,22 +15,20 @@ from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import change_of_plane
-from airzoo_bench.geometry.rasters import open_info, pixel_to_world
 from airzoo_bench.matching.predictions import GivenPoses, given_poses
-from airzoo_bench.readers.models import images_file, read_images
 from airzoo_bench.readers.names import query_names, read_names
-from airzoo_bench.readers.trajectories import (
+from airzoo_bench.readers.pose_files import (
     KITTI,
     TUM,
     first_rows,
+    images_file,
     numbers_of,
+    read_images,
     read_rows,
     trajectory_columns,
     unit_share,
 )
 
-_FAR_M = 50_000.0  # no photo of a map is taken so far from its middle
 _BY_TRACK = 0.4  # other tracks have such files, too: it must be known that matching is meant
 
 
@@ -62,7 +60,7 @@ class PoseReader(Reader):
         """Read the poses."""
 
     def notes(self, found: GivenPoses) -> tuple[str, ...]:
-        """Return what must be known of the poses; refuse those of another world."""
+        """Return what must be known of the poses."""
         return ()
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
@@ -76,39 +74,12 @@ class PoseReader(Reader):
         rotation[~there], place[~there] = np.nan, np.nan
         names = [given.names[row] for row in kept]
         content = given_poses(path, names, rotation, place, centred=given.centred)
-        self.check_world(content, reading, path)
         query_ids = np.array([ids[row] for row in kept], dtype=str)
         predictions = QueryPredictions(path, None, query_ids, content)
         strange = len(ids) - len(kept)
         left = (f"{counted(strange, 'pose')} of photos that are no queries left out",)
         notes = (*left * (strange > 0), *self.notes(content))
         return ReadPredictions(predictions, self.conventions, notes)
-
-    def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
-        """Refuse cameras that all stand far from every map."""
-        centres = content.poses.centres[content.has_pose]
-        maps = {one.scene: one.maps[0] for one in reading.truths if not one.own_maps}
-        if not len(centres) or not maps:
-            return
-        middle = np.median(centres[:, :2], axis=0)
-        offsets = [(middle - _map_centre(one), scene) for scene, one in maps.items()]
-        offset, nearest = min(offsets, key=lambda one: float(np.hypot(*one[0])))
-        if float(np.hypot(*offset)) > _FAR_M:
-            raise PredictionError(
-                f"its cameras stand around ({middle[0]:.1f}, {middle[1]:.1f}), off the map of "
-                f"{nearest} by ({offset[0]:.1f}, {offset[1]:.1f}) m",
-                where=path,
-                expected="poses in the scene's CRS, in metres",
-                fix="add the offset that was taken off, or align the model (colmap model_aligner)",
-            )
-
-
-def _map_centre(reference: Any) -> Floats:
-    """Return where the middle of a map lies in the CRS of the scene, which is its DSM's."""
-    dom = reference.dom
-    middle = pixel_to_world(dom.transform, np.array([[dom.width / 2, dom.height / 2]]))
-    found: Floats = change_of_plane(dom.crs, open_info(reference.dsm).crs)(middle)[0]
-    return found
 
 
 class _HlocPoses(PoseReader):
@@ -146,21 +117,21 @@ class _HlocPoses(PoseReader):
             "poses are scored as they stand",
         )
 
-    def check_world(self, content: GivenPoses, reading: Reading, path: Path) -> None:
-        """Accept any world: all photos may have failed."""
 
-
+@dataclass(frozen=True)
 class _Trajectory(PoseReader):
     """A trajectory, whose poses are in the order of ``--names``."""
 
     takes_names = True
 
-    def __init__(self, program: str, methods: tuple[str, ...], columns: int, row: str) -> None:
-        self.title = f"a trajectory in the layout of {program}"  # type: ignore[misc]
-        self.layout = f"text, rows of {columns} numbers: {row}"  # type: ignore[misc]
-        self.methods, self.columns = methods, columns  # type: ignore[misc]
-        said = f"a row is {row}, camera-to-world, OpenCV axes, in the scene's CRS"
-        self.conventions = (said, "rows are in the order of --names")  # type: ignore[misc]
+    title: str
+    layout: str
+    columns: int
+    methods: tuple[str, ...]
+    conventions = (
+        "poses are camera-to-world, OpenCV axes, in the scene's CRS",
+        "rows are in the order of --names",
+    )
 
     def recognise(self, path: Path) -> float:
         return _BY_TRACK * (trajectory_columns(path) == self.columns)
@@ -206,5 +177,15 @@ class _Colmap(PoseReader):
 
 
 HLOC_POSES, COLMAP_POSES = _HlocPoses(), _Colmap()
-TUM_POSES = _Trajectory("TUM", ("SLAM systems", "evo"), TUM, "time stamp, tx ty tz, qx qy qz qw")
-KITTI_POSES = _Trajectory("KITTI", ("visual odometry", "evo"), KITTI, "a 3 x 4 matrix row by row")
+TUM_POSES = _Trajectory(
+    "a trajectory in the layout of TUM",
+    "text, rows of 8 numbers: time stamp, tx ty tz, qx qy qz qw",
+    TUM,
+    ("SLAM systems", "evo"),
+)
+KITTI_POSES = _Trajectory(
+    "a trajectory in the layout of KITTI",
+    "text, rows of 12 numbers: a 3 x 4 matrix row by row",
+    KITTI,
+    ("visual odometry", "evo"),
+)

@@ -1,4 +1,4 @@
-"""Readers of reconstructions: they find the outputs of scenes and the photos of views.
+"""Readers of reconstructions: outputs of scenes, photos of their views, maps in an npz.
 
 A path is one scene's output, where the protocol has one scene or the path is named by its scene;
 or a folder with such an output a scene, ``PATH/<scene>/...``. A reader has layouts of outputs.
@@ -6,22 +6,36 @@ or a folder with such an output a scene, ``PATH/<scene>/...``. A reader has layo
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
+from airzoo_bench.core.files import npz_fields
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.formats.arrays import texts
+from airzoo_bench.formats.npz import Budget, NpzFile
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.readers.gather import gather
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
-from airzoo_bench.reconstruction.predictions import NativeScenes, ScenePrediction
+from airzoo_bench.reconstruction.predictions import NativeScenes, ScenePrediction, maps_of
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 _LOOKED_AT = 256
 _BY_NAME = "the scene's photos in the order of their names, which poses must fit"
 _IN_ORDER = "list the photos in the order in which the method was given them, a line each"
+CENTRES_AND_SIZE = (
+    "pixel centres are integers: the principal point is shifted by half a pixel",
+    "intrinsics of the images as the network sees them",
+)
+
+
+# --- outputs of scenes, and the photos of their views ---
 
 
 @dataclass(frozen=True)
@@ -37,23 +51,14 @@ class SceneOutput:
         """Name the views by ``--names``, else by the sorted images in a folder beside them."""
         listed = self.reading.names
         if listed is not None:
-            names = self.photos(self._of_scene(read_names(listed)))
+            names = self.photos(self.names_of_scene(read_names(listed)))
             return ViewNames(names, f"in {listed}", f"named by {listed.name}, in its order")
-        found = _sorted_images(beside)
+        names = [] if beside is None else [one.name for one in _children(beside)]
+        found = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
         if beside is None or not found:
             return None
         said = f"named by the images in {beside.name}/, sorted by name"
         return ViewNames(self.photos(found), f"of images in {beside}", said)
-
-    def numbered_photos(self) -> dict[float, str]:
-        """Return the photos that ``--names`` lists by number: ``number name``, or lines from 0."""
-        listed = read_names(self.reading.names or self.place)
-        lines = [re.fullmatch(r"(\d+(?:\.\d+)?)\s+(.+)", line) for line in listed]
-        numbers = {line[2]: float(line[1]) for line in lines if line is not None}
-        if len(numbers) < len(lines):
-            return dict(enumerate(self.photos(self._of_scene(listed))))
-        names = self._of_scene(list(numbers))
-        return dict(zip((numbers[name] for name in names), self.photos(names), strict=True))
 
     def photos(self, names: Sequence[str]) -> list[str]:
         """Return the benchmark's names of the photos that names mean; others stay as they are."""
@@ -64,12 +69,7 @@ class SceneOutput:
         found = _photo_names(truths, self.reading).find_all(names, self.place)
         return [images.get(str(one), name) for name, one in zip(names, found, strict=True)]
 
-    def photos_of_scene(self) -> list[str]:
-        """Return the benchmark's names of the scene's photos; none where it is missing."""
-        truths = (one for one in self.reading.truths if one.scene == self.scene)
-        return [image for truth in truths for image in truth.photos["image"].tolist()]
-
-    def _of_scene(self, names: list[str]) -> list[str]:
+    def names_of_scene(self, names: list[str]) -> list[str]:
         """Return the listed names that are of this scene."""
         if self.alone:
             return names
@@ -77,12 +77,9 @@ class SceneOutput:
         found = _photo_names(self.reading.truths, self.reading).find_all(names, where)
         lost = [repr(name) for name, one in zip(names, found, strict=True) if one is None]
         if lost:
-            raise PredictionError(
-                f"names that are of no photo, so that their scene is not known: {first_of(lost)}",
-                where=where,
-                expected="the photos of all scenes, such as school/DJI_0001.JPG, a line each",
-                fix=_IN_ORDER,
-            )
+            what = f"names that are of no photo, so that their scene is not known: {first_of(lost)}"
+            expected = "the photos of all scenes, such as school/DJI_0001.JPG, a line each"
+            raise PredictionError(what, where=where, expected=expected, fix=_IN_ORDER)
         scenes = (str(one).split("/", 1)[0] for one in found)
         return [name for name, scene in zip(names, scenes, strict=True) if scene == self.scene]
 
@@ -91,12 +88,6 @@ def _photo_names(truths: Sequence[ReconstructionTruth], reading: Reading) -> Ima
     photos = names_in(truth.photos for truth in truths)
     left_out = names_in(truth.excluded for truth in truths)
     return ImageNames("photo", photos, left_out=left_out, scenes=reading.scenes)
-
-
-def _sorted_images(folder: Path | None) -> list[str]:
-    """Return the names of the images in a folder, sorted; none where there is no such folder."""
-    names = [one.name for one in _children(folder)] if folder is not None else []
-    return [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
 
 
 @dataclass(frozen=True)
@@ -113,13 +104,10 @@ class ViewNames:
     def check(self, path: Path, count: int) -> None:
         """Refuse names of another number than the views."""
         if len(self.names) != count:
-            raise PredictionError(
-                f"holds {counted(count, 'view')}, and there are {len(self.names):,} names "
-                f"{self.source}",
-                where=path,
-                expected="the name of each view",
-                fix=f"{_IN_ORDER}, and give the list with --names",
-            )
+            what = f"holds {counted(count, 'view')}, and there are {len(self.names):,} names "
+            fix = f"{_IN_ORDER}, and give the list with --names"
+            expected = "the name of each view"
+            raise PredictionError(what + self.source, where=path, expected=expected, fix=fix)
 
 
 class Layout(ABC):
@@ -149,25 +137,6 @@ class Layout(ABC):
         """Read the output of one scene."""
 
 
-@dataclass(frozen=True)
-class Refused(Layout):
-    """An output that cannot be scored; the fix names one that can."""
-
-    knows: Callable[[Path], bool]
-    what: str
-    expected: str
-    fix: str  # PLACE in it is the path
-
-    def sure(self, place: Path) -> float:
-        """See `Layout.sure`."""
-        return 0.9 * self.knows(place)
-
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
-        """See `Layout.read`; it refuses."""
-        fix = self.fix.replace("PLACE", str(output.place))
-        raise PredictionError(self.what, where=output.place, expected=self.expected, fix=fix)
-
-
 class SceneReader(Reader):
     """Reads what a method writes of a scene: the output of one scene, or a folder of them."""
 
@@ -175,23 +144,18 @@ class SceneReader(Reader):
     takes_names = True
 
     def __init__(self, title: str, layout: str, methods: tuple[str, ...], *layouts: Layout) -> None:
-        self.title, self.layout, self.methods = title, layout, methods  # type: ignore[misc]
-        self.layouts = layouts
+        self.title, self.layout, self.methods, self.layouts = title, layout, methods, layouts
 
     def sure(self, place: Path) -> float:
         """Say how sure it is that a file or folder is one scene's output."""
         return max(layout.sure(place) for layout in self.layouts)
-
-    def sure_within(self, place: Path) -> float:
-        """Do the same for what lies in a folder of scenes' outputs."""
-        return self.sure(place)
 
     def recognise(self, path: Path) -> float:
         """See `Reader.recognise`."""
         try:
             found = self.sure(path)
             some = _children(path)[:_LOOKED_AT] if not found else []
-            return max(map(self.sure_within, some), default=found)
+            return max(map(self.sure, some), default=found)
         except OSError:  # a folder that may not be listed is nobody's
             return 0.0
 
@@ -201,15 +165,11 @@ class SceneReader(Reader):
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """List the scenes; each is read when it is scored."""
-        whole = self.layout_of(path)
-        if isinstance(whole, Refused):
-            whole.read(SceneOutput(path, "", reading), 0)
         outputs, others = find_outputs(path, reading, lambda one: self.layout_of(one) is not None)
 
         def read_scene(place: Path, memory: int) -> ScenePrediction:
             layout = self.layout_of(place)
-            if layout is None:
-                raise PredictionError("is no output of a scene any more", where=place)
+            assert layout is not None
             return layout.read(outputs[place], memory)
 
         places = {output.scene: place for place, output in outputs.items()}
@@ -228,22 +188,17 @@ def find_outputs(
     if is_output(path):
         return {path: SceneOutput(path, _only_scene(path, known), reading)}, ()
     children = _children(path)
-    found = [child for child in children if is_output(child)]
-    scenes = [_scene_name(child) for child in found]
-    twice = next((one for one in scenes if scenes.count(one) > 1), None)
-    if not found or twice is not None:
+    found = {child: _scene_name(child) for child in children if is_output(child)}
+    scenes = [*found.values()]
+    twice = [one.name for one, scene in found.items() if scenes.count(scene) > 1]
+    if not found or twice:
         what = "holds no scene's output that this reader reads"
-        if twice is not None:
-            names = [one.name for one in found if _scene_name(one) == twice]
-            what = f"scene {twice!r} has two outputs: {' and '.join(names)}"
-        raise PredictionError(
-            what,
-            where=path,
-            expected=f"a folder a scene, such as {path.name}/{known[0]}/, as the method wrote it",
-            fix="`airzoo-bench readers` says what each reader recognises",
-        )
-    pairs = zip(found, scenes, strict=True)
-    outputs = {one: SceneOutput(one, scene, reading, len(found) == 1) for one, scene in pairs}
+        what = f"has two outputs of one scene: {' and '.join(twice)}" if twice else what
+        expected = f"a folder a scene, such as {path.name}/{known[0]}/, as the method wrote it"
+        fix = "`airzoo-bench readers` says what each reader recognises"
+        raise PredictionError(what, where=path, expected=expected, fix=fix)
+    alone = len(found) == 1
+    outputs = {one: SceneOutput(one, scene, reading, alone) for one, scene in found.items()}
     return outputs, tuple(child.name for child in children if child not in outputs)
 
 
@@ -268,3 +223,157 @@ def _scene_name(place: Path) -> str:
 def _children(path: Path) -> list[Path]:
     found = path.iterdir() if path.is_dir() else ()
     return sorted(one for one in found if not one.name.startswith("."))
+
+
+# --- maps of views and their cameras in an npz ---
+
+
+@dataclass(eq=False)
+class MadeArrays:
+    """Arrays by the suite's names, made of a method's own; as `formats.arrays.Arrays`."""
+
+    path: Path
+    budget: Budget
+    fields: Mapping[str, Any]
+
+    def names(self) -> set[str]:
+        """Return the names of the fields."""
+        return set(self.fields)
+
+    def read(self, name: str) -> Any:
+        """Return a field."""
+        return self.fields[name]
+
+    map = read
+
+
+def scene_of(
+    path: Path, budget: Budget, fields: Mapping[str, Any], names: ViewNames | None
+) -> ScenePrediction:
+    """Read fields by the suite's names, with pixel centres at integers, under names of views."""
+    fields = {**fields, "pixel_centres": np.array("integer")}
+    if names is not None:
+        names.check(path, len(fields["depth" if "depth" in fields else "world_points"]))
+        fields["image_names"] = np.array(names.names, dtype=str)
+    return maps_of(MadeArrays(path, budget, fields))
+
+
+def inverted(matrices: Any) -> Any:
+    """Turn camera-to-world matrices (N, 3 or 4, 4) into world-to-camera.
+
+    Rotations are transposed; what is none, or of another shape, is refused where poses are read.
+    """
+    if matrices.ndim != 3 or matrices.shape[1:] not in ((3, 4), (4, 4)):
+        return matrices
+    inverse = matrices.astype(np.float64) if matrices.dtype.kind == "f" else matrices.copy()
+    rotation = np.swapaxes(inverse[:, :3, :3], 1, 2).copy()
+    with np.errstate(all="ignore"):  # of NaN and of what is refused later
+        inverse[:, :3, 3] = -(rotation @ inverse[:, :3, 3:])[..., 0]
+    inverse[:, :3, :3] = rotation
+    return inverse
+
+
+def as_maps(file: NpzFile, name: str, ndim: int) -> Any:
+    """Return maps (N, H, W) or (N, H, W, 3), without an axis of 1 before or behind."""
+    given = shape = file.entries[name].shape
+    if len(shape) > ndim and shape[-1] == 1:
+        shape = shape[:-1]
+    if len(shape) > ndim and shape[0] == 1:
+        shape = shape[1:]
+    if len(shape) != ndim:
+        expected = f"shape ({', '.join('NHW'[:ndim])}{', 3' * (ndim - 3)}), as the method makes it"
+        what = f"field '{name}' has shape {given}"
+        raise PredictionError(what, where=file.path, expected=expected)
+    return file.map(name).reshape(shape)
+
+
+@dataclass(frozen=True)
+class ViewArrays(Layout):
+    """An npz a scene: depth maps, or point maps where there is no depth, with their cameras."""
+
+    maps: Mapping[str, str]  # "depth" or "world_points" by the method's name; the first is read
+    confidence: Mapping[str, str]  # its field by the method's name of the maps
+    needed: tuple[set[str], ...]  # of each set one field is there in files of this layout
+    extrinsics: str  # world-to-camera, unless `camera_to_world`
+    intrinsics: str  # need not be there
+    files: tuple[str, ...] = ("predictions.npz",)  # where in a scene's folder: patterns of one file
+    mask: str | None = None  # False where the method takes its own value for none
+    names: str | None = None  # a field with the names of the photos
+    never: frozenset[str] = frozenset()  # fields of other layouts
+    only: frozenset[str] | None = None  # all fields: a file with others is none
+    camera_to_world: bool = False
+    cameras: Callable[[NpzFile, tuple[int, ...]], tuple[Floats, Floats]] | None = None
+    photos: str | None = "images"  # a folder beside the file, by whose names views are sorted
+    said: tuple[str, ...] = ()  # conventions
+
+    def sure(self, place: Path) -> float:
+        """See `Layout.sure`."""
+        return 0.9 * (self.find(place) is not None)
+
+    def find(self, place: Path) -> Path | None:
+        """Return the file of a scene: the place itself, or the first that lies in its folder."""
+        if not place.is_dir():
+            return place if self._fits(place) else None
+        for pattern in self.files:
+            fitting = [one for one in place.glob(pattern) if self._fits(one)]
+            if len(fitting) == 1:
+                return fitting[0]
+        return None
+
+    def _fits(self, path: Path) -> bool:
+        names = npz_fields(path)
+        fits = all(names & some for some in self.needed) and not names & self.never
+        return fits and (self.only is None or names <= self.only)
+
+    def views(self, output: SceneOutput) -> ViewNames | None:
+        """See `Layout.views`."""
+        path = self.find(output.place) or output.place
+        names = output.view_names(None if self.photos is None else path.parent / self.photos)
+        if names is not None or self.names not in npz_fields(path):
+            return names
+        file = NpzFile(path, output.reading.memory_bytes, npz_fields(path) - {str(self.names)})
+        listed, where = texts(file, str(self.names), 1).tolist(), f"the field {self.names}"
+        return ViewNames(output.photos(listed), f"in {where}", f"named by {where}")
+
+    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+        """See `Layout.read`."""
+        path = self.find(output.place) or output.place
+        named = {self.extrinsics, self.intrinsics, self.mask or "", *self.maps}
+        known = named.union(self.confidence.values(), *self.needed)
+        file = NpzFile(path, memory, npz_fields(path) - known)  # others may be pickles
+        own = next(name for name in self.maps if name in file.names())
+        kind = self.maps[own]
+        maps = self._masked(file, own, as_maps(file, own, 3 + (kind != "depth")))
+        fields = {kind: maps} | self._cameras(file, maps.shape)
+        if self.confidence[own] in file.names():
+            fields["conf"] = as_maps(file, self.confidence[own], 3)
+        return scene_of(path, file.budget, fields, self.views(output))
+
+    def _cameras(self, file: NpzFile, shape: tuple[int, ...]) -> dict[str, Any]:
+        """Return intrinsics and extrinsics, as far as the file has them; `cameras` makes both."""
+        if self.cameras is not None and not {self.extrinsics, self.intrinsics} <= file.names():
+            return dict(zip(("intrinsics", "extrinsics"), self.cameras(file, shape), strict=True))
+        found = {}
+        for name, own in (("intrinsics", self.intrinsics), ("extrinsics", self.extrinsics)):
+            if own in file.names():
+                values = file.read(own)
+                found[name] = values[0] if values.ndim == 4 and len(values) == 1 else values
+        if self.camera_to_world and "extrinsics" in found:
+            found["extrinsics"] = inverted(found["extrinsics"])
+        return found
+
+    def _masked(self, file: NpzFile, name: str, values: Any) -> Any:
+        """Return maps that have no surface where the mask is False."""
+        if self.mask is None or self.mask not in file.names() or values.dtype.kind != "f":
+            return values
+        mask = as_maps(file, self.mask, 3)
+        if mask.dtype.kind != "b" or mask.shape != values.shape[:3]:
+            what = f"field '{self.mask}' is {mask.dtype} of shape {mask.shape}"
+            expected = f"bool of shape {values.shape[:3]}, that of '{name}'"
+            raise PredictionError(what, where=file.path, expected=expected)
+
+        def seen(row: int) -> Any:
+            kept = mask[row].view(np.uint8) != 0
+            return np.where(kept if values.ndim == 3 else kept[..., None], values[row], np.nan)
+
+        return gather(range(len(values)), seen)

@@ -9,12 +9,9 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
@@ -26,7 +23,7 @@ from airzoo_bench.readers.descriptors import (
     SceneImages,
     aside,
     check_descriptors,
-    compared,
+    comparison,
     gallery_rows,
     join,
     query_rows,
@@ -56,55 +53,31 @@ _BY_COUNT = (
 )
 
 
-@dataclass(frozen=True)
 class _Log:
-    """A log folder and its log; None where that is missing.
+    """A log folder: the arguments of its run as Python prints them, and its counts of images.
 
-    `counts` are of queries and database images; `labels`: names begin with positions, which decide
-    their order; `only_wrong`: lists of rightly answered queries were left out.
+    `labels`: names begin with positions, which decide their order; `only_wrong`: lists of rightly
+    answered queries were left out.
     """
 
-    folder: Path
-    method: str | None
-    database: str | None
-    queries: str | None
-    counts: tuple[int, int] | None
-    only_wrong: bool
-    labels: bool
-    lists: list[Path]  # by number; from 1000 on they have four digits
-
-    @classmethod
-    def read(cls, folder: Path) -> _Log:
-        """Read the arguments of a run, as Python prints them, and its counts of images."""
+    def __init__(self, folder: Path) -> None:
         text = first_bytes(folder / "info.log", 1 << 20).decode("utf-8", "replace")
         arguments = text.rpartition("Namespace(")[2].split("\n", 1)[0]
         names = ("method", "database_folder", "queries_folder")
         found = (re.search(rf"(?:^|\s){one}='([^'\\\0]*)'", arguments) for one in names)
-        method, database, queries = (match[1] if match else None for match in found)
+        self.method, self.database, self.queries = (match[1] if match else None for match in found)
+        self.folders = (str(folder), self.database or "", self.queries or "")
         counts = re.search(r"#queries: (\d{1,12}); #database: (\d{1,12})", text)
+        self.counts = (int(counts[1]), int(counts[2])) if counts else None
+        self.only_wrong = "save_only_wrong_preds=True" in arguments
+        self.labels = "use_labels=True" in arguments
+        self.folder = folder
         lists = (one for one in (folder / _LISTS).glob("*.txt") if one.stem.isdecimal())
-        return cls(
-            folder,
-            method,
-            database,
-            queries,
-            (int(counts[1]), int(counts[2])) if counts else None,
-            "save_only_wrong_preds=True" in arguments,
-            "use_labels=True" in arguments,
-            sorted(lists, key=lambda one: int(one.stem)),
-        )
-
-    @property
-    def has_descriptors(self) -> bool:
-        """Whether one of the two files is there."""
-        return any((self.folder / name).is_file() for name in (_QUERIES, _DATABASE))
-
-    @property
-    def is_one(self) -> bool:
-        """Whether the folder is that of a run."""
+        self.lists = sorted(lists, key=lambda one: int(one.stem))  # from 1000 on of four digits
+        self.has_descriptors = any((folder / name).is_file() for name in (_QUERIES, _DATABASE))
+        self.is_one = self.has_descriptors or self.database is not None
         if self.lists and not self.has_descriptors:
-            return first_bytes(self.lists[0], len(_HEADS[0])) == _HEADS[0].encode()
-        return self.has_descriptors or self.database is not None
+            self.is_one = first_bytes(self.lists[0], len(_HEADS[0])) == _HEADS[0].encode()
 
 
 def _logs(path: Path) -> Iterator[_Log]:
@@ -112,7 +85,7 @@ def _logs(path: Path) -> Iterator[_Log]:
     left = [(path, 0)]
     while left:
         folder, depth = left.pop()
-        log = _Log.read(folder)
+        log = _Log(folder)
         if log.is_one:
             yield log
         elif depth < _DEEPEST and folder.is_dir() and not folder.is_symlink():
@@ -142,7 +115,7 @@ class _Vpr(Reader):
             parts = [_descriptors(log, images, names) for log in logs]
             names.check_used_up()
             predictions = join(path, *map(list, zip(*parts, strict=True)))
-            said, notes = compared("l2", reading, predictions.content)
+            said = comparison(reading)
             left = sum(one[0].strange for one in parts)
         else:
             read = [_lists(log, images) for log in logs]
@@ -151,14 +124,12 @@ class _Vpr(Reader):
                 fix = "name the folder of one run"
                 raise PredictionError("holds two runs of one query", where=path, fix=fix)
             predictions = ranked_lists(path, answered)
-            said, notes = ("ranks are those of preds/, by L2 distance over its whole gallery",), ()
+            said = "ranks are those of preds/, by L2 distance over its whole gallery"
             left = sum(count for _, count in read)
         unheld = _BY_COUNT in names.used and not all(log.lists for log in logs)
         methods = sorted({log.method for log in logs if log.method})
-        conventions = (*(f"info.log says: method {one}" for one in methods), *names.used, *said)
-        return ReadPredictions(
-            predictions, conventions, (*aside(left), *(_BY_COUNT,) * unheld, *notes)
-        )
+        conventions = (*(f"info.log says: method {one}" for one in methods), *names.used, said)
+        return ReadPredictions(predictions, conventions, (*aside(left), *(_BY_COUNT,) * unheld))
 
 
 # --- descriptors ---
@@ -177,7 +148,7 @@ def _descriptors(log: _Log, images: SceneImages, names: _Names) -> tuple[NamedRo
         stated = f"its info.log speaks of {log.counts[0]:,} and {log.counts[1]:,}"
         what = f"{len(asked):,} queries and {len(gallery):,} database images, and {stated}"
         raise PredictionError(what, where=folder, expected="files of one run", fix=_AGAIN)
-    here = images.of_run((str(folder), log.database or "", log.queries or ""))
+    here = images.of_run(log.folders)
     tiles, photos, assumed = names.names_of_run(log, here, len(gallery), len(asked))
     queries = query_rows((photos, np.array(asked)), here, folder / _QUERIES)
     named = queries, gallery_rows((tiles, gallery), here, folder / _DATABASE)
@@ -199,8 +170,7 @@ def _check_order(
         raise _unnamed(log.folder, "its images were ordered by the positions in their names")
     if not files or queries.rows.shape[1] != gallery.rows.shape[1]:  # `join` refuses the lengths
         return
-    described = queries.ids.tolist()
-    rows, tiles = [], []
+    described, rows, tiles = queries.ids.tolist(), [], []
     for file in files[:: len(files) // _LISTS_COMPARED + 1]:
         query, ranked = _read_list(file)
         found, number = images.queries.find(query), int(file.stem)
@@ -208,10 +178,17 @@ def _check_order(
             raise _unnamed(file, f"is of {query[-80:]!r}, by order another photo")
         if found is not None:
             rows.append(described.index(found))
-            tiles.append(tile_ids(images.tiles, ranked, file))
-    wrong = _not_nearest(queries.rows[rows], tiles, gallery)
-    if wrong is not None:
-        raise _unnamed(files[0].parent, f"{described[rows[wrong]]} has other nearest tiles")
+            tiles += tile_ids(images.tiles, ranked[:1], file)
+    asked = queries.rows[rows].astype(np.float64)
+    best = gallery.rows[rows_among(np.array(tiles), gallery.ids)].astype(np.float64)
+    lengths, own = (asked**2).sum(axis=1), ((asked - best) ** 2).sum(axis=1)
+    slack = _ROUNDING * (lengths + (best**2).sum(axis=1))
+    for _, some in blocks(gallery.rows):
+        block = some.astype(np.float64)
+        squares = lengths[:, None] + (block**2).sum(axis=1) - 2 * asked @ block.T
+        nearer = np.flatnonzero(squares.min(axis=1) < own - slack)
+        if nearer.size:
+            raise _unnamed(files[0].parent, f"{described[rows[nearer[0]]]} has a nearer tile")
 
 
 def _unnamed(where: Path, why: str) -> PredictionError:
@@ -221,25 +198,6 @@ def _unnamed(where: Path, why: str) -> PredictionError:
         expected=f"{_NAMED}, or preds/ without descriptors",
         fix=f"{_LIST_NAMES}, or move both .npy files elsewhere to have the lists of preds/ scored",
     )
-
-
-def _not_nearest(
-    queries: NDArray[Any], ranked: Sequence[Sequence[str]], gallery: NamedRows
-) -> int | None:
-    """Return the first query whose list is not in the order of L2 distances, if there is one."""
-    asked = queries.astype(np.float64)
-    nearest, longest = np.full(len(asked), np.inf), 0.0
-    for _, block in blocks(gallery.rows):
-        squares = (block.astype(np.float64) ** 2).sum(axis=1)
-        nearest = np.minimum(nearest, (squares - 2 * asked @ block.T.astype(np.float64)).min(1))
-        longest = max(longest, float(squares.max()))
-    for query, tiles in enumerate(ranked):
-        found = gallery.rows[rows_among(np.array(tiles), gallery.ids)].astype(np.float64)
-        own = (found**2).sum(axis=1) - 2 * found @ asked[query]
-        slack = _ROUNDING * (longest + asked[query] @ asked[query])
-        if (np.diff(own, prepend=nearest[query]) < -slack).any() or own[0] > nearest[query] + slack:
-            return query
-    return None
 
 
 # --- lists ---
@@ -256,7 +214,7 @@ def _lists(log: _Log, images: SceneImages) -> tuple[dict[str, list[str]], int]:
         what += ": --save_only_wrong_preds leaves queries out" * log.only_wrong
         wanted = "a list for each query, or the descriptors"
         raise PredictionError(what, where=log.folder, expected=wanted, fix=_AGAIN)
-    here = images.of_run((str(log.folder), log.database or "", log.queries or ""))
+    here = images.of_run(log.folders)
     read = [_read_list(file) for file in files]
     asked = here.queries.find_all([query for query, _ in read], log.folder / _LISTS)
     named = zip(files, asked, read, strict=True)
@@ -283,7 +241,7 @@ def _read_list(file: Path) -> tuple[str, list[str]]:
 
 
 class _Names:
-    """Names of rows: from a list if there is one, else from folders.
+    """Names of rows: from a list if there is one, else from folders, else by their order.
 
     What a log names must lie in one of these folders: it comes from a stranger. `used` says where
     names came from.
@@ -306,20 +264,12 @@ class _Names:
                 what = f"{tiles:,} database images and {counted(photos, 'query')}"
                 raise _other_count(self._list, f"{counted(len(given), 'name')} for {what}")
             return given[:tiles], given[tiles : tiles + photos], False
-        folders = log.database, log.queries
-        if not all(map(self._is_ours, folders)):
-            self.used[_BY_COUNT] = None
-            return *_by_count(log, images, tiles, photos), True
-        self.used[_BY_LISTING] = None
-        listed = [
-            _listed(str(one), rows) for one, rows in zip(folders, (tiles, photos), strict=True)
-        ]
-        return listed[0], listed[1], False
-
-    def _is_ours(self, folder: str | None) -> bool:
-        """Whether a folder is here and may be listed."""
-        place = Path(os.path.realpath(folder or "/"))
-        return place.is_dir() and any(place.is_relative_to(root) for root in self._roots)
+        places = [Path(os.path.realpath(one or "/")) for one in (log.database, log.queries)]
+        if all(one.is_dir() and any(map(one.is_relative_to, self._roots)) for one in places):
+            self.used[_BY_LISTING] = None
+            return _listed(log.database, tiles), _listed(log.queries, photos), False
+        self.used[_BY_COUNT] = None
+        return *_by_count(log, images, tiles, photos), True
 
     def check_used_up(self) -> None:
         """Refuse a list of names that is longer than all rows."""
@@ -332,10 +282,10 @@ def _other_count(path: object, what: str) -> PredictionError:
     return PredictionError(what, where=path, expected=expected, fix=_LIST_NAMES)
 
 
-def _listed(folder: str, rows: int) -> list[str]:
+def _listed(folder: str | None, rows: int) -> list[str]:
     """Name the images of a folder as the method's dataset class does, by ``glob("**/*")``."""
     names = []
-    for home, folders, files in os.walk(folder):
+    for home, folders, files in os.walk(folder or ""):
         folders[:] = [name for name in folders if not name.startswith(".")]
         images = (name for name in files if name.lower().endswith(_LISTED) and name[0] != ".")
         names += [(Path(home) / name).as_posix() for name in images]

@@ -1,7 +1,8 @@
-"""Pickles are recognised, never loaded, and the lines of the refusal make files that score."""
+"""Pickles are recognised, never loaded, and the lines of the recipe make files that score."""
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,31 +11,27 @@ from typing import Any
 
 import pytest
 
-from airzoo_bench.readers.pairs import LOFTR_DUMP, VISMATCH
 from tests.matching.world import World
 from tests.readers.samples import pickles
 
-Evaluated = Callable[..., Any]
+PAGE = Path(__file__).parents[2] / "docs" / "recipes" / "matching.md"
 
 
-@pytest.mark.parametrize(
-    ("reader", "write"),
-    [(VISMATCH, pickles.write), (LOFTR_DUMP, pickles.write_loftr_dump)],
-)
+@pytest.mark.parametrize(("number", "write"), [(0, pickles.write), (1, pickles.write_loftr_dump)])
 def test_the_lines_do_what_they_say(
-    reader: Any,
+    number: int,
     write: Callable[..., Path],
     world: World,
     tmp_path: Path,
-    evaluated: Evaluated,
+    evaluated: Callable[..., Any],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     write(tmp_path, world)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(load=pickles.load))
-    lines = reader.lines.strip().splitlines()
-    exec("\n".join(lines[:-1]), {})  # noqa: S102 - the lines that the message gives
-    assert lines[-1].startswith("airzoo-bench eval matching matches")
+    text = PAGE.read_text(encoding="utf-8").partition("## Pickles")[2]
+    lines = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)[number]
+    exec(lines, {})  # noqa: S102 - what users paste
     found = evaluated(tmp_path / "matches")
     assert found.overall["error_m"] < 1e-6
     assert found.result.predictions.reader.name == "loftr"

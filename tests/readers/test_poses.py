@@ -74,18 +74,6 @@ def test_another_order_of_quaternions_is_refused(
         evaluated(path, names=tmp_path / "names.txt")
 
 
-def test_another_world_is_refused_with_its_offset(
-    world: World, tmp_path: Path, evaluated: Evaluated
-) -> None:
-    path = poses.write_kitti(tmp_path, world)
-    rows = [line.split() for line in path.read_text().splitlines()]
-    for row in rows:
-        row[3], row[7] = (repr(float(row[i]) - s) for i, s in ((3, 5e5), (7, 5.2e6)))
-    poses.write_lines(path, [" ".join(row) for row in rows])
-    with pytest.raises(PredictionError, match=r"off the map of hills by \(-499970\.0, -5"):
-        evaluated(path, names=tmp_path / "names.txt")
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -116,8 +104,3 @@ def test_a_colmap_model_below_a_folder(world: World, tmp_path: Path, evaluated: 
     found = evaluated(path)
     assert found.overall["error_m"] < 1e-6
     assert "1 pose of photos that are no queries left out" in found.result.notes
-
-
-def test_another_world_is_named(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    with pytest.raises(PredictionError, match=r"by \(-299970\.0, -299988\.0\) m"):
-        evaluated(colmap.write_model(tmp_path, world, offset=3e5))

@@ -32,7 +32,7 @@ def test_an_exact_input_is_perfect(tmp_path: Path, home: Path) -> None:
     assert "method salad" in reader.conventions[0]
     assert "names are taken by order" in reader.conventions[1]
     assert reader.conventions[1] in result.result.notes
-    assert "L2 distance" in reader.conventions[2]
+    assert "compared by l2" in reader.conventions[2]
 
 
 @pytest.mark.parametrize("labels", [False, True])

@@ -1,31 +1,25 @@
-"""COLMAP models: poses and points of their files, read without libraries.
+"""Poses in files: lines of numbers, and COLMAP models, whose files are read without libraries.
 
-Pixels of models that networks export are of no use: VGGT's are of two frames mixed up. What is read
-is the poses of images, their names, and the points; cameras only to tell who wrote the model.
+Pixels of models that networks export are of no use: VGGT's are of two frames mixed up. So cameras
+are read only to tell who wrote the model.
 """
 
 from __future__ import annotations
 
 import mmap
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError
-from airzoo_bench.core.files import read_text
-from airzoo_bench.evaluation.reader import refuse_option
-from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud
+from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError
+from airzoo_bench.core.files import first_bytes, read_text
+from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.readers.scenes import Layout, SceneOutput
-from airzoo_bench.readers.trajectories import rotations_of
-from airzoo_bench.readers.views import MadeArrays
-from airzoo_bench.reconstruction.cameras import image_poses
-from airzoo_bench.reconstruction.predictions import ScenePrediction
+from airzoo_bench.geometry.poses import quaternion_to_matrix
 
 _FILES = ("cameras.bin", "images.bin", "points3D.bin")
 _COUNT = struct.Struct("<Q")
@@ -38,7 +32,107 @@ _BYTES_AN_IMAGE = 2400  # in memory, while names and poses are checked
 _TEXT_BYTES = 1 << 30
 _PARAMETERS = {0: 3, 1: 4, 2: 4, 3: 5, 4: 8, 5: 8, 6: 12, 7: 5, 8: 4, 9: 5, 10: 12}
 _LOOKED_AT = 64
-_LONG_SIDES = (504, 512, 518)  # of images as MapAnything sees them
+
+
+TUM, KITTI = 8, 12
+"""Columns of a row: number, place and quaternion, or a matrix of 3 x 4."""
+
+_TEXTS = ("", ".txt", ".tum", ".kitti", ".log")
+_LIMIT_BYTES = 1 << 27
+_HEAD_BYTES, _HEAD_ROWS = 1 << 16, 50
+_BYTES_A_BYTE = 32  # of memory, while the words of a line are texts and numbers of Python
+_UNIT_TOLERANCE = 1e-3
+
+
+def first_rows(path: Path) -> list[list[str]]:
+    """Return the first rows of a text, split at blanks; none if it is no text."""
+    if not path.is_file() or path.suffix.lower() not in _TEXTS:
+        return []
+    head = first_bytes(path, _HEAD_BYTES)
+    whole = head[: head.rfind(b"\n")] if len(head) == _HEAD_BYTES else head
+    return _rows(whole.decode("utf-8", "replace"))[:_HEAD_ROWS]
+
+
+def _rows(text: str) -> list[list[str]]:
+    lines = text.removeprefix("\ufeff").splitlines()
+    return [line.split() for line in lines if line.strip() and line.lstrip()[0] != "#"]
+
+
+def numbers_of(rows: list[list[str]], start: int) -> Floats | None:
+    """Return the numbers of rows from a column on; None where some are none, or rows differ."""
+    if len({len(row) for row in rows}) != 1:
+        return None
+    try:
+        return np.array([[float(word) for word in row[start:]] for row in rows], dtype=np.float64)
+    except ValueError:
+        return None
+
+
+def unit_share(values: Floats) -> float:
+    """Return the share of rows (N, 4) of length 1; rows that are not finite are not counted."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.linalg.norm(values, axis=1)
+    lengths = lengths[np.isfinite(lengths)]
+    return float((np.abs(lengths - 1) <= _UNIT_TOLERANCE).mean()) if len(lengths) else 0.0
+
+
+def read_rows(path: Path, columns: int, named: bool, memory: int) -> tuple[list[str], Floats]:
+    """Read all rows of a text: the names before the numbers, none if not `named`, and these."""
+    Budget(memory).hold(path, "its text", path.stat().st_size * _BYTES_A_BYTE)
+    rows = _rows(read_text(path, UnreadableError, "text of poses", _LIMIT_BYTES))
+    wrong = [number for number, row in enumerate(rows, 1) if len(row) != columns + named]
+    values = None if wrong else numbers_of(rows, int(named))
+    if values is None:
+        what = "holds words where numbers should be" if rows else "holds no pose"
+        if wrong:
+            what = f"row {wrong[0]} has {len(rows[wrong[0] - 1])} columns"
+        expected = f"{'a name and ' if named else ''}{columns} numbers in each row"
+        raise PredictionError(what, where=path, expected=expected)
+    return [row[0] for row in rows] if named else [], values
+
+
+def trajectory_columns(path: Path) -> int | None:
+    """Return how many numbers a row has, where rows are poses of TUM's or KITTI's layout."""
+    rows = first_rows(path)
+    count = len(rows[0]) if rows else 0
+    alike = [row for row in rows if len(row) == count and numbers_of([row], 0) is not None]
+    values = numbers_of(alike, 0) if count in (TUM, KITTI) and alike else None
+    if values is None:
+        return None
+    return count if unit_share(values[:, 4:] if count == TUM else values[:, :3]) > 0.5 else None
+
+
+def rotations_of(path: Path, wxyz: Floats, names: Sequence[str] | None = None) -> Floats:
+    """Turn the quaternions of a file into rotations (N, 3, 3)."""
+    try:
+        return quaternion_to_matrix(wxyz, names)
+    except CameraError as error:
+        raise PredictionError(error.what, where=path, expected=error.expected) from error
+
+
+def read_trajectory(
+    path: Path, columns: int, memory: int, *, w_first: bool = False
+) -> tuple[list[float], Floats]:
+    """Return the first entries of a text's rows, and their camera-to-world poses (N, 4, 4).
+
+    Quaternions are x y z w unless `w_first`.
+    """
+    _, values = read_rows(path, columns, named=False, memory=memory)
+    wrong = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if wrong.size:
+        what = f"row {wrong[0] + 1} has a number that is not finite"
+        fix = "leave the row out, and list the photos of the others with --names"
+        raise PredictionError(what, where=path, expected="a pose of each photo", fix=fix)
+    poses = np.tile(np.eye(4), (len(values), 1, 1))
+    if columns == KITTI:
+        poses[:, :3] = values.reshape(-1, 3, 4)
+    else:
+        poses[:, :3, :3] = rotations_of(path, values[:, 4:] if w_first else values[:, [7, 4, 5, 6]])
+        poses[:, :3, 3] = values[:, 1:4]
+    return values[:, 0].tolist(), poses
+
+
+# --- COLMAP models ---
 
 
 def is_model(folder: Path) -> bool:
@@ -56,77 +150,6 @@ def first_cameras(folder: Path) -> list[tuple[int, tuple[int, int], tuple[float,
             numbers = struct.Struct(f"<{_PARAMETERS[model]}d")
             found.append((model, (width, height), numbers.unpack(stream.read(numbers.size))))
     return found
-
-
-def is_of_mapanything(folder: Path) -> bool:
-    """Whether cameras are of images of the size that MapAnything sees, and points.ply is there."""
-    sizes = {size for _, size, _ in first_cameras(folder)}
-    has_points = (folder / "points.ply").is_file()
-    return has_points and len(sizes) == 1 and max(sizes.pop()) in _LONG_SIDES
-
-
-def is_of_vggt(folder: Path) -> bool:
-    """Whether all principal points are in the middle, and points.ply is there."""
-    cameras = first_cameras(folder)
-    centred = bool(cameras)
-    for model, (width, height), parameters in cameras:
-        first = 1 if model in (0, 2, 3) else 2
-        centred &= parameters[first : first + 2] == (width / 2, height / 2)
-    return centred and (folder / "points.ply").is_file() and not is_of_mapanything(folder)
-
-
-def is_of_depth_anything_3(folder: Path) -> bool:
-    """Whether there is a pinhole camera an image, with the files of newer versions of COLMAP."""
-    cameras = first_cameras(folder)
-    new = all((folder / name).is_file() for name in ("rigs.bin", "frames.bin"))
-    return new and len(cameras) > 1 and all(model == 1 for model, _, _ in cameras)
-
-
-@dataclass(frozen=True)
-class Model(Layout):
-    """A binary model, `below` a scene's folder; `any_other` is read too once it is asked for."""
-
-    knows: Callable[[Path], bool]
-    below: str = "sparse"
-    any_other: bool = False
-    said = (
-        "poses world-to-camera, quaternions w x y z, axes of OpenCV",
-        "points of points3D.bin; 2D points and intrinsics are not read",
-    )
-
-    def sure(self, place: Path) -> float:
-        """See `Layout.sure`."""
-        folder = place / self.below
-        return 0.9 * (is_model(folder) and self.knows(folder))
-
-    def accepts(self, place: Path) -> bool:
-        """See `Layout.accepts`."""
-        folder = place / self.below
-        return is_model(folder) and (self.any_other or self.knows(folder))
-
-    def order(self, output: SceneOutput) -> str:
-        """See `Layout.order`."""
-        return "images by their names in the model"
-
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
-        """See `Layout.read`."""
-        path, cloud = (output.place / self.below / name for name in _FILES[1:])
-        budget = Budget(memory)
-        refuse_option("--names", output.reading.names, "a COLMAP model", path)
-        names, poses = read_images(path, budget)
-        rotation = rotations_of(path, poses[:, :4], names)
-        fields = {
-            "image_names": np.array(output.photos(names), dtype=str),
-            "extrinsics": np.concatenate([rotation, poses[:, 4:, None]], axis=2),
-        }
-        images = image_poses(MadeArrays(path, budget, fields), len(names))
-        with _opened(cloud) as (data, count):
-            if count * _POINT.size > len(data):
-                raise _damaged(cloud, f"it states {count:,} points and has {len(data):,} bytes")
-        points = FileCloud(
-            cloud, "COLMAP", count, lambda most: read_points(cloud, most), np.dtype(np.float64)
-        )
-        return ScenePrediction(points, images)
 
 
 def images_file(folder: Path) -> Path | None:
@@ -177,6 +200,14 @@ def _text_images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]
         except (ValueError, IndexError) as error:
             raise _damaged(path, f"a line that is no image: {line[:80]!r}") from error
         next(lines, None)
+
+
+def count_points(path: Path) -> int:
+    """Return the number of points of a model that is long enough for them."""
+    with _opened(path) as (data, count):
+        if count * _POINT.size > len(data):
+            raise _damaged(path, f"it states {count:,} points and has {len(data):,} bytes")
+        return count
 
 
 def read_points(path: Path, most: int) -> Iterator[Cloud]:
