@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 # Where each name is; the imports below say the same to editors and type checkers.
 _HOMES = {
     "api.benchmark": "BlindBenchmark load_benchmark",
-    "api.clouds": "CloudComparison cloud_scores",
-    "api.intervals": "ConfidenceInterval bootstrap_ci",
-    "api.poses": "CameraAlignment align_cameras pose_errors pose_scores solve_pose",
+    "api.clouds": "cloud_scores",
+    "api.intervals": "bootstrap_ci",
+    "api.poses": "align_cameras pose_errors pose_scores solve_pose",
     "api.results": "Check Comparison Result check compare evaluate load_result",
-    "api.retrieval": "QueryScores average_precision chance_level recall_at_k retrieval_scores",
+    "api.retrieval": "average_precision chance_level recall_at_k retrieval_scores",
+    "api.scores": "Scores",
     "api.writer": "PredictionWriter",
     "core.errors": "ArgumentError UserError",
     "core.version": "__version__",
@@ -25,16 +26,13 @@ _HOME_OF = {name: module for module, names in _HOMES.items() for name in names.s
 __all__ = [
     "ArgumentError",
     "BlindBenchmark",
-    "CameraAlignment",
     "Check",
-    "CloudComparison",
     "Comparison",
-    "ConfidenceInterval",
     "PoseErrors",
     "PoseEstimate",
     "PredictionWriter",
-    "QueryScores",
     "Result",
+    "Scores",
     "UserError",
     "__version__",
     "align_cameras",
@@ -56,10 +54,9 @@ __all__ = [
 
 if TYPE_CHECKING:
     from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
-    from airzoo_bench.api.clouds import CloudComparison, cloud_scores
-    from airzoo_bench.api.intervals import ConfidenceInterval, bootstrap_ci
+    from airzoo_bench.api.clouds import cloud_scores
+    from airzoo_bench.api.intervals import bootstrap_ci
     from airzoo_bench.api.poses import (
-        CameraAlignment,
         align_cameras,
         pose_errors,
         pose_scores,
@@ -75,12 +72,12 @@ if TYPE_CHECKING:
         load_result,
     )
     from airzoo_bench.api.retrieval import (
-        QueryScores,
         average_precision,
         chance_level,
         recall_at_k,
         retrieval_scores,
     )
+    from airzoo_bench.api.scores import Scores
     from airzoo_bench.api.writer import PredictionWriter
     from airzoo_bench.core.errors import ArgumentError, UserError
     from airzoo_bench.core.version import __version__

@@ -15,8 +15,6 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.poses import FARTHEST
 from airzoo_bench.geometry.precision import COARSEST_M, narrow_type
 
-_LARGEST_INT = 2**31 - 1  # solvers take seeds of 31 bits
-
 
 def fault(where: str, what: str, expected: str, fix: str | None = None) -> ArgumentError:
     """Make the error of an argument."""
@@ -45,17 +43,18 @@ def as_array(name: str, values: Any, expected: str = "an array") -> NDArray[Any]
 
 def numbers(name: str, values: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Return numbers of any type as an array of a shape, in which None is any length."""
-    letters = iter("NMKL")
-    lengths = [next(letters) if length is None else str(length) for length in shape]
-    expected = f"numbers of shape ({', '.join(lengths)}{',' * (len(lengths) == 1)})"
+    lengths = [
+        letter if length is None else length for letter, length in zip("NMK", shape, strict=False)
+    ]
+    expected = f"numbers of shape ({', '.join(map(str, lengths))})"
     array = as_array(name, values, expected)
-    if array.dtype.kind not in "biuf":
-        raise fault(name, f"is of type {array.dtype}", expected)
-    if array.shape == (0,) and shape[0] is None:
-        array = array.reshape(0, *(length or 0 for length in shape[1:]))
-    wanted = zip(shape, array.shape, strict=False)
-    if array.ndim != len(shape) or any(want not in (None, have) for want, have in wanted):
-        raise fault(name, f"has shape {array.shape}", expected)
+    if array.shape == (0,):
+        array = array.reshape([length or 0 for length in shape])
+    fits = array.ndim == len(shape) and all(
+        want in (None, have) for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits or array.dtype.kind not in "biuf":
+        raise fault(name, f"is {array.dtype} of shape {array.shape}", expected)
     return array
 
 
@@ -70,14 +69,11 @@ def floats(
     return array
 
 
-def coordinates(
-    name: str, values: Any, shape: tuple[int | None, ...] = (None, 3), *, any_history: bool = False
-) -> Floats:
-    """Return finite coordinates of a type that keeps them, and that kept them before."""
-    points = floats(name, values, shape, finite=True)
-    check_digits(name, points, as_array(name, values).dtype.type)
-    if not any_history:
-        check_digits(name, points, narrow_type(points[..., :2]))
+def coordinates(name: str, values: Any) -> Floats:
+    """Return finite points (N, 3) of a type that keeps them, and that kept them before."""
+    points = floats(name, values, (None, 3), finite=True)
+    for kind in (as_array(name, values).dtype.type, narrow_type(points[..., :2])):
+        check_digits(name, points, kind)
     return points
 
 
@@ -92,31 +88,21 @@ def check_digits(name: str, points: Floats, kind: Any, coarsest: float = COARSES
         raise fault(name, what, "float64, or coordinates from a local origin")
 
 
-def refuse_rows(
-    name: str, bad: Bools, what: str, expected: str, fix: str | None = None, noun: str = "row"
-) -> None:
+def refuse_rows(name: str, bad: Bools, what: str, expected: str, fix: str | None = None) -> None:
     """Refuse an argument that has bad rows, and name the first of them."""
     rows = np.flatnonzero(bad).tolist()
     if rows:
-        raise fault(name, f"{what} in {first_of(rows, bad.size, noun=noun)}", expected, fix)
+        raise fault(name, f"{what} in {first_of(rows, bad.size, noun='row')}", expected, fix)
 
 
 def check_pairs(**arguments: Any) -> None:
-    """Refuse arguments whose rows are pairs but whose numbers or labels differ."""
+    """Refuse arguments whose rows are pairs but whose numbers or pandas labels differ."""
     (first, rows), *others = arguments.items()
     for name, other in others:
-        if len(rows) != len(other):
+        if hasattr(rows, "__len__") and hasattr(other, "__len__") and len(rows) != len(other):
             what = f"have {len(rows)} and {len(other)} rows"
             raise fault(f"{first}, {name}", what, "as many rows, in the same order")
-    check_labels(**arguments)
-
-
-def check_labels(**arguments: Any) -> None:
-    """Refuse pandas objects of one length whose labels differ: they would be paired by position."""
-    labels = {name: rows.index for name, rows in arguments.items() if hasattr(rows, "iloc")}
-    first = next(iter(labels), "")
-    for name, index in labels.items():
-        if len(index) == len(labels[first]) and not index.equals(labels[first]):
+        if hasattr(rows, "iloc") and hasattr(other, "iloc") and not rows.index.equals(other.index):
             fix = "give one the index of the other: b.reindex(a.index), or pass .to_numpy()"
             raise fault(f"{first}, {name}", "have different indexes", "the same labels", fix)
 
@@ -131,8 +117,9 @@ def listed(name: str, values: Any) -> list[Any]:
     return list(values)
 
 
-def whole(name: str, value: Any, least: int = 1, most: int = _LARGEST_INT) -> int:
-    """Return a whole number within limits."""
+def whole(name: str, value: Any, least: int = 1) -> int:
+    """Return a whole number from `least` to what solvers take as seeds."""
+    most = 2**31 - 1
     is_whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not is_whole or not least <= int(value) <= most:
         raise fault(name, f"is {value!r}", f"a whole number from {least} to {most:,}")
@@ -148,6 +135,6 @@ def positive(name: str, value: Any, most: float = FARTHEST) -> float:
 
 
 def choice(name: str, value: object, known: Sequence[object]) -> None:
-    """Refuse what is none of the known values."""
+    """Refuse a value that is none of the known ones."""
     if value not in known:
         raise fault(name, f"is {value!r}", "one of " + ", ".join(map(repr, known)))

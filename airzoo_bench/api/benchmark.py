@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from rasterio import Affine
 
 from airzoo_bench.benchmark.folder import Benchmark, data_here, find_benchmark, needed
 from airzoo_bench.benchmark.images import photo_size, read_rgb_photo
@@ -25,7 +23,6 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
@@ -34,15 +31,12 @@ from airzoo_bench.storage.urls import is_url
 
 __all__ = ["BlindBenchmark", "load_benchmark"]
 
-T = TypeVar("T")
 Image = NDArray[np.uint8]
 Window = tuple[int, int, int, int]
 
-_POINTS = 1 << 19  # of a crop that are lifted at a time
-
 
 def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> BlindBenchmark:
-    """Open a benchmark for a method that is to be scored on it: all but the truth.
+    """Open a benchmark for a method that is to be scored on it: all except the truth.
 
     Parameters
     ----------
@@ -62,29 +56,18 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
         It is not there, or a file of it is missing or was changed.
     """
     folder = data_here(name_or_path)
-    is_folder = is_url(name_or_path) or (folder / "benchmark.toml").is_file()
-    if is_folder or len(folder.parts) > 1:
-        opened = Benchmark.open(folder, sealed=True)
+    if is_url(name_or_path) or (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
+        source = Benchmark.open(folder, sealed=True)
     else:
-        opened = find_benchmark(str(name_or_path), data_here(data), sealed=True)
-    # The manifest names the true cloud.
-    nothing = {"cloud": None, "cloud_sha256": None}
-    scenes = tuple(scene.model_copy(update=nothing) for scene in opened.file.scenes)
-    file = opened.file.model_copy(update={"scenes": scenes, "checksums": {}})
-    source = Benchmark(opened.folder, file)
+        source = find_benchmark(str(name_or_path), data_here(data), sealed=True)
+    scenes = source.file.scenes
     blind = [BlindScene(one.id, one.title, one.crs, one.plane_height_m, source) for one in scenes]
-    return BlindBenchmark(source.name, source.folder, tuple(file.tracks), Items(blind), source)
+    return BlindBenchmark(
+        source.name, source.folder, tuple(source.file.tracks), tuple(blind), source
+    )
 
 
-class Items(tuple[T, ...]):
-    """Scenes, photos, tiles or crops, which are shown as their number."""
-
-    def __repr__(self) -> str:
-        kind = type(self[0]).__name__.removeprefix("Blind").lower() if self else "item"
-        return f"<{len(self):,} {kind}s>"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class BlindBenchmark:
     """A benchmark without its truth, as `load_benchmark` opens it.
 
@@ -100,8 +83,8 @@ class BlindBenchmark:
     name: str
     folder: Path
     tracks: tuple[str, ...]
-    scenes: Items[BlindScene]
-    _source: Benchmark
+    scenes: tuple[BlindScene, ...]
+    _source: Benchmark = field(repr=False)
 
     def scene(self, scene_id: str) -> BlindScene:
         """Return a scene by its id, such as "city"; raise a `BenchmarkError` where none has it."""
@@ -111,13 +94,9 @@ class BlindBenchmark:
             raise BenchmarkError(what, where=self.folder, expected=", ".join(by_id))
         return by_id[scene_id]
 
-    def __repr__(self) -> str:
-        scenes = ", ".join(scene.id for scene in self.scenes)
-        return f"BlindBenchmark({self.name!r}: {', '.join(self.tracks)}; scenes {scenes})"
-
 
 class Named:
-    """Is shown as its id."""
+    """Shows itself as its id."""
 
     id: str
 
@@ -127,7 +106,7 @@ class Named:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BlindScene(Named):
-    """A scene without its truth; pictures are read when they are asked for.
+    """A scene without its truth; pictures are read when they are used.
 
     `crs` is the projected CRS of poses, surface model and clouds, in metres; `plane_height_m` the
     median height of the surface model, or of the ground by the dataset's word.
@@ -139,38 +118,38 @@ class BlindScene(Named):
     plane_height_m: float | None
     _source: Benchmark
 
-    def queries(self) -> Items[Photo]:
+    def queries(self) -> tuple[Photo, ...]:
         """Return the queries of retrieval, sorted by id."""
         return self._photos("retrieval")
 
-    def photos(self) -> Items[Photo]:
+    def photos(self) -> tuple[Photo, ...]:
         """Return the photos for a reconstruction, sorted by id."""
         return self._photos("reconstruction")
 
-    def tiles(self) -> Items[Tile]:
+    def tiles(self) -> tuple[Tile, ...]:
         """Return the tiles of the gallery, sorted by id."""
         table, entry = read_tiles(self._home("retrieval")), self._source.scene(self.id)
         gallery = self._source.resolve(needed(entry.gallery or entry.dom, "gallery", self.id))
         if "image" in table.columns:
             pairs = zip(table["id"], table["image"], strict=True)
-            return Items(Tile(name, gallery / image) for name, image in pairs)
+            return tuple(Tile(name, gallery / image) for name, image in pairs)
         windows = table[["x", "y", "width", "height"]].to_numpy(np.int64).tolist()
         sizes, boxes = table["size_m"].astype(float), boxes_of(table).tolist()
         rows = zip(table["id"], windows, boxes, sizes, strict=True)
-        return Items(
+        return tuple(
             Tile(name, gallery, tuple(window), tuple(box), size) for name, window, box, size in rows
         )
 
-    def crops(self) -> Items[Crop]:
+    def crops(self) -> tuple[Crop, ...]:
         """Return the crop of each query of matching, sorted by the photo's id."""
         photos, truth = self._photos("matching"), read_matching_truth(self._source, self.id)
         windows, maps = truth.crops.tolist(), map(truth.map_of, range(len(photos)))
-        return Items(
+        return tuple(
             Crop(photo.id, photo, tuple(window), one.dom, one.dsm)
             for photo, window, one in zip(photos, windows, maps, strict=True)
         )
 
-    def _photos(self, track: str) -> Items[Photo]:
+    def _photos(self, track: str) -> tuple[Photo, ...]:
         folder = self._home(track).parent
         table = read_queries(folder, read_excluded(self._source, self.id, track))
         return photos_of(table, self._source.resolve(self._source.scene(self.id).images))
@@ -202,12 +181,6 @@ class Camera:
         scale = np.array([[width / self.width], [height / self.height], [1.0]])
         return Camera(width, height, self.K * scale, self.distortion)
 
-    def rays(self, xy: ArrayLike) -> Floats:
-        """Return the rays (M, 3) of pixels (M, 2): unit vectors of the camera frame."""
-        lens = self.distortion[None]
-        batch = Cameras.from_matrices(self.K[None], self.width, self.height, lens)
-        return np.asarray(back_project(batch, np.asarray(xy, np.float64)[None])[0])
-
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -228,9 +201,9 @@ class Photo(Named):
     id: str
     name: str
     path: Path
-    prior: Pose | None
     conditions: Mapping[str, str]
-    _camera: Camera | None
+    prior: Pose | None = None
+    _camera: Camera | None = None
 
     @property
     def camera(self) -> Camera:
@@ -256,24 +229,22 @@ class Photo(Named):
         return read_rgb_photo(self.path, long_side_px or max(size))
 
 
-def photos_of(table: pd.DataFrame, folder: Path) -> Items[Photo]:
+def photos_of(table: pd.DataFrame, folder: Path) -> tuple[Photo, ...]:
     """Make photos of a scene's table, without its columns of true poses."""
-    texts = conditions_of(table).select_dtypes(exclude="number").astype(str)
-    priors: list[Pose | None] = [None] * len(table)
+    texts = conditions_of(table).select_dtypes(exclude="number").astype(str).to_dict("records")
+    known: list[dict[str, object]] = [{} for _ in texts]
     if set(PRIOR_COLUMNS) <= set(table.columns):
-        there = np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
-        poses = poses_of(table[there], PRIOR_COLUMNS)
-        for row, *pose in zip(np.flatnonzero(there), poses.rotation, poses.centres, strict=True):
-            priors[row] = Pose(*(part.copy() for part in pose))
-    cameras: list[Camera | None] = [None] * len(table)
+        rows = np.flatnonzero(np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(float)).all(axis=1))
+        poses = poses_of(table.iloc[rows], PRIOR_COLUMNS)
+        for row, rotation, centre in zip(rows, poses.rotation, poses.centres, strict=True):
+            known[row]["prior"] = Pose(rotation, centre)
     if set(CAMERA_COLUMNS) <= set(table.columns):
         batch = cameras_of(table)
-        sizes = np.stack([batch.width, batch.height], axis=1).astype(int).tolist()
-        lenses = zip(sizes, batch.matrices, batch.distortion, strict=True)
-        cameras = [Camera(width, height, K, lens) for (width, height), K, lens in lenses]
-    columns = (table["id"], table["image"], priors, texts.to_dict("records"), cameras)
-    rows: Any = zip(*columns, strict=True)
-    return Items(Photo(one, name, folder / name, *rest) for one, name, *rest in rows)
+        sizes = zip(batch.width.tolist(), batch.height.tolist(), strict=True)
+        for row, size in enumerate(sizes):
+            known[row]["_camera"] = Camera(*size, batch.matrices[row], batch.distortion[row])
+    names = zip(table["id"], table["image"], texts, known, strict=True)
+    return tuple(Photo(one, name, folder / name, text, **more) for one, name, text, more in names)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -312,42 +283,16 @@ class Crop(Named):
     surface: Path
 
     @property
-    def crs(self) -> str:
-        """CRS of the map, such as ``EPSG:32615``, or its WKT where it has no code."""
-        code = self.map.crs.to_epsg()
-        return self.map.crs.to_wkt() if code is None else f"EPSG:{code}"
-
-    @property
-    def transform(self) -> Affine:
-        """Affine transform from pixels of the crop (column, row) to coordinates of `crs`."""
-        a, b, _, d, e, _ = self.map.transform[:6]
-        c, f = self.to_world([[0, 0]])[0].tolist()
-        return Affine(a, b, c, d, e, f)
-
-    @property
     def image(self) -> Image:
         """The crop of the orthophoto (H, W, 3), read now."""
         return read_rgb(self.map.path, self.window)
-
-    @property
-    def heights(self) -> NDArray[np.float32]:
-        """Heights (H, W) of the surface at the crop's pixel centres in metres; NaN without any."""
-        _, _, width, height = self.window
-        heights = np.empty((height, width), np.float32)
-        step = max(1, _POINTS // width)
-        for top in range(0, height, step):
-            part = heights[top : top + step]
-            row, column = np.indices(part.shape)
-            xy = np.column_stack([column.ravel() + 0.5, row.ravel() + 0.5 + top])
-            part[...] = self.to_points(xy)[:, 2].reshape(part.shape)
-        return heights
 
     def to_map(self, xy: ArrayLike) -> Floats:
         """Take pixels (M, 2) of the crop to pixels of the whole map, as predictions have them."""
         return np.asarray(xy, np.float64) + self.window[:2]
 
     def to_world(self, xy: ArrayLike) -> Floats:
-        """Take pixels (M, 2) of the crop to coordinates of `crs`, x before y."""
+        """Take pixels (M, 2) of the crop to coordinates of the map's CRS, x before y."""
         return pixel_to_world(self.map.transform, self.to_map(xy))
 
     def to_points(self, xy: ArrayLike) -> Floats:

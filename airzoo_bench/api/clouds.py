@@ -2,62 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.clouds import cloud_of, finite_rows
+from airzoo_bench.api.scores import Scores
+from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
 from airzoo_bench.reconstruction.preparation import box_of, cropped_region, prepare_cloud
 from airzoo_bench.reconstruction.settings import Preparation
 
-__all__ = ["CloudComparison", "cloud_scores"]
-
-_MOST_THREADS = 256  # of more, OpenMP ends the process where memory is short
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CloudComparison(Shown):
-    """The scores of a predicted cloud against the true one.
-
-    Attributes
-    ----------
-    threshold, precision, recall, f1 : float
-        The last three from 0 to 1.
-    chamfer, accuracy, completeness : float
-        Means of distances, in units of the clouds; infinite where nothing is predicted.
-    predicted_points, true_points : int
-        Points that were compared.
-    not_finite, outside, thinned : int
-        Predicted points that were not: NaN or infinite, cropped, merged by voxels.
-    to_truth, to_prediction : (P,), (T,) float64
-        Distance of each point to the nearest of the other cloud.
-    """
-
-    threshold: float
-    precision: float
-    recall: float
-    f1: float
-    chamfer: float
-    accuracy: float
-    completeness: float
-    predicted_points: int
-    true_points: int
-    not_finite: int
-    outside: int
-    thinned: int
-    to_truth: Floats
-    to_prediction: Floats
-
-    def _display_fields(self) -> Mapping[str, object]:
-        values = {field.name: getattr(self, field.name) for field in fields(self)[:-2]}
-        return {n: number(v) if isinstance(v, float) else v for n, v in values.items()}
+__all__ = ["cloud_scores"]
 
 
 def cloud_scores(
@@ -67,7 +23,7 @@ def cloud_scores(
     *,
     plain: bool = False,
     jobs: int = 1,
-) -> CloudComparison:
+) -> Scores:
     """Score a predicted cloud as the reconstruction track does once it is aligned.
 
     Both clouds are cropped to the columns that the truth covers, grown by the threshold, and
@@ -91,16 +47,16 @@ def cloud_scores(
 
     Returns
     -------
-    CloudComparison
-        Precision is the share of predicted points that are right, recall that of true points near
-        a predicted one, F1 their harmonic mean; accuracy and completeness are the mean distances
-        to the truth and back, the Chamfer distance the mean of these two.
+    Scores
+        ``precision``, ``recall``, ``f1``, 0 to 1; ``accuracy`` and ``completeness``, the mean
+        distances to the truth and back, and their mean ``chamfer``, infinite where nothing is
+        predicted; ``not_finite``, ``outside``, ``thinned``, numbers of predicted points that are
+        not compared; ``to_truth`` (P,) and ``to_prediction`` (T,), the distance of each other one.
 
     Raises
     ------
     ArgumentError
-        Another shape, too few digits, a threshold that is not above 0, no true point, or
-        predicted points of which none is finite.
+        Another shape, too few digits, a threshold that is not above 0, no true point.
 
     Examples
     --------
@@ -109,7 +65,7 @@ def cloud_scores(
     >>> found.precision, found.recall, round(found.chamfer, 4), found.outside
     (1.0, 0.5, 2.2732, 1)
     """
-    limit = arg.positive("threshold", threshold)
+    limit, threads = arg.positive("threshold", threshold), min(arg.whole("jobs", jobs), 256)
     # The settings of the shipped protocols, as shares of the threshold.
     settings = Preparation(
         crop="none" if plain else "covered",
@@ -121,33 +77,27 @@ def cloud_scores(
         hidden_beyond_m=1.0,
         voxel_m="none" if plain else limit / 20,
     )
-    points, true_points = _points("predicted", predicted, limit), _points("true", true, limit)
-    given, truth = cloud_of(points), cloud_of(true_points)
-    if given.count and not finite_rows(points).any():
-        raise arg.fault("predicted", "no point is finite", "finite numbers")
-    threads = min(arg.whole("jobs", jobs), _MOST_THREADS)
-    block = max(given.count, truth.count, 1)
+    clouds = []
+    for name, values in (("predicted", predicted), ("true", true)):
+        points = arg.floats(name, values, (None, 3))
+        finite = points[np.isfinite(points).all(axis=1)]
+        if len(points) and not len(finite):
+            raise arg.fault(name, "has no finite point", "finite numbers")
+        kind = arg.as_array(name, values).dtype.type
+        arg.check_digits(name, finite, kind, coarsest=limit / 20)
+        clouds.append(cloud_of(points))
+    block = max(*(cloud.count for cloud in clouds), 1)
     with arg.refused("true"):
-        region = cropped_region(truth, box_of(truth), settings, block)
-        kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in (given, truth))
+        region = cropped_region(clouds[1], box_of(clouds[1]), settings, block)
+        kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in clouds)
     found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
     scores = score_distances(
         *found,
         thresholds=np.array([limit]),
         max_distance=None if plain else 10 * limit,
     )
-    precision, recall, f1 = (
-        float(share[0]) for share in (scores.curve.precision, scores.curve.recall, scores.curve.f1)
-    )
-    means = (scores.chamfer, scores.accuracy, scores.completeness)
-    counts = (len(found.to_truth), len(found.to_prediction))
-    left_out = (kept.not_finite, kept.outside, kept.thinned)
-    return CloudComparison(limit, precision, recall, f1, *means, *counts, *left_out, *found)
-
-
-def _points(name: str, values: ArrayLike, limit: float) -> Floats:
-    """Return points (N, 3), finite or not, whose type keeps a twentieth of the threshold."""
-    given = arg.numbers(name, values, (None, 3))
-    points = given.astype(np.float64)
-    arg.check_digits(name, points[np.isfinite(points)], given.dtype.type, limit / 20)
-    return points
+    shares = {name: float(getattr(scores.curve, name)[0]) for name in ("precision", "recall", "f1")}
+    means = {name: getattr(scores, name) for name in ("chamfer", "accuracy", "completeness")}
+    left_out = {name: getattr(kept, name) for name in ("not_finite", "outside", "thinned")}
+    arrays = {"to_truth": found.to_truth, "to_prediction": found.to_prediction}
+    return Scores(shares | means | left_out, **arrays)

@@ -2,65 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.statistics.intervals import sample_intervals
+from airzoo_bench.api.scores import Scores
+from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
-__all__ = ["ConfidenceInterval", "bootstrap_ci"]
+__all__ = ["bootstrap_ci"]
 
 Statistic = Literal["share", "mean", "median"]
 
 _MOST_CONFIDENCE = 0.999999  # limits of more are those of rounding
 _LARGEST = 1e100  # third powers of larger values overflow
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ConfidenceInterval(Shown):
-    """An average and its interval; ``low, high = found`` takes the limits.
-
-    Attributes
-    ----------
-    estimate : float
-        Of all scenes, their unweighted mean.
-    low, high : float or None
-        None where there is no interval; a limit may be infinite.
-    confidence : float
-    method, reason : str
-        "wilson", "mover", "bca" or "percentile", or empty; why there is none.
-    scenes : dict of str to ConfidenceInterval
-        Of each scene; empty where none were named.
-    """
-
-    estimate: float
-    low: float | None
-    high: float | None
-    confidence: float
-    method: str
-    reason: str
-    scenes: dict[str, ConfidenceInterval]
-
-    def __iter__(self) -> Iterator[float | None]:
-        return iter((self.low, self.high))
-
-    def _display_fields(self) -> Mapping[str, object]:
-        parts = {name: part._written() for name, part in self.scenes.items()}
-        return {"all scenes" if parts else "value": self._written(), **parts}
-
-    def _written(self) -> str:
-        if self.low is None or self.high is None:
-            return f"{number(self.estimate)} (no interval: {self.reason})"
-        limits = f"[{number(self.low)}, {number(self.high)}]"
-        return f"{number(self.estimate)} {limits} {self.confidence:.0%} {self.method}"
 
 
 def bootstrap_ci(
@@ -70,7 +28,7 @@ def bootstrap_ci(
     statistic: Statistic,
     confidence: float = 0.95,
     seed: int = 0,
-) -> ConfidenceInterval:
+) -> Scores:
     """Return the confidence interval of an average; docs/statistics.md says how it is made.
 
     Source: Wilson, JASA 22, 1927. Zou and Donner, Statistics in Medicine 27, 2008 (MOVER). Efron
@@ -92,9 +50,10 @@ def bootstrap_ci(
 
     Returns
     -------
-    ConfidenceInterval
-        None, with a `reason`, where a scene has fewer than 5 queries or all resampled values are
-        alike.
+    Scores
+        ``estimate``; its ``low`` and ``high``, which may be infinite, or None, with a ``reason``,
+        where a scene has fewer than 5 queries or all resampled values are alike; ``method``:
+        "wilson", "mover", "bca" or "percentile"; ``scenes``, the same of each scene by name.
 
     Raises
     ------
@@ -104,17 +63,33 @@ def bootstrap_ci(
     Examples
     --------
     >>> bootstrap_ci([1, 1, 0, 1, 1, 0, 1, 1, 1, 1], statistic="share")
-    ConfidenceInterval
-      value  0.8000 [0.4902, 0.9433] 95% wilson
+    Scores
+      estimate  0.8000
+      low       0.4902
+      high      0.9433
+      method    wilson
     """
     arg.choice("statistic", statistic, get_args(Statistic))
     share = arg.positive("confidence", confidence, _MOST_CONFIDENCE)
     plan = ResamplingConfig(seed=arg.whole("seed", seed, 0), confidence=share)
-    given = _checked_values(values, statistic)
-    groups = {"": given}
+    numbers = arg.floats("values", values, (None,))
+    bad = ~(np.abs(numbers) <= _LARGEST) & ~np.isposinf(numbers)
+    if statistic == "share":
+        bad |= (numbers < 0.0) | (numbers > 1.0)
+    what, expected = "NaN or a value out of range", "a number a query, infinite for failures"
+    fix = "divide percent by 100" if statistic == "share" else None
+    arg.refuse_rows("values", bad, what, expected, fix)
+    if len(numbers) == 0:
+        raise arg.fault("values", "holds no value", expected)
+    groups = {"": numbers}
     if scenes is not None:
-        groups = _split(given, scenes)
-        arg.check_labels(values=values, scenes=scenes)
+        labels = arg.as_array("scenes", scenes).astype(object)
+        if labels.shape != numbers.shape or pd.isna(labels).any():
+            what = f"has shape {labels.shape}, or names that are missing"
+            raise arg.fault("scenes", what, f"({len(numbers)},), the scene of each value")
+        arg.check_pairs(values=values, scenes=scenes)
+        rows, names = pd.factorize(labels.astype(str))
+        groups = {str(name): numbers[rows == place] for place, name in enumerate(names)}
     sample = Sample(
         "query",
         tuple(groups),
@@ -125,34 +100,11 @@ def bootstrap_ci(
     found = sample_intervals(sample, plan, groups=scenes is not None)
     average = np.median if statistic == "median" else np.mean
     means = {name: float(average(part)) for name, part in groups.items()}
-    spans = {name: part[0] for name, part in found.groups.items()}
-    parts = {
-        name: ConfidenceInterval(means[name], one.low, one.high, share, one.method, one.reason, {})
-        for name, one in spans.items()
-    }
-    one, mean = found.overall[0], float(np.mean(list(means.values())))
-    return ConfidenceInterval(mean, one.low, one.high, share, one.method, one.reason, parts)
+    parts = {name: _scores(means[name], one) for name, (one, *_) in found.groups.items()}
+    return _scores(float(np.mean(list(means.values()))), found.overall[0], scenes=parts)
 
 
-def _checked_values(values: ArrayLike, statistic: Statistic) -> Floats:
-    given = arg.floats("values", values, (None,))
-    bad = ~(np.abs(given) <= _LARGEST) & ~np.isposinf(given)
-    expected = "a number a query; a failure is the worst value, such as infinity for errors"
-    arg.refuse_rows("values", bad, "NaN, -inf or too large a number", expected)
-    if len(given) == 0:
-        raise arg.fault("values", "holds no value", expected)
-    if statistic == "share" and not ((given >= 0.0) & (given <= 1.0)).all():
-        what = f"run from {given.min():g} to {given.max():g}"
-        fix = 'divide percent by 100, or choose statistic="mean" or "median"'
-        raise arg.fault("values", what, "shares from 0 to 1", fix)
-    return given
-
-
-def _split(values: Floats, scenes: ArrayLike) -> dict[str, Floats]:
-    """Return the values of each scene, in the order in which scenes are first named."""
-    named = arg.as_array("scenes", scenes).astype(object)
-    if named.shape != values.shape or pd.isna(named).any():
-        what = f"has shape {named.shape}, or names that are missing"
-        raise arg.fault("scenes", what, f"({len(values)},), the scene of each value")
-    rows, names = pd.factorize(named.astype(str))
-    return {str(name): values[rows == place] for place, name in enumerate(names)}
+def _scores(estimate: float, found: Interval, **more: Any) -> Scores:
+    values = {"estimate": estimate, "low": found.low, "high": found.high}
+    kind = {"reason": found.reason} if found.low is None else {"method": found.method}
+    return Scores(values | kind, **{"reason": found.reason, "method": found.method} | more)

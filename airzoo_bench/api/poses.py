@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -11,9 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.api.retrieval import QueryScores
-from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.api.scores import Scores
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
 from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
@@ -27,10 +24,10 @@ from airzoo_bench.reconstruction.alignment import (
     fit_cameras,
     shipped_alignment,
 )
-from airzoo_bench.reconstruction.similarity import Similarity, umeyama
+from airzoo_bench.reconstruction.similarity import umeyama
 from airzoo_bench.results.scores import summarise
 
-__all__ = ["CameraAlignment", "align_cameras", "pose_errors", "pose_scores", "solve_pose"]
+__all__ = ["align_cameras", "pose_errors", "pose_scores", "solve_pose"]
 
 
 def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
@@ -44,19 +41,17 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
         World-to-camera poses [R | t], x_cam = R X + t, in metres; OpenCV axes (x right, y down, z
         forward). All NaN is a missing pose: its errors are infinite.
     true : (N, 3, 4), (N, 4, 4) or (N, 3) array-like
-        The same of the true poses; or camera centres, where orientations are not known.
+        The true poses; or camera centres, where orientations are not known.
 
     Returns
     -------
     PoseErrors
-        (N,) each: ``translation_m``, the distance of the centres -R^T t; ``horizontal_m`` and
-        ``vertical_m``, its parts (z is up); ``rotation_deg``, or None where `true` has none.
+        Rotations are None where `true` has none.
 
     Raises
     ------
     ArgumentError
-        Shapes or lengths that do not fit; matrices that are no poses; a truth with NaN; too few
-        digits for a centimetre, as float32 has for projected coordinates.
+        Shapes that do not fit; matrices that are no poses; too few digits for a centimetre.
 
     Examples
     --------
@@ -67,17 +62,17 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     >>> pose_errors(predicted, true).translation_m.tolist()
     [3.0, inf]
     """
-    given, known = _cameras("predicted", predicted, may_be_missing=True), _cameras("true", true)
+    found, known = _read_cameras("predicted", predicted), _read_cameras("true", true)
     arg.check_pairs(predicted=predicted, true=true)
-    if given.rotation is None:
+    if found.rotation is None:
         raise arg.fault("predicted", "are centres", "poses of shape (N, 3, 4)")
-    return metrics.pose_errors(given.rotation, given.centres, known.rotation, known.centres)
+    return metrics.pose_errors(found.rotation, found.centres, known.rotation, known.centres)
 
 
 def pose_scores(
     errors: PoseErrors | tuple[ArrayLike, ArrayLike | None],
     thresholds: Iterable[tuple[float, float]] = ((5, 1), (10, 1), (20, 2)),
-) -> QueryScores:
+) -> Scores:
     """Score pose errors: recall strictly below thresholds, medians and areas under the error curve.
 
     Source: Sarlin, DeTone, Malisiewicz, Rabinovich, SuperGlue, CVPR 2020 (area; its code joins the
@@ -86,28 +81,27 @@ def pose_scores(
     Parameters
     ----------
     errors : PoseErrors, or (translation, rotation)
-        From `pose_errors`; or (N,) metres and degrees, infinite for failures, which stay in every
-        share and median; None for degrees where the truth has no orientation.
+        Or (N,) metres and degrees, infinite for failures, which stay in every share and median;
+        None for degrees where the truth has no orientation.
     thresholds : iterable of (metres, degrees)
         Of pose recall; translation recall and area are at the same metres.
 
     Returns
     -------
-    QueryScores
+    Scores
         ``error_m`` and ``rotation_deg``, the medians; ``within_5m_1deg``, pose recall;
-        ``within_5m``, translation recall; ``auc_5m``, the area under the recall curve from 0 to 5
-        m as a share of the best possible, exact for the steps.
+        ``within_5m``, translation recall; ``auc_5m``, the area from 0 to 5 m as a share of the
+        best possible; how many ``queries`` and ``failures``; and ``records``, a row a query.
 
     Raises
     ------
     ArgumentError
-        Errors that are NaN, negative or of different lengths, no query; no threshold, or one not
-        above 0.
+        No query; errors that are NaN, negative or of different lengths; thresholds not above 0.
 
     Examples
     --------
     >>> found = pose_scores(([0.5, 4.0, float("inf")], [0.2, 1.5, float("inf")]), [(5, 1)])
-    >>> found["within_5m_1deg"], found["error_m"], found.counts["failures"]
+    >>> found["within_5m_1deg"], found["error_m"], found["failures"]
     (0.3333333333333333, 4.0, 1)
     """
     found = errors if isinstance(errors, PoseErrors) else _pair_errors(errors)
@@ -134,27 +128,23 @@ def pose_scores(
     averages = summarise(records, scores, [""]).overall
     failures = int(np.isinf(found.translation_m).sum())
     counts = {"queries": len(records), "failures": failures}
-    return QueryScores(averages, records.drop(columns="scene"), counts)
+    return Scores(counts | averages, records=records.drop(columns="scene"))
 
 
 def _pair_errors(errors: Any) -> PoseErrors:
-    if not isinstance(errors, Sequence) or len(errors) != 2:
+    if not isinstance(errors, Sequence) or len(errors) != 2 or errors[0] is None:
         expected = "the result of pose_errors, or a pair: metres, and degrees or None"
         raise arg.fault("errors", f"is {type(errors).__name__}", expected)
-    metres = _error_row("errors[0]", errors[0], np.inf)
+    metres = arg.floats("errors", errors[0], (None,))
+    degrees = None if errors[1] is None else arg.floats("errors", errors[1], (None,))
+    bad = ~(metres >= 0.0)
+    if degrees is not None:
+        arg.check_pairs(**{"errors[0]": errors[0], "errors[1]": errors[1]})
+        bad |= ~((degrees >= 0.0) & ((degrees <= 180.0) | np.isinf(degrees)))
+    expected = "metres, and degrees up to 180; infinite for a failure"
+    arg.refuse_rows("errors", bad, "a number out of range", expected)
     unknown = np.full_like(metres, np.nan)
-    if errors[1] is None:
-        return PoseErrors(metres, unknown, unknown, None)
-    degrees = _error_row("errors[1]", errors[1], 180.0)
-    arg.check_pairs(**{"errors[0]": errors[0], "errors[1]": errors[1]})
     return PoseErrors(metres, unknown, unknown, degrees)
-
-
-def _error_row(name: str, values: ArrayLike, most: float) -> Floats:
-    row = arg.floats(name, values, (None,))
-    bad = ~((row >= 0.0) & ((row <= most) | np.isinf(row)))
-    arg.refuse_rows(name, bad, "a number out of range", f"0 to {most:g}; infinite for a failure")
-    return row
 
 
 def solve_pose(
@@ -171,7 +161,7 @@ def solve_pose(
     """Find a camera's pose from 2D-3D matches, as the matching track does.
 
     The defaults are those of all shipped protocols: LO-RANSAC of COLMAP, without refinement. The
-    answer depends on the arguments alone, and not on the order of the matches.
+    order of the matches does not matter.
 
     Source: Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003. Schönberger, Frahm,
     Structure-from-motion revisited, CVPR 2016. Larsson and contributors, PoseLib, 2020.
@@ -198,17 +188,12 @@ def solve_pose(
     Returns
     -------
     PoseEstimate
-        ``status``, ``matrix`` (3, 4) world-to-camera, ``rotation``, ``centre`` and ``inliers``
-        (M,). Without a pose, as with fewer than four different matches, these are NaN and
-        `status` says why.
+        NaN where there is no pose, as with fewer than four different matches.
 
     Raises
     ------
     ArgumentError
-        Shapes that do not fit, NaN, a K that is none, settings out of range; float32 points in
-        projected coordinates.
-    UsageError
-        PoseLib is asked for and not installed.
+        Shapes that do not fit, NaN, a K that is none, settings out of range, too few digits.
 
     Examples
     --------
@@ -244,62 +229,14 @@ def solve_pose(
     return solving.solve_pose(cameras, at, points, settings)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class CameraAlignment(Shown):
-    """The similarity y = scale * rotation x + translation from a prediction to the truth.
-
-    Attributes
-    ----------
-    transform : Similarity
-        With ``scale``, ``rotation`` (3, 3) and ``matrix`` (4, 4).
-    inliers : (N,) bool
-        Cameras to which it is fitted.
-    residuals : (N,) float64
-        Distances of the moved centres from the true ones, infinite for cameras without a pose.
-    used_orientations : bool
-        The centres lie on a line: orientations gave the turn about it.
-    """
-
-    transform: Similarity
-    inliers: Bools
-    residuals: Floats
-    used_orientations: bool
-
-    @property
-    def scale(self) -> float:
-        """The scale, above 0."""
-        return self.transform.scale
-
-    @property
-    def matrix(self) -> Floats:
-        """The transform as a (4, 4) matrix."""
-        return self.transform.matrix
-
-    def apply(self, points: ArrayLike) -> Floats:
-        """Move points (N, 3) into the frame of the truth."""
-        return self.transform.apply(arg.floats("points", points, (None, 3)))
-
-    def _display_fields(self) -> Mapping[str, object]:
-        inliers = self.residuals[self.inliers]
-        return {
-            "cameras": len(self.residuals),
-            "without_pose": int(np.isinf(self.residuals).sum()),
-            "inliers": len(inliers),
-            "scale": f"{self.scale:.6g}",
-            "rms_of_inliers": number(float(np.sqrt((inliers * inliers).mean()))),
-            "used_orientations": self.used_orientations,
-        }
-
-
 def align_cameras(
     predicted: ArrayLike,
     true: ArrayLike,
     *,
     robust: bool = True,
-    with_scale: bool = True,
     inlier_m: float = 5.0,
     seed: int = 0,
-) -> CameraAlignment:
+) -> Scores:
     """Find the similarity that brings predicted camera centres to the true ones.
 
     Source: Umeyama, Least-squares estimation of transformation parameters between two point
@@ -313,8 +250,6 @@ def align_cameras(
         Of the same cameras, in metres.
     robust : bool
         Fit to the inliers of the reconstruction track's RANSAC; else to all, by plain Umeyama.
-    with_scale : bool
-        Whether to fit the scale, which is 1 otherwise; without it only plain.
     inlier_m : float
         Inliers are nearer.
     seed : int
@@ -322,14 +257,17 @@ def align_cameras(
 
     Returns
     -------
-    CameraAlignment
-        The transform, inliers and residuals.
+    Scores
+        ``scale``; ``matrix`` (4, 4) and ``transform``, whose ``apply`` moves points (N, 3) into the
+        frame of the truth; ``inliers`` (N,), the cameras to which it is fitted; ``residuals``
+        (N,), distances of the moved centres from the true ones, infinite without a pose;
+        ``used_orientations``, where centres lie on a line and orientations gave the turn about it.
 
     Raises
     ------
     ArgumentError
         Fewer than 3 cameras; centres at one point, or on a line without orientations; arrays that
-        do not fit; a truth with NaN.
+        do not fit.
 
     Examples
     --------
@@ -340,64 +278,63 @@ def align_cameras(
     >>> round(found.scale, 9), found.inliers.tolist()
     (10.0, [True, True, True, True, False])
     """
-    given, known = _cameras("predicted", predicted, may_be_missing=True), _cameras("true", true)
+    found, known = _read_cameras("predicted", predicted), _read_cameras("true", true)
     arg.check_pairs(predicted=predicted, true=true)
     limit, seed = arg.positive("inlier_m", inlier_m), arg.whole("seed", seed, 0)
-    if robust and not with_scale:
-        raise arg.fault("with_scale", "is False", "True, which robust=True fits", "robust=False")
-    rows = np.flatnonzero(np.isfinite(given.centres).all(axis=1))
+    rows = np.flatnonzero(np.isfinite(found.centres).all(axis=1))
     if len(rows) < LEAST_CAMERAS:
         expected = f"at least {LEAST_CAMERAS}, which a similarity needs"
         raise arg.fault("predicted", f"has {len(rows)} cameras with a pose", expected)
-    source, target = given.take(rows), known.take(rows)
+    source, target = found.take(rows), known.take(rows)
     with arg.refused("predicted, true"):
         if robust:
             fit = fit_cameras(source, target, shipped_alignment(inlier_below_m=limit, seed=seed))
             transform, turned = fit.transform, fit.used_orientations
             inliers = np.isin(known.names, fit.inlier_names)
         else:
-            transform = umeyama(source.centres, target.centres, with_scale=with_scale)
+            transform = umeyama(source.centres, target.centres, with_scale=True)
             inliers, turned = np.isin(np.arange(len(known.names)), rows), False
     residuals = np.full(len(inliers), np.inf)
     offsets = transform.apply(source.centres) - target.centres
     residuals[rows] = np.sqrt((offsets * offsets).sum(axis=1))
-    return CameraAlignment(transform, inliers, residuals, turned)
+    rms = float(np.sqrt((residuals[inliers] ** 2).mean()))
+    return Scores(
+        {"scale": transform.scale, "rms_of_inliers": rms, "used_orientations": turned},
+        **{"transform": transform, "matrix": transform.matrix},
+        **{"inliers": inliers, "residuals": residuals},
+    )
 
 
-def _cameras(name: str, values: ArrayLike, *, may_be_missing: bool = False) -> PosedCameras:
-    """Return cameras of poses, or of centres (N, 3) alone; NaN where one may be missing."""
+def _read_cameras(name: str, values: ArrayLike) -> PosedCameras:
+    """Return world-to-camera poses (N, 3, 4) or (N, 4, 4), or centres (N, 3)."""
     array = arg.as_array(name, values, "poses (N, 3, 4) or centres (N, 3)")
-    rotation = None
-    if array.ndim != 2:
-        rotation, centres = _split_poses(name, array, may_be_missing=may_be_missing)
-    elif may_be_missing:
-        centres = arg.floats(name, array, (None, 3))
-        arg.floats(name, centres[~np.isnan(centres).all(axis=1)], (None, 3), finite=True)
-    else:
-        centres = arg.coordinates(name, array)
-    return PosedCameras(tuple(map(str, range(len(centres)))), centres, rotation)
-
-
-def _split_poses(name: str, array: Any, *, may_be_missing: bool) -> tuple[Floats, Floats]:
-    """Return rotations and centres of world-to-camera poses (N, 3, 4) or (N, 4, 4)."""
-    is_square = array.shape[1:2] == (4,)
-    matrices = arg.floats(name, array, (None, 3 + is_square, 4))
-    there = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
-    empty = np.isnan(matrices[:, :3]).all(axis=(1, 2)) & may_be_missing
-    expected = "whole poses, or all of one NaN where allowed"
-    arg.refuse_rows(name, ~there & ~empty, "NaN or infinity", expected, noun="pose")
-    if is_square:
-        off = ~(np.abs(matrices[:, 3] - (0, 0, 0, 1)) <= 1e-6).all(axis=1) & there
+    shape = (3,) if array.ndim == 2 else (3 + (array.shape[1:2] == (4,)), 4)
+    numbers = arg.floats(name, array, (None, *shape))
+    axes = tuple(range(1, numbers.ndim))
+    there = np.isfinite(numbers).all(axis=axes)
+    missing = np.isnan(numbers[:, :3]).all(axis=axes) & (name == "predicted")
+    expected = "finite numbers; all of a predicted camera is NaN where it has no pose"
+    arg.refuse_rows(name, ~there & ~missing, "NaN or infinity", expected)
+    rows = np.flatnonzero(there)
+    centres = np.full((len(numbers), 3), np.nan)
+    names = tuple(map(str, range(len(numbers))))
+    if array.ndim == 2:
+        if name == "true":
+            arg.coordinates(name, array)
+        centres[rows] = arg.floats(name, numbers[rows], (None, 3), finite=True)
+        return PosedCameras(names, centres)
+    if shape[0] == 4:
+        off = ~(np.abs(numbers[:, 3] - (0, 0, 0, 1)) <= 1e-6).all(axis=1) & there
         fix = "transpose the matrices, if their last row holds t"
-        arg.refuse_rows(name, off, "another last row", "[R | t] above 0 0 0 1", fix, "pose")
-    turns, moves = matrices[there, :3, :3], matrices[there, :3, 3]
+        arg.refuse_rows(name, off, "another last row", "[R | t] above 0 0 0 1", fix)
+    turns, moves = numbers[rows, :3, :3], numbers[rows, :3, 3]
     with arg.refused(name):
-        names = [f"row {row}" for row in np.flatnonzero(there).tolist()]
-        made = Poses.from_translations(check_rotations(turns, names), moves, names)
-    coarse = there.copy()
-    coarse[there] = pose_errors_m(turns, moves, None) > COARSEST_M
+        labels = [f"row {row}" for row in rows.tolist()]
+        poses = Poses.from_translations(check_rotations(turns, labels), moves, labels)
+    coarse = np.zeros(len(numbers), np.bool_)
+    coarse[rows] = pose_errors_m(turns, moves, None) > COARSEST_M
     expected = f"digits that place a camera to {COARSEST_M} m: poses computed in float64"
-    arg.refuse_rows(name, coarse, "too few digits", expected, noun="pose")
-    rotation, centres = np.full((len(there), 3, 3), np.nan), np.full((len(there), 3), np.nan)
-    rotation[there], centres[there] = made.rotation, made.centres
-    return rotation, centres
+    arg.refuse_rows(name, coarse, "too few digits", expected)
+    rotation = np.full((len(numbers), 3, 3), np.nan)
+    rotation[rows], centres[rows] = poses.rotation, poses.centres
+    return PosedCameras(names, centres, rotation)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -92,8 +92,8 @@ class Result(Scored):
         methods = [self, *others]
         check_same_queries(methods)
         chosen = draw.choose_score(methods, score, of_errors=kind == "errors")
-        given = [] if kind in ("recall", "thresholds") else [chosen]
-        figure: Figure = getattr(draw, kind)(methods, *given, **options)
+        scores = [] if kind in ("recall", "thresholds") else [chosen]
+        figure: Figure = getattr(draw, kind)(methods, *scores, **options)
         return figure
 
     def save(self, folder: str | Path) -> Path:
@@ -237,13 +237,12 @@ def check(
     data: str | Path | None = None,
     reader: str | None = None,
     names: str | Path | None = None,
-    max_memory: int = 2 << 30,
 ) -> Check:
     """Find errors of predictions, the first in each file or scene, without scoring them.
 
     Parameters
     ----------
-    predictions, protocol, data, reader, names, max_memory : optional
+    predictions, protocol, data, reader, names : optional
         As in `evaluate`; the truth of the benchmark may be sealed.
 
     Returns
@@ -257,13 +256,8 @@ def check(
         There is nothing to check: no such file, or no known protocol.
     """
     with _as_path(predictions, protocol) as path:
-        found = find_errors(
-            path,
-            data=data_here(data),
-            protocol=protocol,
-            run=Run(memory_bytes=max_memory),
-            read_by=ReadBy(reader, None if names is None else Path(names)),
-        )
+        read_by = ReadBy(reader, None if names is None else Path(names))
+        found = find_errors(path, data=data_here(data), protocol=protocol, read_by=read_by)
     return Check(tuple(found.errors), tuple(found.notes))
 
 
@@ -273,10 +267,7 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     if not isinstance(predictions, Mapping):
         yield local_path(predictions)
         return
-    for of_tiles in (True, False):
-        rows = {n: some for n, some in predictions.items() if n.startswith("gallery") is of_tiles}
-        arg.check_labels(**rows)
-    fields = {name: _field(name, values) for name, values in predictions.items()}
+    fields = {name: _read_field(name, values) for name, values in predictions.items()}
     named = protocol or fields.pop("protocol", None)
     if named is None:
         expected = "the name of one, here or as a field"
@@ -287,15 +278,15 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
         yield path
 
 
-def _field(name: str, values: Any) -> NDArray[Any]:
+def _read_field(name: str, values: Any) -> NDArray[Any]:
     """Return a field as an array of numbers or text; columns of pandas hold text as objects."""
     array = arg.as_array(f"field {name!r}", values)
-    if array.dtype != np.dtype(object):
-        return array
-    if not all(isinstance(value, str) for value in array.ravel()):
-        fix = "np.array(values, dtype=str) for ids; fill shorter lists with empty ids"
-        raise arg.fault(f"field {name!r}", "holds Python objects", "numbers or text", fix)
-    return array.astype(str)
+    if array.dtype == np.dtype(object):
+        if not all(isinstance(value, str) for value in array.ravel()):
+            expected = "numbers or text; shorter lists are filled up with empty ids"
+            raise arg.fault(f"field {name!r}", "holds Python objects", expected)
+        array = array.astype(str)
+    return array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -353,59 +344,60 @@ def compare(
         ``reference_value``, ``difference``, its ``low`` and ``high``, ``p``, ``p_holm``,
         ``p_mcnemar``, ``wins``, ``ties``, ``losses``, ``verdict``; of a single result a row a
         scene and score: ``scene`` (None for the average), ``score``, ``value``, ``low``,
-        ``high``, ``interval``, ``reason``. docs/statistics.md explains them.
+        ``high``, ``method``, ``reason``. docs/statistics.md explains them.
 
     Raises
     ------
     UserError
         Results cannot be read or compared; there is no such score, method or scene.
     """
-    methods, chosen = methods_of(results, scores, every=every)
+    methods, chosen = _read_methods(results, scores, every=every)
     if len(methods) == 1 and (reference or method):
         raise arg.fault("reference, method", "needs two results", "several results")
-    where = scene and find_scene(methods[0].result.truth.scene_titles, scene)
+    if scene is not None:
+        scene = find_scene(methods[0].result.truth.scene_titles, scene)
     plan = ResamplingConfig()
     if len(methods) == 1:
-        return _intervals(methods[0], chosen, where, plan)
+        return _read_intervals(methods[0], chosen, scene, plan)
     found = comparison.compare(
-        methods, chosen, reference=reference, method=method, scene=where, resampling=plan
+        methods, chosen, reference=reference, method=method, scene=scene, resampling=plan
     )
-    return Comparison(comparison_table(found), pd.DataFrame([*map(_row, found.pairs)]))
+    rows = [
+        {**vars(pair.interval), **vars(pair), "score": pair.score.key, "p": pair.test.p_value}
+        | {"verdict": verdict(pair)}
+        for pair in found.pairs
+    ]
+    columns = ["score", "method", "reference", "value", "reference_value", "difference"]
+    columns += ["low", "high", "p", "p_holm", "p_mcnemar", "wins", "ties", "losses", "verdict"]
+    return Comparison(comparison_table(found), pd.DataFrame(rows)[columns])
 
 
-def methods_of(
-    results: Any, scores: Sequence[str], *, every: bool = False, all_columns: bool = False
+def _read_methods(
+    results: Any, scores: Sequence[str], *, every: bool
 ) -> tuple[list[Scored], list[ScoreColumn]]:
     """Return methods of the same queries, and the scores to compare them by."""
     kinds = str | Path | Scored
-    given = [results] if isinstance(results, kinds) else arg.listed("results", results)
-    strange = [type(result).__name__ for result in given if not isinstance(result, kinds)]
-    if strange or not given:
-        what = f"holds {first_of(strange)}" if strange else "holds nothing to compare"
-        raise arg.fault("results", what, "results, or paths of result.json")
+    listed = [results] if isinstance(results, kinds) else arg.listed("results", results)
+    if not listed or not all(isinstance(one, kinds) for one in listed):
+        raise arg.fault("results", "holds no results", "results, or paths of result.json")
     if isinstance(scores, str) or (every and scores):
         expected = "a list of scores, such as ['recall@1'], or every=True"
         raise arg.fault("scores, every", f"is {scores!r}", expected)
-    paths = results_here([result for result in given if not isinstance(result, Scored)])
+    paths = results_here([one for one in listed if not isinstance(one, Scored)])
     wanted = None
-    if paths and not all_columns:
+    if paths:
         wanted = score_keys(read_result(result_paths(paths)[0]), scores, every=every)
-    read = iter(read_scored(paths, wanted) if paths else [])
-    methods = [_rechecked(one) if isinstance(one, Scored) else next(read) for one in given]
+    read = iter(read_scored(paths, wanted))
+    methods = [one if isinstance(one, Scored) else next(read) for one in listed]
     names = [method.name for method in methods]
-    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+    if twice := {name for name in names if names.count(name) > 1}:
         fix, expected = "load_result(path, name=...)", "methods of different names"
         raise arg.fault("results", f"several have the name {first_of(twice)}", expected, fix)
     check_same_queries(methods)
     return methods, choose_scores(methods, scores, every=every)
 
 
-def _rechecked(one: Scored) -> Scored:
-    """Check that nobody changed the records since they were read."""
-    return replace(one, records=checked_records(one.records, one.result, f"records of {one.name}"))
-
-
-def _intervals(
+def _read_intervals(
     method: Scored, scores: list[ScoreColumn], scene: str | None, plan: ResamplingConfig
 ) -> Comparison:
     result = method.result
@@ -413,24 +405,8 @@ def _intervals(
     parts: list[Any] = [(name, result.scenes[name], spans) for name, spans in found.groups.items()]
     parts += [] if scene else [(None, result.overall, found.overall)]
     rows = [
-        (name, score.key, values[score.key], span.low, span.high, span.method, span.reason)
+        {"scene": name, "score": score.key, "value": values[score.key], **vars(span)}
         for name, values, spans in parts
         for score, span in zip(scores, spans, strict=True)
     ]
-    columns = ["scene", "score", "value", "low", "high", "interval", "reason"]
-    table = intervals_table(method, scores, found, plan, scene)
-    return Comparison(table, pd.DataFrame(rows, columns=columns))
-
-
-def _row(pair: comparison.Pair) -> dict[str, Any]:
-    names = ("method", "reference", "value", "reference_value", "difference")
-    tested = ("p_holm", "p_mcnemar", "wins", "ties", "losses")
-    return {
-        "score": pair.score.key,
-        **{name: getattr(pair, name) for name in names},
-        "low": pair.interval.low,
-        "high": pair.interval.high,
-        "p": pair.test.p_value,
-        **{name: getattr(pair, name) for name in tested},
-        "verdict": verdict(pair),
-    }
+    return Comparison(intervals_table(method, scores, found, plan, scene), pd.DataFrame(rows))

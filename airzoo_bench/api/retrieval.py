@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
+from airzoo_bench.api.scores import Scores
 from airzoo_bench.core.errors import first_of
-from airzoo_bench.core.shown import Shown, number
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.checks import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
@@ -22,34 +21,9 @@ from airzoo_bench.retrieval.scoring import hit_columns
 from airzoo_bench.retrieval.settings import ApVariant, TileScores
 from airzoo_bench.retrieval.truth import Positives, offsets_of
 
-__all__ = ["QueryScores", "average_precision", "chance_level", "recall_at_k", "retrieval_scores"]
+__all__ = ["average_precision", "chance_level", "recall_at_k", "retrieval_scores"]
 
 _ENDS = {"", -1}  # end a ranked list that is shorter than others
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class QueryScores(Shown):
-    """Scores of queries; ``found["recall@1"]`` is one.
-
-    Attributes
-    ----------
-    scores : dict of str to float
-        By the names that results have; shares are 0 to 1, errors metres or degrees.
-    records : DataFrame
-        A row a query, a column a score.
-    counts : dict of str to int
-        Queries, and how many of them are special.
-    """
-
-    scores: dict[str, float]
-    records: pd.DataFrame
-    counts: dict[str, int]
-
-    def __getitem__(self, name: str) -> float:
-        return self.scores[name]
-
-    def _display_fields(self) -> Mapping[str, object]:
-        return self.counts | {name: number(value) for name, value in self.scores.items()}
 
 
 def recall_at_k(hits: ArrayLike, k: int) -> float:
@@ -120,8 +94,9 @@ def average_precision(
     0.5556
     """
     arg.choice("variant", variant, get_args(ApVariant))
-    arg.check_labels(hits=hits, n_positives=n_positives)
     matrix = _hit_matrix(hits)
+    if hasattr(n_positives, "iloc"):
+        arg.check_pairs(hits=hits, n_positives=n_positives)
     counts = _positive_counts(n_positives, len(matrix), np.maximum(matrix.sum(axis=1), 1))
     depth = max(matrix.shape[1], 1) if k is None else arg.whole("k", k)
     return float(metrics.average_precision_at(matrix, counts, depth, variant).mean())
@@ -134,7 +109,7 @@ def _positive_counts(values: Any, queries: int, least: ArrayLike) -> Ints:
     if counts.dtype.kind not in "iu" or counts.shape not in ((), (queries,)):
         raise arg.fault("n_positives", f"is {counts.dtype} of shape {counts.shape}", expected)
     counts = np.broadcast_to(counts, queries).astype(np.int64)
-    arg.refuse_rows("n_positives", counts < least, "too small a number", expected, noun="query")
+    arg.refuse_rows("n_positives", counts < least, "too small a number", expected)
     return counts
 
 
@@ -162,9 +137,10 @@ def retrieval_scores(
     scores: Any = None,
     gallery_ids: Any = None,
     ap: ApVariant = "precision",
-    without_positive: Literal["exclude", "miss"] = "exclude",
-) -> QueryScores:
+) -> Scores:
     """Score ranked galleries of one scene: recall, AP and nDCG at each k, mAP and MRR.
+
+    Queries without a positive are left out and counted, as in the shipped protocols.
 
     Source: `recall_at_k`, `average_precision`; Järvelin and Kekäläinen, ACM TOIS 20(4), 2002
     (nDCG); Voorhees, TREC-8, 1999 (MRR).
@@ -178,27 +154,25 @@ def retrieval_scores(
         Ids that answer each query, each once. A query that `ranked_ids` lacks scores 0.
     ks : iterable of int
         Ranks, each at least 1.
-    scores : (Q, K) array-like, optional
-        Similarities or distances of the ranked ids; without these, similarities (Q, G) to the
-        whole gallery, larger is nearer. Of equal scores the positives come last.
+    scores : (Q, G) array-like, optional
+        Instead of `ranked_ids`: similarities to the whole gallery, larger is nearer. Of equal
+        scores the positives come last.
     gallery_ids : (G,) array-like, optional
-        Every id that could be ranked: needed with `scores`, since the last of a list may tie with
-        others; by default, without `ranked_ids`, 0 to G - 1.
+        The ids of the columns of `scores`; by default those of a DataFrame, or 0 to G - 1.
     ap : {"precision", "min", "trec", "hits"}
         The reading of AP@k; all but the first name it: ``ap@5/trec``.
-    without_positive : {"exclude", "miss"}
-        Leave out queries without a positive, as the shipped protocols do, or score them 0.
 
     Returns
     -------
-    QueryScores
-        ``recall@k``, ``ap@k``, ``ndcg@k``, ``map`` (over the whole lists) and ``mrr``.
+    Scores
+        ``recall@k``, ``ap@k``, ``ndcg@k``, ``map`` (over the whole lists) and ``mrr``; how many
+        ``queries``, ``without_positive``, ``without_answer``, ``tie_dependent``; and ``records``,
+        a row a query.
 
     Raises
     ------
     ArgumentError
-        Lists that do not fit, ids of two kinds, an id ranked twice, scores out of order, k below
-        1, no query that has a positive.
+        Lists that do not fit, ids of two kinds, an id ranked twice, no query with a positive.
 
     Examples
     --------
@@ -212,49 +186,58 @@ def retrieval_scores(
     0.0
     """
     arg.choice("ap", ap, get_args(ApVariant))
-    arg.choice("without_positive", without_positive, ("exclude", "miss"))
-    depths = _checked_ranks(ks)
-    arg.check_labels(ranked_ids=ranked_ids, positives=positives, scores=scores)
-    if ranked_ids is None:
-        ranked_ids, scores, gallery_ids = _sort_gallery(scores, gallery_ids)
-    elif scores is not None and gallery_ids is None:
-        raise arg.fault("scores", "are given alone", "gallery_ids too: the last may tie with them")
-    names, lists, right = _pair_queries(ranked_ids, positives)
-    tiles, positive_tiles, n_tiles = _number_ids(lists, right, gallery_ids)
-    similar = None if scores is None else _score_rows(scores, tiles)
+    depths, similar = _checked_ranks(ks), None
+    if (ranked_ids is None) == (scores is None) or (scores is None and gallery_ids is not None):
+        expected = "ranked_ids, or scores and perhaps gallery_ids instead"
+        raise arg.fault("ranked_ids, scores", "do not go together", expected)
+    if scores is None:
+        names, lists, right = _pair_queries(ranked_ids, positives)
+        place = _number_ids(
+            [one for one in dict.fromkeys(chain(*lists, *right)) if one not in _ENDS]
+        )
+        tiles = np.full((len(lists), max(map(len, lists), default=0)), -1, np.int64)
+        for line, ids in zip(tiles, lists, strict=True):
+            line[: len(ids)] = [place.get(one, -1) for one in ids]
+    else:
+        similar = arg.floats("scores", scores, (None, None), finite=True)
+        columns = [*getattr(scores, "columns", range(similar.shape[1]))]
+        gallery = _checked_ids("gallery_ids", columns if gallery_ids is None else gallery_ids)
+        if len(gallery) != len(columns) or columns not in ([*range(len(columns))], gallery):
+            what = f"have {len(columns)} columns for {len(gallery)} tiles, or those of others"
+            raise arg.fault("scores", what, "a column for each of gallery_ids")
+        place = _number_ids(gallery)
+        arg.check_pairs(scores=scores, positives=positives)
+        names, _, right = _pair_queries([()] * len(similar), positives)
+        tiles = np.argsort(-similar, axis=1, kind="stable")
+        similar = np.take_along_axis(similar, tiles, axis=1)
+    answers = _number_positives(right, place)
     with arg.refused("ranked_ids"):
         check_lists(tiles, similar, names)
     k, depth = max(tiles.shape[1], 1), max(depths)
-    ranking = rank_by_ids(tiles, similar, positive_tiles, n_tiles=n_tiles, k=k, depth=depth)
-    counts = positive_tiles.counts
-    hits = metrics.hit_matrix(ranking.tiles, positive_tiles.offsets, positive_tiles.tiles, n_tiles)
-    columns = hit_columns(hits, counts, depths, dict.fromkeys(depths, (ap,)), depths)
-    records = pd.DataFrame(
-        {
-            "query": names,
-            "answered": (tiles >= 0).any(axis=1),
-            "positives": counts,
-            "tie_dependent": ranking.tie_dependent,
-            "first_hit_rank": metrics.first_hit_rank(hits),
-            **columns,
-        }
-    )
-    if not counts.any():
+    ranking = rank_by_ids(tiles, similar, answers, n_tiles=len(place), k=k, depth=depth)
+    hits = metrics.hit_matrix(ranking.tiles, answers.offsets, answers.tiles, len(place))
+    columns = hit_columns(hits, answers.counts, depths, dict.fromkeys(depths, (ap,)), depths)
+    first = {
+        "query": names,
+        "answered": (tiles >= 0).any(axis=1),
+        "positives": answers.counts,
+        "tie_dependent": ranking.tie_dependent,
+        "first_hit_rank": metrics.first_hit_rank(hits),
+    }
+    records = pd.DataFrame(first | columns)[answers.counts > 0].reset_index(drop=True)
+    if records.empty:
         raise arg.fault("positives", "hold nothing for any query", "some query with an answer")
-    if without_positive == "exclude":
-        records = records[counts > 0].reset_index(drop=True)
-    special = {
+    counts = {
         "queries": len(records),
-        "without_positive": int((counts == 0).sum()),
+        "without_positive": len(names) - len(records),
         "without_answer": int((~records["answered"]).sum()),
         "tie_dependent": int(records["tie_dependent"].sum()),
     }
-    return QueryScores({name: float(records[name].mean()) for name in columns}, records, special)
+    means = {name: float(records[name].mean()) for name in columns}
+    return Scores(counts | means, records=records)
 
 
-def chance_level(
-    n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5, 10)
-) -> QueryScores:
+def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5, 10)) -> Scores:
     """Return the expected scores of a gallery in random order, exactly.
 
     Parameters
@@ -268,7 +251,7 @@ def chance_level(
 
     Returns
     -------
-    QueryScores
+    Scores
         Those of `retrieval_scores` for whole galleries, with the precision as ``ap@k``.
 
     Raises
@@ -286,16 +269,14 @@ def chance_level(
     if not 0 < positives.max(initial=0) <= size:
         what, expected = "no query, or more than tiles", f"numbers from 1 to {size}, one a query"
         raise arg.fault("n_positives", what, expected)
-    columns: dict[str, Floats] = {}
+    columns = {}
     for k in _checked_ranks(ks):
-        settings = TileScores.model_construct(
-            ranks_kept=size, recall_at=(k,), ap_at=k, ndcg_at=(k,)
-        )
-        found = metrics.chance_scores(positives, size, settings)
-        columns |= {name: values for name, values in found.items() if "/" not in name}
-    records = pd.DataFrame({"positives": positives, **columns})
+        rules = TileScores.model_construct(ranks_kept=size, recall_at=(k,), ap_at=k, ndcg_at=(k,))
+        columns |= metrics.chance_scores(positives, size, rules)
+    columns = {name: values for name, values in columns.items() if "/" not in name}
     averages = {name: float(values.mean()) for name, values in columns.items()}
-    return QueryScores(averages, records, {"queries": len(records)})
+    records = pd.DataFrame({"positives": positives, **columns})
+    return Scores(averages, records=records)
 
 
 def _checked_ranks(ks: Any) -> tuple[int, ...]:
@@ -303,20 +284,6 @@ def _checked_ranks(ks: Any) -> tuple[int, ...]:
     if not depths:
         raise arg.fault("ks", "is empty", "ranks such as (1, 5, 10)")
     return depths
-
-
-def _sort_gallery(scores: Any, gallery_ids: Any) -> tuple[Any, Floats, Any]:
-    """Rank the whole gallery by similarity: lists of ids, sorted similarities, and all ids."""
-    similar = arg.floats("scores", scores, (None, None), finite=True)
-    numbered = [*range(similar.shape[1])]
-    labels = [*getattr(scores, "columns", numbered)]
-    gallery = numbered if gallery_ids is None else _checked_ids("gallery_ids", gallery_ids)
-    if len(gallery) != len(labels) or labels not in (numbered, gallery):
-        what = f"have {len(labels)} columns for {len(gallery)} tiles, or columns of other names"
-        raise arg.fault("scores", what, "a column for each of gallery_ids, by default 0, 1, 2 ...")
-    order = np.argsort(-similar, axis=1, kind="stable")
-    ids = np.array(gallery, dtype=object)
-    return ids[order].tolist(), np.take_along_axis(similar, order, axis=1), gallery
 
 
 def _pair_queries(ranked: Any, positives: Any) -> tuple[list[Any], list[list[Any]], list[Any]]:
@@ -333,58 +300,43 @@ def _pair_queries(ranked: Any, positives: Any) -> tuple[list[Any], list[list[Any
     else:
         right, lists = arg.listed("positives", positives), arg.listed("ranked_ids", ranked)
         names = list(range(len(right)))
-        arg.check_pairs(ranked_ids=lists, positives=right)
-    answers = [_checked_ids(f"positives[{n}]", ids, is_set=True) for n, ids in enumerate(right)]
+        arg.check_pairs(ranked_ids=ranked, positives=positives)
+    answers = [
+        _checked_ids(f"positives[{n}]", [*ids] if isinstance(ids, Set) else ids)
+        for n, ids in enumerate(right)
+    ]
     return names, [_checked_ids(f"ranked_ids[{n}]", ids) for n, ids in enumerate(lists)], answers
 
 
-def _checked_ids(name: str, values: Any, *, is_set: bool = False) -> list[Any]:
-    """Return ids as Python's whole numbers or texts; a set is made of ids that stand once."""
-    given = [*values] if is_set and isinstance(values, Set) else arg.listed(name, values)
-    ids = [one.item() if isinstance(one, np.generic) else one for one in given]
+def _checked_ids(name: str, values: Any) -> list[Any]:
+    """Return ids as Python's whole numbers or texts."""
+    listed = arg.listed(name, values)
+    ids = [one.item() if isinstance(one, np.generic) else one for one in listed]
     kinds = {type(one) for one in ids}
     if kinds not in (set(), {int}, {str}):
         what = f"holds {', '.join(sorted(kind.__name__ for kind in kinds))}"
         raise arg.fault(name, what, "ids in a row that are all whole numbers, or all texts")
-    if is_set and len(set(ids)) < len(ids):
-        fix = "np.flatnonzero(row), where the row says of every tile whether it is a positive"
-        raise arg.fault(name, "holds an id twice", "the ids that answer the query, each once", fix)
     return ids
 
 
-def _number_ids(
-    ranked: list[list[Any]], positives: list[list[Any]], gallery_ids: Any
-) -> tuple[Ints, Positives, int]:
-    """Return lists (Q, K) of tiles in the order of ids, -1 beyond their ends, and positives."""
-    right = {*chain.from_iterable(positives)}
-    used = {*chain.from_iterable(ranked)} - _ENDS | right
-    listed = None if gallery_ids is None else _checked_ids("gallery_ids", gallery_ids)
-    gallery = used - _ENDS if listed is None else {*listed} - _ENDS
-    if listed is not None and len(gallery) < len(listed):
-        raise arg.fault("gallery_ids", "holds an id twice, or an empty one", "each id once")
-    if len({type(one) for one in used | gallery}) > 1:
-        what, expected = "are texts and whole numbers, which never match", "one kind of id"
-        raise arg.fault("ids", what, expected, "turn one into the other: str(id), or int(id)")
-    if strange := used - gallery:
-        what = f"ids that no tile of the gallery has: {first_of(sorted(strange))}"
-        raise arg.fault("ranked_ids, positives", what, "ids of gallery_ids")
-    place = {one: row for row, one in enumerate(sorted(gallery))}
-    tiles = np.full((len(ranked), max(map(len, ranked), default=0)), -1, np.int64)
-    for line, ids in zip(tiles, ranked, strict=True):
-        line[: len(ids)] = [place.get(one, -1) for one in ids]
-    rows = [sorted(place[one] for one in ids) for ids in positives]
+def _number_ids(ids: Sequence[Any]) -> dict[Any, int]:
+    """Return the row of each id of a gallery."""
+    place = {one: row for row, one in enumerate(ids)}
+    if len(place) < len(ids) or len({type(one) for one in place}) > 1:
+        what = "an id that is there twice, or texts beside whole numbers"
+        raise arg.fault(
+            "ids", what, "one kind of id", "turn one into the other: str(id), or int(id)"
+        )
+    return place
+
+
+def _number_positives(right: Sequence[Sequence[Any]], place: Mapping[Any, int]) -> Positives:
+    """Return the positives of each query as rows of the gallery."""
+    for query, ids in enumerate(right):
+        if len({*ids} & place.keys()) < len(ids):
+            fix = "np.flatnonzero(row), where the row says of every tile whether it is a positive"
+            what, expected = "an id twice, or one that no tile has", "ids of the gallery, each once"
+            raise arg.fault(f"positives[{query}]", what, expected, fix)
+    rows = [sorted(place[one] for one in ids) for ids in right]
     offsets = offsets_of(np.array([*map(len, rows)], np.int64))
-    return tiles, Positives(offsets, np.array([*chain(*rows)], np.int32)), len(place)
-
-
-def _score_rows(scores: Any, tiles: Ints) -> Floats:
-    """Return scores in the shape of the lists; beyond the end of a list they do not count."""
-    filled = np.full(tiles.shape, np.nan)
-    rows = arg.listed("scores", scores)
-    arg.check_pairs(ranked_ids=tiles, scores=rows)
-    for query, (line, ids) in enumerate(zip(filled, tiles, strict=True)):
-        row = arg.floats(f"scores[{query}]", rows[query], (None,))
-        if not np.count_nonzero(ids >= 0) <= len(row) <= len(line):
-            raise arg.fault(f"scores[{query}]", f"has {len(row)} numbers", "one for each id")
-        line[: len(row)] = row
-    return filled
+    return Positives(offsets, np.array([*chain(*rows)], np.int32))

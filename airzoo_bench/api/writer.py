@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.api.benchmark import BlindBenchmark, BlindScene, load_benchmark
+from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError, first_of
 from airzoo_bench.core.files import (
@@ -20,7 +20,6 @@ from airzoo_bench.core.files import (
     check_output_folder,
     write_npz,
 )
-from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.queries import check_npz, write_predictions
@@ -31,17 +30,22 @@ from airzoo_bench.protocol.model import find_protocol
 
 __all__ = ["PredictionWriter"]
 
-Array = NDArray[Any]
-Answer = dict[str, Array]
+Answer = dict[str, NDArray[Any]]
 
-_SCENE_FILES = (".ply", ".cameras.npz", ".npz")
-_POSE, _DEPTH = {"rotation", "centre"}, {"rotation", "centre", "depth", "intrinsics"}
-# The fields of every kind of answer.
-_FORMS: dict[str, tuple[set[str], ...]] = {
-    "retrieval": ({"ranked_ids"}, {"ranked_ids", "scores"}, {"descriptor"}),
-    "matching": ({"query_xy", "map_xy"}, {"query_xy", "points3d"}, _POSE),
-    "reconstruction": ({"points"}, {"points", "colours"}, _POSE, _DEPTH, _DEPTH | {"confidence"}),
-}
+# Of each kind of answer: its track, what its id is of, and its fields.
+_FORMS = (
+    ("retrieval", "query", {"ranked_ids"}),
+    ("retrieval", "query", {"ranked_ids", "scores"}),
+    ("retrieval", "query or tile", {"descriptor"}),
+    ("matching", "query", {"query_xy", "map_xy"}),
+    ("matching", "query", {"query_xy", "points3d"}),
+    ("matching", "query", {"rotation", "centre"}),
+    ("reconstruction", "scene", {"points"}),
+    ("reconstruction", "scene", {"points", "colours"}),
+    ("reconstruction", "photo", {"rotation", "centre"}),
+    ("reconstruction", "photo", {"rotation", "centre", "depth", "intrinsics"}),
+    ("reconstruction", "photo", {"rotation", "centre", "depth", "intrinsics", "confidence"}),
+)
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     **dict.fromkeys(("scores", "descriptor"), (None,)),
     **dict.fromkeys(("query_xy", "map_xy"), (None, 2)),
@@ -50,17 +54,16 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     **dict.fromkeys(("rotation", "intrinsics"), (3, 3)),
     "centre": (3,),
 }
-_COORDINATES = ("query_xy", "map_xy", "points3d", "centre", "points")
-# Fields whose rows become one array, and fields that are pairs.
+# Fields whose rows become one array, and fields whose rows belong to those of another field.
 _STACKED, _PAIRED = ("descriptor", "depth", "confidence"), {"query_xy", "ranked_ids", "points"}
 
 
 class PredictionWriter:
     """Collects a method's answers and writes the prediction file that ``eval`` reads.
 
-    Each answer is checked when it is added; they may come in any order. When the ``with`` block
-    ends, the file appears, whole, and is checked as ``airzoo-bench check`` does; after an exception
-    or Ctrl-C, an earlier file stays. A query without an answer scores as a failure.
+    When the ``with`` block ends, the file appears, whole, and is checked as ``airzoo-bench check``
+    does; after an exception or Ctrl-C, an earlier file stays. A query without an answer scores as
+    a failure.
 
     Parameters
     ----------
@@ -74,8 +77,7 @@ class PredictionWriter:
     Raises
     ------
     UserError
-        The protocol or its benchmark is not there, they do not belong together, or nothing can be
-        written to `path`.
+        Protocol and benchmark are not there or do not belong together, or nothing can be written.
 
     Examples
     --------
@@ -87,25 +89,25 @@ class PredictionWriter:
         self, path: str | Path, protocol: str, benchmark: BlindBenchmark | None = None
     ) -> None:
         self._path = Path(path)
-        data = benchmark.folder if benchmark else data_here()
-        self._protocol: Any = find_protocol(protocol, data)
-        self._track = self._protocol.track
-        self._benchmark = benchmark or load_benchmark(self._protocol.benchmark)
-        if self._protocol.benchmark != self._benchmark.name:
-            raise UsageError(
-                f"protocol {self._protocol.name} is of benchmark {self._protocol.benchmark}, "
-                f"not {self._benchmark.name}",
-                where=self._benchmark.folder,
-                fix=f"load_benchmark({self._protocol.benchmark!r})",
-            )
+        chosen: Any = find_protocol(protocol, benchmark.folder if benchmark else data_here())
+        self._protocol, self._track = chosen, chosen.track
+        opened = benchmark or load_benchmark(chosen.benchmark)
+        self._data = opened.folder
+        opened._source.check_fits(chosen)
         if self._track == "reconstruction":
             check_output_folder(self._path, ("protocol.txt",))
         else:
             check_npz(self._path)
             check_output_file(self._path)
-        self._benchmark._source.check_fits(self._protocol)
-        self._scenes = [self._benchmark.scene(scene.id) for scene in self._protocol.scenes]
-        self._ids = _known_ids(self._track, self._scenes)
+        scenes = [opened.scene(scene.id) for scene in chosen.scenes]
+        self._photos = {one.id: one.photos() for one in scenes if self._track == "reconstruction"}
+        ids = {"scene": self._photos, "photo": _ids(self._photos.values())}
+        if self._track == "matching":
+            ids["query"] = _ids(scene.crops() for scene in scenes)
+        elif self._track == "retrieval":
+            ids["query"] = _ids(scene.queries() for scene in scenes)
+            ids["tile"] = _ids(scene.tiles() for scene in scenes)
+        self._ids = {kind: dict.fromkeys(some) for kind, some in ids.items()}
         self._answers: dict[str, Answer] = {}
         self._firsts: dict[str, Answer] = {}  # of each group that has one kind of answer
         self._closed = False
@@ -113,69 +115,39 @@ class PredictionWriter:
     def add(self, name: str, **fields: ArrayLike | None) -> None:
         """Add the answer to one query, or the description of one tile, photo or scene.
 
-        ==============  ======================================================  ==================
-        track           fields                                                  `name` is the id of
-        ==============  ======================================================  ==================
-        retrieval       `ranked_ids`, perhaps `scores`                          a query
-        retrieval       `descriptor`                                            a query or a tile
-        matching        `query_xy` and `map_xy`, or `query_xy` and `points3d`   a query
-        matching        `rotation` and `centre`                                 a query
-        reconstruction  `points`, perhaps `colours`                             a scene
-        reconstruction  `rotation` and `centre`; with `depth` and `intrinsics`  a photo
-        ==============  ======================================================  ==================
-
-        A file has one kind of answer, with the same fields in all; of reconstruction each scene.
+        A file has one kind of answer, with the same fields in all; in reconstruction each scene.
 
         Parameters
         ----------
         name : str
-            The id, ``scene/name``; of a scene its own. Each once.
+            The id of a query, tile or photo, ``scene/name``, or of a scene. Each once.
         **fields : array-like
-            ``ranked_ids`` (K,): tiles of the query's scene, best first. ``scores`` (K,):
-            similarities, which fall along the list, or distances, which rise. ``descriptor`` (D,):
-            every tile of every scene needs one. ``query_xy`` (M, 2): pixels of the photo at its
-            full size, from its corner. ``map_xy`` (M, 2): pixels of the whole map (`Crop.to_map`).
-            ``points3d`` (M, 3): in the scene's CRS, in metres. ``rotation`` (3, 3):
-            world-to-camera, x right, y down, z forward. ``centre`` (3,): in the scene's CRS, or
-            the frame of the cloud. ``points`` (M, 3), ``colours`` (M, 3) uint8. ``depth`` (H, W):
-            along the camera's z axis, 0 and NaN are no surface. ``intrinsics`` (3, 3): K at the
-            size of the depth map. ``confidence`` (H, W), with depth: larger is surer.
+            Retrieval, a query: ``ranked_ids`` (K,), tiles of its scene, best first; perhaps
+            ``scores`` (K,), similarities, which fall along the list, or distances, which rise.
+            Or, a query or a tile: ``descriptor`` (D,), which every tile of every scene needs.
+
+            Matching, a query: ``query_xy`` (M, 2), pixels of the photo at its full size, from its
+            corner, with ``map_xy`` (M, 2), pixels of the whole map (`Crop.to_map`), or
+            ``points3d`` (M, 3), metres in the scene's CRS. Or ``rotation`` (3, 3),
+            world-to-camera, x right, y down, z forward, and ``centre`` (3,) in the scene's CRS.
+
+            Reconstruction, a scene: ``points`` (M, 3), perhaps ``colours`` (M, 3) uint8. A photo:
+            ``rotation`` and ``centre``, in the frame of the cloud; with ``depth`` (H, W), along the
+            camera's z axis, 0 and NaN are no surface, and ``intrinsics`` (3, 3), K at its size;
+            perhaps ``confidence`` (H, W), larger is surer.
 
         Raises
         ------
         UserError
-            The id is none of the benchmark's or was added before; fields are missing, do not belong
-            together, or have a wrong shape. Nothing of it is kept.
+            An unknown id, or one that was added before; fields that do not belong together.
         """
-        given = {key: value for key, value in fields.items() if value is not None}
         try:
             if self._closed:
                 raise UsageError("the file is closed", fix="add all answers in the with block")
-            group = self._find_group(name, {*given})
-            answer = _checked_answer(given)
-            for tile in answer.get("ranked_ids", ()):
-                if tile not in self._ids["tile"]:
-                    raise _unknown(tile, self._ids["tile"], "tile of the gallery")
-            self._check_alike(group, answer)
+            answer = self._checked(name, {n: one for n, one in fields.items() if one is not None})
         except UserError as error:
             raise error.inside(f"{self._path}, {str(name)[:80]}") from error
         self._answers[name] = answer
-        self._firsts.setdefault(self._alike_in(group), answer)
-
-    def __len__(self) -> int:
-        """Return the number of answers."""
-        return len(self._answers)
-
-    def missing(self) -> tuple[str, ...]:
-        """Return the ids that have no answer: of queries (and tiles) or scenes, in order."""
-        if self._track == "reconstruction":
-            with_depth = {group[9:] for group, one in self._firsts.items() if "depth" in one}
-            done = self._answers.keys() | with_depth
-            return tuple(scene for scene in self._ids["scene"] if scene not in done)
-        names = [*self._ids["query"]]
-        if any("descriptor" in one for one in self._firsts.values()):
-            names += self._ids["tile"]
-        return tuple(name for name in names if name not in self._answers)
 
     def close(self) -> None:
         """Write the file and check it, as a ``with`` block does at its end.
@@ -185,13 +157,13 @@ class PredictionWriter:
         if self._closed:
             return
         self._closed = True
-        if not self._answers.keys() & self._ids.get("query", self._answers).keys():
+        if not self._answers.keys() - self._ids.get("tile", {}).keys():
             raise PredictionError("no answer was added", where=self._path)
         if self._track == "reconstruction":
             self._write_scenes()
         else:
             write_predictions(self._path, self._protocol.name, self._query_arrays())
-        found = find_errors(self._path, data=self._benchmark.folder, protocol=self._protocol.name)
+        found = find_errors(self._path, data=self._data, protocol=self._protocol.name)
         if found.errors:
             raise found.errors[0]
 
@@ -206,41 +178,45 @@ class PredictionWriter:
         self._closed = True
 
     def __repr__(self) -> str:
-        return f"PredictionWriter({str(self._path)!r}, {self._protocol.name!r}): {len(self)} added"
+        return f"PredictionWriter({str(self._path)!r}): {len(self._answers)} added"
 
-    def _alike_in(self, group: str) -> str:
-        """Return what has one kind of answer: a whole file, or the photos of a scene."""
-        return group if self._track == "reconstruction" else "all answers"
+    def _check_id(self, name: str, kinds: str) -> None:
+        if not any(name in self._ids[kind] for kind in kinds.split(" or ")):
+            known = [one for kind in kinds.split(" or ") for one in self._ids[kind]]
+            what = f"{str(name)[:80]!r} is no {kinds} of the benchmark{nearest(str(name), known)}"
+            raise PredictionError(what, expected=f"an id such as {known[0]}")
 
-    def _find_group(self, name: str, form: set[str]) -> str:
-        """Return the group of an id that may be added with these fields."""
-        forms = _FORMS[self._track]
-        if form not in forms:
-            what = f"{_joined(form) or 'nothing'} is no answer of the {self._track} track"
-            raise PredictionError(what, expected="; or ".join(map(_joined, forms)))
-        groups = [group for group in self._ids if (group == "scene") == ("points" in form)]
-        if "descriptor" not in form and "tile" in groups:
-            groups.remove("tile")
-        group = next((one for one in groups if name in self._ids[one]), None)
-        if group is None:
-            known = [one for some in groups for one in self._ids[some]]
-            raise _unknown(name, known, f"{' or '.join(groups)} of the benchmark")
+    def _checked(self, name: str, fields: dict[str, Any]) -> Answer:
+        """Return an answer as arrays that fit each other and those that were added before."""
+        forms = [(kinds, form) for track, kinds, form in _FORMS if track == self._track]
+        kinds = next((kinds for kinds, form in forms if form == {*fields}), None)
+        if kinds is None:
+            what = f"{_joined(fields) or 'nothing'} is no answer of the {self._track} track"
+            raise PredictionError(what, expected="; or ".join(_joined(form) for _, form in forms))
+        self._check_id(name, kinds)
         if name in self._answers:
             raise PredictionError("was added before", expected="each id once")
-        return group
-
-    def _check_alike(self, group: str, answer: Answer) -> None:
-        """Refuse an answer of another kind, or with rows of another type or shape, than others."""
-        alike = self._alike_in(group)
-        first = self._firsts.get(alike, answer)
-        if first.keys() != answer.keys():
-            what = f"{_joined(answer)} after answers of another kind"
-            raise PredictionError(what, expected=f"{_joined(first)} in {alike}")
-        for key in {*_STACKED} & answer.keys():
-            one, row = first[key], answer[key]
-            if row.dtype.kind != "f" or (row.shape, row.dtype) != (one.shape, one.dtype):
-                expected = f"floats, of the type and shape of the first: {one.dtype} {one.shape}"
-                raise PredictionError(f"{key} is {row.dtype} {row.shape}", expected=expected)
+        answer: Answer = {}
+        if "ranked_ids" in fields:
+            answer["ranked_ids"] = np.array(
+                [*map(str, arg.listed("ranked_ids", fields["ranked_ids"]))], str
+            )
+            for tile in answer["ranked_ids"].tolist():
+                self._check_id(tile, "tile")
+        for key in fields.keys() - answer.keys():
+            answer[key] = arg.numbers(key, fields[key], _SHAPES[key]).copy()
+        if _PAIRED & fields.keys():
+            arg.check_pairs(**fields)
+        # All answers are alike, in reconstruction those of a scene's photos.
+        group = {"scene": name, "photo": f"photos of {name.partition('/')[0]}"}.get(kinds, "all")
+        first = self._firsts.setdefault(group, answer)
+        stacked = [key for key in _STACKED if key in first]
+        for key in stacked if first.keys() == answer.keys() else first.keys() | answer.keys():
+            one, row = first.get(key), answer.get(key)
+            if one is None or row is None or (one.shape, one.dtype) != (row.shape, row.dtype):
+                what = "answers of another kind, or a field of another type or shape"
+                raise PredictionError(what, where=key, expected=f"{group}: {_joined(first)} alike")
+        return answer
 
     def _query_arrays(self) -> Answer:
         """Return the arrays of a file of queries, in the order of the benchmark."""
@@ -266,7 +242,6 @@ class PredictionWriter:
                 f"no descriptor of tiles: {first_of(lacking, len(tiles))}",
                 where=self._path,
                 expected="every tile of the gallery: leaving some out would make the task easier",
-                fix="add the descriptor of each tile of scene.tiles(), in every scene",
             )
         return {
             "query_descriptors": np.stack([one["descriptor"] for one in answers]),
@@ -275,52 +250,22 @@ class PredictionWriter:
         }
 
     def _write_scenes(self) -> None:
-        entries = [f"{scene.id}{ending}" for scene in self._scenes for ending in _SCENE_FILES]
+        endings = (".ply", ".cameras.npz", ".npz")
+        entries = [f"{scene}{ending}" for scene in self._photos for ending in endings]
         with atomic_entries(self._path, ("protocol.txt", *entries)) as folder:
-            for scene in self._scenes:
-                if cloud := self._answers.get(scene.id):
-                    write_ply(folder / f"{scene.id}.ply", Cloud(**cloud))
-                photos = [photo for photo in scene.photos() if photo.id in self._answers]
-                if photos:
-                    arrays = _view_arrays([self._answers[photo.id] for photo in photos])
-                    names = np.array([photo.name for photo in photos], dtype=str)
+            for scene, photos in self._photos.items():
+                if cloud := self._answers.get(scene):
+                    write_ply(folder / f"{scene}.ply", Cloud(**cloud))
+                if done := [photo for photo in photos if photo.id in self._answers]:
+                    arrays = _view_arrays([self._answers[photo.id] for photo in done])
+                    names = np.array([photo.name for photo in done], dtype=str)
                     ending = ".npz" if "depth" in arrays else ".cameras.npz"
-                    write_npz(folder / f"{scene.id}{ending}", {"image_names": names, **arrays})
+                    write_npz(folder / f"{scene}{ending}", {"image_names": names, **arrays})
             (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
 
 
-def _known_ids(track: str, scenes: Iterable[BlindScene]) -> dict[str, dict[str, None]]:
-    """Return the ids that may be answered, in groups, each in the order of the benchmark."""
-    groups: dict[str, list[str]] = {}
-    if track == "reconstruction":
-        groups["scene"] = [scene.id for scene in scenes]
-        groups |= {f"photo of {one.id}": [photo.id for photo in one.photos()] for one in scenes}
-    elif track == "matching":
-        groups["query"] = [crop.query.id for scene in scenes for crop in scene.crops()]
-    else:
-        groups["query"] = [query.id for scene in scenes for query in scene.queries()]
-        groups["tile"] = [tile.id for scene in scenes for tile in scene.tiles()]
-    return {group: dict.fromkeys(ids) for group, ids in groups.items()}
-
-
-def _checked_answer(fields: dict[str, Any]) -> Answer:
-    """Return the fields of an answer as arrays of the right shapes."""
-    arg.check_labels(**fields)
-    answer: Answer = {}
-    for key, values in fields.items():
-        if key == "ranked_ids":
-            answer[key] = np.array([*map(str, arg.listed(key, values))], dtype=str)
-        elif key in _COORDINATES:
-            answer[key] = arg.coordinates(key, values, _SHAPES[key], any_history=True)
-        else:
-            answer[key] = np.array(arg.numbers(key, values, _SHAPES[key]))
-    if answer.keys() & _PAIRED:
-        arg.check_pairs(**answer)
-    if "confidence" in answer and answer["confidence"].shape != answer["depth"].shape:
-        raise PredictionError("confidence has another shape than depth")
-    if "rotation" in answer:
-        Poses.from_centres(answer["rotation"][None], answer["centre"][None], ["rotation"])
-    return answer
+def _ids(groups: Iterable[Iterable[Any]]) -> list[str]:
+    return [one.id for group in groups for one in group]
 
 
 def _padded_lists(answers: list[Answer], depth: int) -> Answer:
@@ -339,28 +284,13 @@ def _padded_lists(answers: list[Answer], depth: int) -> Answer:
 def _view_arrays(answers: list[Answer]) -> Answer:
     """Return the cameras of photos, with their depth maps."""
     fields = {key: np.stack([one[key] for one in answers]) for key in answers[0]}
-    poses = Poses.from_centres(fields.pop("rotation"), fields.pop("centre"))
+    poses = Poses(rotation=fields.pop("rotation"), centres=fields.pop("centre"))
     arrays = {"extrinsics": np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)}
     if "depth" in fields:
-        fields["pixel_centres"] = np.array("half")
-    if "confidence" in fields:
-        fields["conf"] = fields.pop("confidence")
-    return arrays | fields
+        arrays["pixel_centres"] = np.array("half")
+    names = {"confidence": "conf"}
+    return arrays | {names.get(key, key): values for key, values in fields.items()}
 
 
 def _joined(form: Iterable[str]) -> str:
     return " and ".join(sorted(form))
-
-
-def _unknown(name: str, known: Iterable[str], what: str) -> PredictionError:
-    """Return the error of an unknown id, with the id that is meant or the nearest ones."""
-    ids, shown = [*known], str(name)[:80]
-    path = PurePosixPath(shown)
-    stem = str(path.with_suffix("")) if path.suffix.lower() in IMAGE_SUFFIXES else shown
-    meant = [one for one in ids if stem and (one == stem or one.endswith(f"/{stem}"))]
-    fix = repr(meant[0]) if len(meant) == 1 else None
-    return PredictionError(
-        f"{shown!r} is no {what}{'' if fix else nearest(shown, ids)}",
-        expected=f"an id such as {next(iter(ids), 'scene/name')}",
-        fix=fix,
-    )

@@ -46,4 +46,4 @@ def hold_crops(home: Path, scene: BlindScene) -> None:
             np.testing.assert_array_equal(np.moveaxis(dom.read(), 0, -1)[..., :3], crop.image)
             assert dom.transform[:6] == tuple(listed.loc[row.Index, TRANSFORM])
             assert dom.crs == rasterio.CRS.from_string(str(row.crs))
-        assert crop.transform[:6] == tuple(listed.loc[row.Index, TRANSFORM])
+        assert crop.to_world([[0, 0]]).tolist() == [[row.c, row.f]]

@@ -1,0 +1,227 @@
+"""Arguments that could give a wrong number in silence are refused by name, in every function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+import airzoo_bench as ab
+from tests.api.support import refused
+from tests.statistics.support import ERROR, HIT, SOFT, random_methods, write_method
+
+NAN = np.nan
+MASKED = np.ma.masked_array([[1.0, 0, 1], [0, 0, 1]], mask=[[1, 0, 0], [0, 0, 0]])
+EYE, ONE = np.eye(4)[None], [[0.0, 0, 0]]
+K = np.diag([500.0, 500.0, 1.0])
+POINTS = np.random.default_rng(0).random((9, 3))
+PIXELS, GOOD = POINTS[:, :2], [0.5] * 8
+CENTRES = POINTS * (60, 40, 8) + (500_000, 5_200_000, 100)
+
+
+def far(kind: Any = np.float64) -> np.ndarray:
+    poses = np.zeros((2, 3, 4))
+    poses[:, :, :3] = Rotation.random(2, random_state=0).as_matrix()
+    poses[:, :, 3] = poses[:, :, :3] @ np.array((-576_663.2, -5_188_165.5, -197.0))
+    return poses.astype(kind)
+
+
+rank, ci, score = ab.retrieval_scores, ab.bootstrap_ci, ab.pose_scores
+recall, ap, solve = ab.recall_at_k, ab.average_precision, ab.solve_pose
+clouds, align, errors, chance = ab.cloud_scores, ab.align_cameras, ab.pose_errors, ab.chance_level
+of_matrix = partial(rank, None)
+
+# The argument that is named, the function, and its arguments in turn.
+CASES: list[tuple[str, Callable[..., Any], list[Any], dict[str, Any]]] = [
+    *(
+        ("hits", recall, [hits, 1], {})
+        for hits in (
+            *([[2, 0]], [[0.5]], [[NAN]], [], np.zeros((0, 3)), [["a"]], np.zeros((1, 1, 1))),
+            *({1, 0}, MASKED),
+        )
+    ),
+    *(("k", recall, [[1, 0], k], {}) for k in (0, -1, 1.5, True, None, "1")),
+    # Fewer positives than hits would lift AP above 1.
+    *(("n_positives", ap, [[1, 1], n], {}) for n in (1, 0, [2, 2], 1.0, [[2]])),
+    ("n_positives", ap, [[0, 0], 0], {}),
+    ("variant", ap, [[1], 1], {"variant": "coco"}),
+    ("ranked_ids, positives", rank, [[[1]], [{1}, {2}]], {}),
+    ("ids", rank, [[["1"]], [{1}]], {}),
+    *(
+        ("ranked_ids[0]", rank, [[ids], [{1}]], {})
+        for ids in ([1, "1"], [1.0], [True], 1, "t1", [None], {"a", "b"}, {"a": 1.0}, MASKED)
+    ),
+    ("ranked_ids", rank, [[[1, 1]], [{1}]], {}),
+    ("ranked_ids", rank, [[[-1, 1]], [{1}]], {}),
+    ("ranked_ids", rank, ["ab", ["a", "b"]], {}),
+    ("ranked_ids, positives", rank, [{"q": [1]}, [{1}]], {}),
+    ("ranked_ids, positives", rank, [{"q": [1], "r": [1]}, {"q": [1]}], {}),
+    ("positives", rank, [[[1]], 5], {}),
+    *(("positives[0]", rank, [[[1]], [right]], {}) for right in ({-1}, {"a": 1}, [1, 1])),
+    # A matrix of relevances is no list of ids.
+    *(
+        ("positives[0]", rank, [[[0, 1, 2]] * 3, matrix], {})
+        for matrix in (np.eye(3, dtype=int), np.eye(3).tolist(), pd.DataFrame(np.eye(3, dtype=int)))
+    ),
+    ("positives", rank, [[[1], [2]], [[], []]], {}),
+    ("positives", rank, [[], []], {}),
+    *(("ks", rank, [[[1]], [{1}]], {"ks": ks}) for ks in ((), (0,), 5)),
+    ("ap", rank, [[[1]], [{1}]], {"ap": "kitti"}),
+    ("scores", rank, [[[1]], [{1}]], {"scores": [[0.5]]}),
+    ("scores", of_matrix, [[[0]]], {}),
+    *(("scores", of_matrix, [[[0]]], {"scores": s}) for s in ([[0.1, NAN]], [0.1, 0.2], MASKED)),
+    ("positives", of_matrix, [[[2]]], {"scores": [[0.1, 0.2]]}),
+    ("scores", of_matrix, [[[0]]], {"scores": [[0.1, 0.2]], "gallery_ids": ["a"]}),
+    ("ids", of_matrix, [[["a"]]], {"scores": [[0.1, 0.2]], "gallery_ids": ["a", "a"]}),
+    (
+        *("scores", of_matrix, [[[7]]]),
+        {"scores": pd.DataFrame([[1.0, 2]], columns=[7, 8]), "gallery_ids": [8, 7]},
+    ),
+    *(("n_positives", chance, [n, 5], {}) for n in ([], [6], [0])),
+    ("ks", chance, [[1], 5, (0,)], {}),
+    *(
+        ("predicted", errors, [predicted, EYE], {})
+        for predicted in (
+            *(EYE[0], np.eye(3)[None], 2 * EYE, EYE * (1, 1, -1, 1), [["a"] * 4] * 3),
+            *(np.where(np.arange(4) == 3, NAN, EYE), [[[1, 2], [3]]]),
+            EYE + np.eye(4)[3][:, None] * (1.0, 0, 0, 0),
+        )
+    ),
+    ("predicted, true", errors, [np.tile(EYE, (2, 1, 1)), EYE], {}),
+    *(("true", errors, [EYE, true], {}) for true in (EYE * NAN, [[NAN, 0, 0]], [[0, 0]])),
+    ("predicted", errors, [far(np.float32), far()], {}),
+    ("true", errors, [far(), far(np.float32)], {}),
+    ("true", errors, [far(), np.array([[576_663.2, 5_188_165.5, 197.0]] * 2, np.float32)], {}),
+    *(
+        ("errors", score, [pair], {})
+        for pair in (
+            *(([NAN], [0]), ([-1.0], [0]), ([1.0], [0.0, 1.0]), ([[1.0]], None), ([], []), [1.0]),
+            *(3.0, ([1.0, 2.0], [400.0, 1.0]), (MASKED[0], None)),
+        )
+    ),
+    *(
+        ("thresholds", score, [([1.0], [1.0]), limits], {})
+        for limits in (
+            *([], [(5,)], [(0, 1)], [(5, -1)], [(5, NAN)], [5, 1], 5),
+            [(5, 1), (5.0000001, 1)],
+        )
+    ),
+    ("pixels", solve, [POINTS, POINTS, K], {}),
+    ("pixels, points3d", solve, [PIXELS[:3], POINTS, K], {}),
+    ("pixels", solve, [PIXELS * NAN, POINTS, K], {}),
+    ("points3d", solve, [PIXELS, POINTS * np.inf, K], {}),
+    ("points3d", solve, [PIXELS, (POINTS + 5e6).astype(np.float32), K], {}),
+    *(("camera", solve, [PIXELS, POINTS, matrix], {}) for matrix in (-K, K[:2], K * NAN)),
+    ("camera", solve, [PIXELS, POINTS, K], {"distortion": [0.1]}),
+    *(
+        (name, solve, [PIXELS, POINTS, K], {name: value})
+        for name, values in {
+            "solver": ("ransac",),
+            "max_error_px": (0, np.inf, "5", True),
+            "max_trials": (10,),
+            "seed": (-1, None, 2**31),
+        }.items()
+        for value in values
+    ),
+    ("predicted, true", align, [CENTRES[:-1], CENTRES], {}),
+    *(
+        ("predicted", align, [predicted, CENTRES], {})
+        for predicted in (
+            *(CENTRES * NAN, CENTRES[:, :2], CENTRES * 1e200),
+            np.where(np.arange(3) == 0, NAN, CENTRES),
+        )
+    ),
+    ("predicted", align, [CENTRES[:2], CENTRES[:2]], {}),
+    *(("true", align, [CENTRES, true], {}) for true in (CENTRES * NAN, CENTRES.astype("f4"))),
+    ("predicted, true", align, [CENTRES * 0, CENTRES], {}),
+    *((n, align, [CENTRES, CENTRES], {n: v}) for n, v in (("inlier_m", 0), ("seed", -1))),
+    *(("true", clouds, [ONE, true], {}) for true in ([], [[NAN] * 3])),
+    *(
+        ("predicted", clouds, [predicted, ONE], {"threshold": 1})
+        for predicted in ([[NAN] * 3], [[0.0, 0]], np.zeros((1, 4)), MASKED)
+    ),
+    ("predicted", clouds, [CENTRES.astype("f4"), CENTRES, 0.2], {}),
+    *(
+        ("threshold", clouds, [ONE, ONE, threshold], {})
+        for threshold in (0, -1, NAN, np.inf, "10", True, 1e300)
+    ),
+    ("jobs", clouds, [ONE, ONE], {"jobs": 0}),
+    *(
+        ("values", ci, [values], {"statistic": "mean"})
+        for values in ([], [NAN], [-np.inf, 1], [[1.0]], ["a"], 3.0, [1e200, 1, 2], MASKED[0])
+    ),
+    *(("values", ci, [values], {"statistic": "share"}) for values in ([50.0, 100], [-0.1])),
+    *(
+        ("scenes", ci, [GOOD, scenes], {"statistic": "share"})
+        for scenes in (["a"] * 7, [None] * 8, ["a"] * 7 + [None])
+    ),
+    ("statistic", ci, [GOOD], {"statistic": "mode"}),
+    *(
+        ("confidence", ci, [GOOD], {"statistic": "mean", "confidence": confidence})
+        for confidence in (0, 1.0, 95, 1 - 1e-16)
+    ),
+    *(("seed", ci, [GOOD], {"statistic": "mean", "seed": seed}) for seed in (-1, 2**70)),
+    ("query_ids", ab.evaluate, [{"query_ids": MASKED}], {"protocol": "x"}),
+    ("ranked_ids", ab.check, [{"ranked_ids": [["a"], ["a", "b"]]}], {"protocol": "x"}),
+    ("protocol", ab.check, [{"query_ids": ["a"]}], {}),
+    ("results", ab.compare, [[]], {}),
+    ("results", ab.compare, [[3]], {}),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=[f"{where} {n}" for n, (where, *_) in enumerate(CASES)])
+def test_it_is_refused(case: Any) -> None:
+    where, call, arguments, options = case
+    refused(call, *arguments, where=where, **options)
+
+
+def test_refusals_of_comparisons(tmp_path: Path) -> None:
+    methods = random_methods(2, {"east": 12, "west": 9}, (HIT, ERROR, SOFT))
+    folders = [write_method(tmp_path / m.name, m).parent for m in methods]
+    for where, options in (
+        ("scores", {"scores": "mrr"}),
+        ("every", {"scores": ["mrr"], "every": True}),
+    ):
+        refused(ab.compare, folders, where=where, **options)
+    refused(ab.compare, folders[0], reference="best", where="reference")
+    one = ab.load_result(folders[0])
+    assert "name=" in refused(ab.compare, [one, one], where="results")
+    refused(one.plot, "pie", where="kind")
+    for options in ({"scores": ["mr"]}, {"scene": "North"}, {"reference": "method09"}):
+        with pytest.raises(ab.UserError, match="expected"):
+            ab.compare(folders, **options)
+    with pytest.raises(ab.UserError, match="no such"):
+        ab.load_result(folders[0] / "nothing.json")
+
+
+LATER = pd.RangeIndex(10, 13)
+PLACES = pd.DataFrame([[0.0, 0, 5], [4, 0, 5], [0, 3, 6]], LATER)
+SERIES = pd.Series([1.0, 0.0, 1.0], LATER)
+# Each with its first argument, and with the same rows of it in another order.
+PAIRED: dict[str, tuple[Any, Callable[[Any], object]]] = {
+    "ranked_ids, positives": (
+        pd.Series([["a", "b"], ["b", "a"], ["a", "b"]], LATER),
+        lambda x: rank(x, pd.Series([{"a"}, {"b"}, {"a"}], LATER), ks=(1,)),
+    ),
+    "hits, n_positives": (
+        pd.DataFrame([[1, 0], [0, 1], [0, 0]], LATER),
+        lambda x: ap(x, pd.Series([1, 2, 3], LATER)),
+    ),
+    "predicted, true": (PLACES, lambda x: align(x, PLACES, robust=False)),
+    "errors[0], errors[1]": (SERIES, lambda x: score((x, SERIES))),
+    "pixels, points3d": (PLACES[[0, 1]], lambda x: solve(x, PLACES, K)),
+    "values, scenes": (SERIES, lambda x: ci(x, pd.Series([*"cdc"], LATER), statistic="share")),
+}
+
+
+@pytest.mark.parametrize("case", list(PAIRED))
+def test_rows_of_pandas_are_not_paired_by_position_where_their_labels_differ(case: str) -> None:
+    rows, call = PAIRED[case]
+    assert str(call(rows.to_numpy())) == str(call(rows)), "one index, or the same, changes nothing"
+    assert "index" in refused(call, rows[::-1], where=case)
