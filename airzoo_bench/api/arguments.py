@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import ArgumentError, UserError, first_of
-from airzoo_bench.geometry.arrays import Bools, Floats
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import FARTHEST
 from airzoo_bench.geometry.precision import COARSEST_M, narrow_type
 
@@ -88,7 +88,7 @@ def check_digits(name: str, points: Floats, kind: Any, coarsest: float = COARSES
         raise fault(name, what, "float64, or coordinates from a local origin")
 
 
-def refuse_rows(name: str, bad: Bools, what: str, expected: str, fix: str | None = None) -> None:
+def refuse_rows(name: str, bad: Any, what: str, expected: str, fix: str | None = None) -> None:
     """Refuse an argument that has bad rows, and name the first of them."""
     rows = np.flatnonzero(bad).tolist()
     if rows:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -231,8 +232,8 @@ class Photo(Named):
 
 def photos_of(table: pd.DataFrame, folder: Path) -> tuple[Photo, ...]:
     """Make photos of a scene's table, without its columns of true poses."""
-    texts = conditions_of(table).select_dtypes(exclude="number").astype(str).to_dict("records")
-    known: list[dict[str, object]] = [{} for _ in texts]
+    texts: Any = conditions_of(table).select_dtypes(exclude="number").astype(str).to_dict("records")
+    known: list[dict[str, Any]] = [{} for _ in texts]
     if set(PRIOR_COLUMNS) <= set(table.columns):
         rows = np.flatnonzero(np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(float)).all(axis=1))
         poses = poses_of(table.iloc[rows], PRIOR_COLUMNS)
@@ -241,8 +242,8 @@ def photos_of(table: pd.DataFrame, folder: Path) -> tuple[Photo, ...]:
     if set(CAMERA_COLUMNS) <= set(table.columns):
         batch = cameras_of(table)
         sizes = zip(batch.width.tolist(), batch.height.tolist(), strict=True)
-        for row, size in enumerate(sizes):
-            known[row]["_camera"] = Camera(*size, batch.matrices[row], batch.distortion[row])
+        for place, size in enumerate(sizes):
+            known[place]["_camera"] = Camera(*size, batch.matrices[place], batch.distortion[place])
     names = zip(table["id"], table["image"], texts, known, strict=True)
     return tuple(Photo(one, name, folder / name, text, **more) for one, name, text, more in names)
 

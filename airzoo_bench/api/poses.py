@@ -311,7 +311,7 @@ def _read_cameras(name: str, values: ArrayLike) -> PosedCameras:
     shape = (3,) if array.ndim == 2 else (3 + (array.shape[1:2] == (4,)), 4)
     numbers = arg.floats(name, array, (None, *shape))
     axes = tuple(range(1, numbers.ndim))
-    there = np.isfinite(numbers).all(axis=axes)
+    there = np.asarray(np.isfinite(numbers).all(axis=axes))
     missing = np.isnan(numbers[:, :3]).all(axis=axes) & (name == "predicted")
     expected = "finite numbers; all of a predicted camera is NaN where it has no pose"
     arg.refuse_rows(name, ~there & ~missing, "NaN or infinity", expected)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.scores import Scores
 from airzoo_bench.core.errors import first_of
-from airzoo_bench.geometry.arrays import Bools, Ints
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.checks import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
@@ -200,10 +200,10 @@ def retrieval_scores(
             line[: len(ids)] = [place.get(one, -1) for one in ids]
     else:
         similar = arg.floats("scores", scores, (None, None), finite=True)
-        columns = [*getattr(scores, "columns", range(similar.shape[1]))]
-        gallery = _checked_ids("gallery_ids", columns if gallery_ids is None else gallery_ids)
-        if len(gallery) != len(columns) or columns not in ([*range(len(columns))], gallery):
-            what = f"have {len(columns)} columns for {len(gallery)} tiles, or those of others"
+        labels = [*getattr(scores, "columns", range(similar.shape[1]))]
+        gallery = _checked_ids("gallery_ids", labels if gallery_ids is None else gallery_ids)
+        if len(gallery) != len(labels) or labels not in ([*range(len(labels))], gallery):
+            what = f"have {len(labels)} columns for {len(gallery)} tiles, or those of others"
             raise arg.fault("scores", what, "a column for each of gallery_ids")
         place = _number_ids(gallery)
         arg.check_pairs(scores=scores, positives=positives)
@@ -269,7 +269,7 @@ def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5
     if not 0 < positives.max(initial=0) <= size:
         what, expected = "no query, or more than tiles", f"numbers from 1 to {size}, one a query"
         raise arg.fault("n_positives", what, expected)
-    columns = {}
+    columns: dict[str, Floats] = {}
     for k in _checked_ranks(ks):
         rules = TileScores.model_construct(ranks_kept=size, recall_at=(k,), ap_at=k, ndcg_at=(k,))
         columns |= metrics.chance_scores(positives, size, rules)
