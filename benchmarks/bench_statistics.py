@@ -15,14 +15,14 @@ from airzoo_bench.results.comparison import make_sample
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scoring import retrieval_scores
 from airzoo_bench.statistics.intervals import sample_intervals
-from airzoo_bench.statistics.pair_tests import (
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.significance import (
     compare_all,
     correct_pairs,
+    paired_tests,
     rank_ranges,
     resamples_for,
 )
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import paired_tests
 
 sys.path.insert(0, str(ROOT))
 

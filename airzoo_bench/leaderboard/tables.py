@@ -38,7 +38,9 @@ from airzoo_bench.leaderboard.measured import (
 from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn, score_columns
-from airzoo_bench.statistics.pair_tests import (
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.significance import (
+    LEVEL,
     compare_all,
     correct_pairs,
     rank_ranges,
@@ -46,8 +48,6 @@ from airzoo_bench.statistics.pair_tests import (
     told_apart,
     unpaired_p_values,
 )
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.published import (
     published_sources,
     published_tables,

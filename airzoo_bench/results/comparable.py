@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from airzoo_bench.core.errors import ResultError, UsageError, counted, first_of
+from airzoo_bench.core.errors import ResultError, UsageError, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.results.result import Result, ScoreColumn
 
+_SAME_FOLDER = "score all predictions again with the same benchmark folder"
+
 if TYPE_CHECKING:  # records need pandas, which tables of results do without
     from airzoo_bench.results.records import Scored
-
-_SHOWN = 3
 
 
 def find_scene(titles: Mapping[str, str], wanted: str) -> str:
@@ -81,12 +81,10 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
     """Refuse results of different protocols or truths."""
     first = results[0]
     for name, other in zip(names[1:], results[1:], strict=True):
-        both = f"{names[0]} and {name}"
-        if other.protocol.fingerprint != first.protocol.fingerprint:
-            one, two = first.protocol, other.protocol
+        both, one, two = f"{names[0]} and {name}", first.protocol, other.protocol
+        if two.fingerprint != one.fingerprint:
             said = f"{one.name} v{one.version} against {two.name} v{two.version}"
-            if one.name == two.name:
-                said += f"; {other_settings(one.settings, two.settings)}"
+            said += f"; {other_settings(one.settings, two.settings)}" * (one.name == two.name)
             raise ResultError(
                 f"{both} were made with different protocols: {said}",
                 expected="one protocol: a difference would be its doing as well as the methods'",
@@ -94,30 +92,26 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
             )
         if other.truth.fingerprint != first.truth.fingerprint:
             prints = f"{first.truth.fingerprint[:12]} and {other.truth.fingerprint[:12]}"
-            raise ResultError(
-                f"{both} were compared with different truths ({prints}) of {first.truth.benchmark}",
-                expected="one truth: the same queries with the same answers",
-                fix="score all predictions again with the same benchmark folder",
-            )
+            what = f"{both} were compared with different truths ({prints})"
+            raise ResultError(f"{what} of {first.truth.benchmark}", fix=_SAME_FOLDER)
 
 
 def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
     """List the first settings in which two protocols differ."""
-    found = list(_compare_settings(one, two))
-    more = len(found) - _SHOWN
-    rest = f"; and {counted(more, 'more setting')}" if more > 0 else ""
-    return "; ".join(found[:_SHOWN]) + rest
 
+    def flat(given: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:
+        for key, value in given.items():
+            name = f"{section}{key}"
+            yield from flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
 
-def _compare_settings(one: Any, two: Any, key: str = "") -> Iterator[str]:
-    """Yield the settings that differ, with both values."""
-    if isinstance(one, Mapping) and isinstance(two, Mapping):
-        for name in dict.fromkeys([*one, *two]):
-            inner = f"{key}.{name}" if key else str(name)
-            yield from _compare_settings(one.get(name), two.get(name), inner)
-    elif one != two:
-        first, second = ("absent" if value is None else str(value)[:60] for value in (one, two))
-        yield f"{key} is {first} against {second}"
+    first, second = dict(flat(one)), dict(flat(two))
+    sides = {key: (first.get(key), second.get(key)) for key in dict.fromkeys([*first, *second])}
+    shown = {
+        key: " against ".join("absent" if one is None else str(one)[:60] for one in side)
+        for key, side in sides.items()
+        if side[0] != side[1]
+    }
+    return first_names([f"{key} is {said}" for key, said in shown.items()], separator="; ")
 
 
 def check_same_queries(methods: Sequence[Scored]) -> None:
@@ -125,13 +119,11 @@ def check_same_queries(methods: Sequence[Scored]) -> None:
     check_comparable([m.name for m in methods], [m.result for m in methods])
     first = methods[0]
     for other in methods[1:]:
-        one, two = (m.records["query"] for m in (first, other))
-        if not one.equals(two):
-            lonely = first_of(sorted({*one} ^ {*two}), len({*one} | {*two}))
-            raise ResultError(
-                f"{first.name} and {other.name} are not on the same queries; not in both: {lonely}",
-                fix="score all predictions again with the same benchmark folder",
-            )
+        one, two = ({*m.records["query"]} for m in (first, other))
+        if one != two:
+            both = f"{first.name} and {other.name} are not on the same queries"
+            lonely = first_of(sorted(one ^ two), len(one | two))
+            raise ResultError(f"{both}; not in both: {lonely}", fix=_SAME_FOLDER)
 
 
 def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:
@@ -165,7 +157,7 @@ def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
     return [f"made with different versions of {'; '.join(found)}"] if found else []
 
 
-def first_names(names: Sequence[str], shown: int = _SHOWN) -> str:
+def first_names(names: Sequence[str], shown: int = 3, separator: str = ", ") -> str:
     """Return the first few names, and how many more there are."""
     more = len(names) - shown
-    return ", ".join(names[:shown]) + (f" and {more} more" if more > 0 else "")
+    return separator.join(names[:shown]) + (f" and {more} more" if more > 0 else "")

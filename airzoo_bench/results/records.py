@@ -33,9 +33,11 @@ _ROUNDING = 1e-9
 
 # A text such as a sequence "007" or "1e5" only looks like a number, and so does an integer of which
 # a float64 would lose digits.
-_INTEGER = "^-?(0|[1-9][0-9]*)$"
-_NUMBER = r"^-?((0|[1-9][0-9]{0,14})|(0|[1-9][0-9]*)(\.[0-9]+|(\.[0-9]+)?e[+-][0-9]{1,3})|inf)$"
-_TRUTH = "^(True|False)$"
+_KINDS = (
+    ("^-?(0|[1-9][0-9]*)$", pa.int64()),
+    (r"^-?((0|[1-9][0-9]{0,14})|(0|[1-9][0-9]*)(\.[0-9]+|(\.[0-9]+)?e[+-][0-9]{1,3})|inf)$", None),
+    ("^(True|False)$", pa.bool_()),
+)
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,19 @@ def read_records(
         raise ResultError(fault, where=file, fix=_FIX)
     if columns is not None:
         names = [name for name in names if name in ("scene", "query") or name in columns]
-    records: pd.DataFrame = _read_table(file, content, names, scores).to_pandas()
+    types = {name: pa.float64() if name in scores else pa.string() for name in names}
+    converting = arrow_csv.ConvertOptions(
+        column_types=types, include_columns=names, null_values=[""], strings_can_be_null=True
+    )
+    parsing = arrow_csv.ParseOptions(newlines_in_values=True)
+    reading = arrow_csv.ReadOptions(block_size=8 << 20)
+    try:
+        table = arrow_csv.read_csv(pa.BufferReader(content), reading, parsing, converting)
+    except pa.ArrowInvalid as error:
+        raise ResultError(f"not a table of scores: {error}", where=file, fix=_FIX) from error
+    known = {*scores, "scene", "query"}
+    typed = {name: table[name] if name in known else _with_type(table[name]) for name in names}
+    records: pd.DataFrame = pa.table(typed).to_pandas()
     if "query" not in records:
         records.insert(1, "query", records["scene"])
     return checked_records(records, result, file)
@@ -108,71 +122,49 @@ def column_names(file: Path) -> list[str]:
         raise ResultError(f"not a table: {error}", where=file, fix=_FIX) from error
 
 
-def _read_table(file: Path, content: bytes, names: Sequence[str], scores: Sequence[str]) -> Any:
-    """Read columns of records as an Arrow table; Arrow rounds to the nearest, as IEEE 754 asks."""
-    types = {name: pa.float64() if name in scores else pa.string() for name in names}
-    converting = arrow_csv.ConvertOptions(
-        column_types=types, include_columns=names, null_values=[""], strings_can_be_null=True
-    )
-    parsing = arrow_csv.ParseOptions(newlines_in_values=True)
-    reading = arrow_csv.ReadOptions(block_size=8 << 20)
-    try:
-        table = arrow_csv.read_csv(pa.BufferReader(content), reading, parsing, converting)
-    except pa.ArrowInvalid as error:
-        raise ResultError(f"not a table of scores: {error}", where=file, fix=_FIX) from error
-    as_read = (*scores, "scene", "query")
-    return pa.table({n: table[n] if n in as_read else _with_type(table[n]) for n in names})
-
-
 def _with_type(texts: Any) -> Any:
     """Turn texts into what they were before they were written, where that is beyond doubt."""
-
-    def all_are(pattern: str) -> bool:
+    for pattern, kind in _KINDS:
         parts = (pc.match_substring_regex(t, pattern) for t in (texts.slice(0, 1), texts))
-        return all(pc.all(part, min_count=0).as_py() for part in parts)  # most fail by the first
-
-    if texts.null_count == 0 and all_are(_INTEGER):
-        with suppress(pa.ArrowInvalid):  # too large
-            return texts.cast(pa.int64())
-    elif all_are(_NUMBER):
-        return texts.cast(pa.float64())
-    elif texts.null_count == 0 and all_are(_TRUTH):
-        return pc.equal(texts, "True")
+        fits = kind is None or texts.null_count == 0  # only floating point has no value
+        if fits and all(pc.all(part, min_count=0).as_py() for part in parts):
+            with suppress(pa.ArrowInvalid):  # too large
+                return texts.cast(kind or pa.float64())
     return texts
 
 
 def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
     """Return records sorted by ``query``, where they give the averages that a result states."""
-
-    def refuse(what: str, expected: object = "records as `airzoo-bench eval` wrote them") -> None:
-        raise ResultError(what, where=file, expected=str(expected), fix=_FIX)
-
     columns = [column for column in result.columns if column.key in records]
-    for column in columns:
-        values = records[column.key].to_numpy(np.float64)
-        wrong = ~(
-            (values >= 0) & (values <= (1.0 + SHARE_SLACK if column.unit == "share" else np.inf))
-        )
-        if wrong.any():
-            refuse(f"{column.key} has a score of {values[wrong][0]:g}")
-    queries = {scene: counts["queries"] for scene, counts in result.counts.items()}
-    if records["scene"].value_counts(dropna=False).to_dict() != queries:
-        refuse("its scenes, or how many queries they have, are not those of the result")
-    if records["query"].isna().any() or not records["query"].is_unique:
-        refuse("a query has no name, or is there twice")
     rows, scenes = pd.factorize(records["scene"])
-    # Numbers in place of names: a scene's rows are found much faster.
-    numbered = records[[column.key for column in columns]].assign(scene=rows)
-    scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
-    found = summarise(numbered, scores, [*range(len(scenes))])
-    parts = list(
-        zip(found.scenes.values(), (result.scenes[scene] for scene in scenes), strict=True)
-    )
-    parts += [(found.overall, result.overall), (found.pooled, result.pooled)]
-    for own, stated in parts:
-        for key, value in own.items():
-            if not math.isclose(value, stated[key], rel_tol=_ROUNDING):
-                refuse(f"does not fit the result next to it: {key} is {value!r}", stated[key])
+    queries = {scene: counts["queries"] for scene, counts in result.counts.items()}
+    faults = []
+    if records["scene"].value_counts(dropna=False).to_dict() != queries:
+        faults.append("its scenes, or how many queries they have, are not those of the result")
+    elif records["query"].isna().any() or not records["query"].is_unique:
+        faults.append("a query has no name, or is there twice")
+    for column in columns:
+        values, most = records[column.key].to_numpy(np.float64), np.inf
+        if column.unit == "share":
+            most = 1.0 + SHARE_SLACK
+        faults += [f"{column.key} has a score of {one:g}" for one in values[~(values >= 0)][:1]]
+        faults += [f"{column.key} has a score of {one:g}" for one in values[values > most][:1]]
+    if not faults:
+        # Numbers in place of names: a scene's rows are found much faster.
+        numbered = records[[column.key for column in columns]].assign(scene=rows)
+        scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
+        found = summarise(numbered, scores, [*range(len(scenes))])
+        own = [*found.scenes.values(), found.overall, found.pooled]
+        stated = [*(result.scenes[scene] for scene in scenes), result.overall, result.pooled]
+        faults = [
+            f"does not fit the result next to it: {key} is {value!r}, not {there[key]!r}"
+            for here, there in zip(own, stated, strict=True)
+            for key, value in here.items()
+            if not math.isclose(value, there[key], rel_tol=_ROUNDING)
+        ]
+    if faults:
+        expected = "records as `airzoo-bench eval` wrote them"
+        raise ResultError(faults[0], where=file, expected=expected, fix=_FIX)
     return records.sort_values("query", ignore_index=True)
 
 

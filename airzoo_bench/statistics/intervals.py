@@ -7,7 +7,6 @@ Tibshirani, An introduction to the bootstrap, 1993). docs/statistics.md has the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -91,7 +90,8 @@ def sample_intervals(
 
 def few_units(sample: Sample) -> str:
     """Say which group has too few units for an interval; empty where none has."""
-    units, group = sample.fewest
+    sizes = [part.shape[1] for part in sample.values]
+    units, group = min(zip(sizes, sample.groups, strict=True))
     if units >= FEWEST:
         return ""
     where = f" in scene {group}" if group else ""
@@ -101,13 +101,30 @@ def few_units(sample: Sample) -> str:
 class _Part(NamedTuple):
     """One group or the sum of several, of V bootstrapped variables.
 
-    Estimates (V,), resamples (V, B), the jackknife's moments (V, 2), whether units vary (V,).
+    Estimates (V,), resamples (V, B), the jackknife's influence values (V,), cubed and squared and
+    summed, and whether units vary (V,).
     """
 
     estimates: Floats
     resamples: Floats
-    moments: Floats
+    cubes: Floats
+    squares: Floats
     varied: Bools
+
+
+def _resample(group: Sample, resampling: ResamplingConfig) -> _Part:
+    [values], [name], medians = group.values, group.groups, group.medians
+    units = values.shape[1]
+    # On the grid of the resamples: one that is equal to it is then equal to the last bit.
+    estimates = weighted_averages(values, medians, np.ones((units, 1), np.int64))[:, 0]
+    left_out = leave_one_out(values, medians)
+    failing = np.isinf(left_out).any(axis=1)
+    finite = np.where(failing[:, None], 0.0, left_out)
+    influence = (units - 1) * (finite.mean(axis=1, keepdims=True) - finite) / units
+    cubes, squares = (np.where(failing, np.inf, (influence**power).sum(axis=1)) for power in (3, 2))
+    varied = np.asarray((values != values[:, :1]).any(axis=1))
+    drawn = resampled_averages(values, medians, name, resampling)
+    return _Part(estimates, drawn, cubes, squares, varied)
 
 
 def _averages(
@@ -124,53 +141,30 @@ def _averages(
         return list(closed)
     total = _Part(*(sum(field[1:], field[0]) for field in zip(*parts, strict=True)))
     # Moments stay sums: the acceleration is the same of any multiple of a statistic.
-    whole = total._replace(estimates=total.estimates / number, resamples=total.resamples / number)
-    drawn = _bootstrapped(whole, resampling, plural(sample.unit))
-    return [next(closed) if share else next(drawn) for share in shares]
-
-
-def _resample(group: Sample, resampling: ResamplingConfig) -> _Part:
-    [values], [name], medians = group.values, group.groups, group.medians
-    # On the grid of the resamples: one that is equal to it is then equal to the last bit.
-    estimates = weighted_averages(values, medians, np.ones((values.shape[1], 1), np.int64))[:, 0]
-    return _Part(
-        estimates,
-        resampled_averages(values, medians, name, resampling),
-        _jackknife_moments(leave_one_out(values, medians)),
-        np.asarray((values != values[:, :1]).any(axis=1)),
-    )
-
-
-def _jackknife_moments(left_out: Floats) -> Floats:
-    """Sum the jackknife's influence values (R, N), cubed and squared, (R, 2)."""
-    units, failing = left_out.shape[1], np.isinf(left_out).any(axis=1, keepdims=True)
-    finite = np.where(failing, 0.0, left_out)
-    influence = (units - 1) * (finite.mean(axis=1, keepdims=True) - finite) / units
-    moments = np.stack([(influence**3).sum(axis=1), (influence**2).sum(axis=1)], axis=1)
-    return np.where(failing, np.inf, moments)
-
-
-def _bootstrapped(part: _Part, resampling: ResamplingConfig, units: str) -> Iterator[Interval]:
+    part = total._replace(estimates=total.estimates / number, resamples=total.resamples / number)
     levels, exists = _bca_levels(part, resampling)
-    limits = quantiles(np.sort(part.resamples, axis=1), levels).tolist()
-    for (low, high), is_bca, varied in zip(limits, exists, part.varied, strict=True):
-        if varied:
-            yield Interval(low, high, "bca" if is_bca else "percentile")
-        else:
-            yield Interval.lacking(f"all {units} are alike: resamples cannot differ")
+    ranges = quantiles(np.sort(part.resamples, axis=1), levels).tolist()
+    drawn = (
+        Interval(low, high, "bca" if is_bca else "percentile")
+        if varied
+        else Interval.lacking(f"all {plural(sample.unit)} are alike: resamples cannot differ")
+        for (low, high), is_bca, varied in zip(ranges, exists, part.varied, strict=True)
+    )
+    return [next(closed) if share else next(drawn) for share in shares]
 
 
 def _bca_levels(part: _Part, resampling: ResamplingConfig) -> tuple[Floats, Bools]:
     """Return the levels of the limits (V, 2), and whether BCa exists (V,); else percentile's."""
-    estimates, third, second = part.estimates[:, None], *part.moments.T
+    estimates, cubes, squares = part.estimates[:, None], part.cubes, part.squares
     # Eq. 14.10; a tie counts half.
     tie = _TIE * np.where(np.isinf(estimates), 0.0, np.abs(estimates))
     below = (part.resamples < estimates - tie).sum(axis=1)
     up_to = (part.resamples <= estimates + tie).sum(axis=1)
     bias = ndtri((below + up_to) / (2.0 * part.resamples.shape[1]))[:, None]
-    defined = (second > 0) & np.isfinite(second)
     # Eq. 14.15
-    acceleration = np.divide(third, 6 * second**1.5, out=np.full(len(third), np.nan), where=defined)
+    defined = (squares > 0) & np.isfinite(squares)
+    nothing = np.full(len(cubes), np.nan)
+    acceleration = np.divide(cubes, 6 * squares**1.5, out=nothing, where=defined)
     shifted = np.where(np.isfinite(bias), bias, np.nan) + ndtri(resampling.tails)
     adjusted = ndtr(bias + shifted / (1 - acceleration[:, None] * shifted))
     exists = np.asarray(np.isfinite(adjusted).all(axis=1))
@@ -237,31 +231,26 @@ def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, F
 
 
 def _mean_of_scenes(values: Floats, share: bool, resampling: ResamplingConfig) -> Interval:
+    """Take Student's interval of a mean share, or the limits of a log-normal mean of distances.
+
+    MOVER puts the latter, exp(mu + sigma**2 / 2), together from Student's limits of mu and those of
+    sigma**2 / 2 by chi-squared. Student's limits of logarithms alone would be those of the
+    geometric mean.
+    """
     if not np.isfinite(values).all():
         return Interval.lacking("a scene failed")
     if not share and values.min() <= 0:
         return Interval.lacking("a distance of 0 has no logarithm")
-    if share:
-        [limits], _ = student(values[None], np.array([True]), resampling.confidence)
-        low, high, method = max(limits[0], 0.0), limits[1], "student"
-    else:
-        (low, high), method = _lognormal(values, resampling), "lognormal"
+    measured = values if share else np.log(values)
+    [[low, high]], _ = student(measured[None], np.array([share]), resampling.confidence)
     if np.isnan(low):
         return Interval.lacking("all scenes are alike")
-    return Interval(float(low), float(high), method)
-
-
-def _lognormal(values: Floats, resampling: ResamplingConfig) -> Floats:
-    """Take the limits (2,) of a log-normal mean, exp(mu + sigma**2 / 2); infinite: not known.
-
-    MOVER puts together Student's limits of mu and those of sigma**2 / 2 by chi-squared. Student's
-    limits of logarithms alone would be those of the geometric mean.
-    """
-    count, logs = len(values), np.log(values)
-    middle, half = logs.mean(), logs.var(ddof=1) / 2
-    [[_, highest]], _ = student(logs[None], np.array([False]), resampling.confidence)
-    ratios = (count - 1) / chdtri(count - 1, resampling.tails)
-    reaches = np.hypot(highest - middle, half * (ratios - 1))
+    if share:
+        return Interval(max(float(low), 0.0), float(high), "student")
+    middle, half = measured.mean(), measured.var(ddof=1) / 2
+    ratios = (len(values) - 1) / chdtri(len(values) - 1, resampling.tails)
+    reaches = np.hypot(high - middle, half * (ratios - 1))
     with np.errstate(over="ignore"):
         low, high = np.exp(middle + half + np.array([-1, 1]) * reaches)
-    return np.array([low, high if high <= _MOST * values.mean() else np.inf])
+    known = high <= _MOST * values.mean()  # an infinite limit is not known
+    return Interval(float(low), float(high) if known else np.inf, "lognormal")

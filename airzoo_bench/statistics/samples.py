@@ -62,12 +62,6 @@ class Sample:
     shares: Bools | None = None
 
     @property
-    def fewest(self) -> tuple[int, str]:
-        """The size and name of the smallest group."""
-        sizes = [part.shape[1] for part in self.values]
-        return min(zip(sizes, self.groups, strict=True))
-
-    @property
     def are_shares(self) -> Bools:
         """Which variables are shares (V,)."""
         return np.zeros(len(self.medians), np.bool_) if self.shares is None else self.shares
@@ -99,11 +93,6 @@ def paired_difference(first: Floats, second: Floats) -> Floats:
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
     tied = np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes)
     return np.where(tied, 0.0, found)
-
-
-def without_infinite(values: Floats) -> Floats:
-    """Replace infinite values by 0."""
-    return np.where(np.isinf(values), 0.0, values)
 
 
 def stream_key(seed: int, purpose: str, group: str) -> int:
@@ -182,18 +171,16 @@ def weighted_averages(values: Floats, medians: Bools, counts: NDArray[np.integer
     """
     units, factors = int(counts[:, 0].sum()), counts.astype(np.float64)
     averages = np.empty((len(values), counts.shape[1]))
-    averages[~medians] = _weighted_means(values[~medians], factors, units)
-    averages[medians] = _weighted_medians(values[medians], factors, units)
-    return averages
-
-
-def _weighted_means(values: Floats, factors: Floats, units: int) -> Floats:
-    whole, exponents = _on_grid(without_infinite(values), units)
-    means = np.ldexp(whole @ factors, -exponents) / units
-    failing = np.isinf(values).any(axis=1)
-    drawn = np.isinf(values[failing]).astype(np.float64) @ factors
+    infinite = np.isinf(values[~medians])
+    whole, exponents = _on_grid(np.where(infinite, 0.0, values[~medians]), units)
+    means, failing = np.ldexp(whole @ factors, -exponents) / units, infinite.any(axis=1)
+    drawn = infinite[failing].astype(np.float64) @ factors
     means[failing] = np.where(drawn > 0, np.inf, means[failing])
-    return np.asarray(means)
+    averages[~medians], averages[medians] = (
+        means,
+        _weighted_medians(values[medians], factors, units),
+    )
+    return averages
 
 
 def _on_grid(values: Floats, units: int) -> tuple[Floats, NDArray[np.intp]]:
@@ -209,8 +196,6 @@ def _on_grid(values: Floats, units: int) -> tuple[Floats, NDArray[np.intp]]:
 
 def _weighted_medians(values: Floats, factors: Floats, units: int) -> Floats:
     """Return the median of each resample; only units near the middle are looked at one by one."""
-    if not len(values):
-        return np.empty((0, factors.shape[1]))
     order, counts = np.argsort(values, axis=1, kind="stable"), factors.astype(np.int32)
     reach = int(2.5 * values.shape[1] ** 0.5) + 2  # 5 standard deviations of the draws of a half
     middle = values.shape[1] // 2
@@ -230,8 +215,8 @@ def _weighted_medians(values: Floats, factors: Floats, units: int) -> Floats:
 
 def leave_one_out(values: Floats, medians: Bools) -> Floats:
     """Average all units but one, for each one of at least 2: the jackknife, (V, N)."""
-    units, averages = values.shape[1], np.empty_like(values)
-    failing, finite = np.isinf(values[~medians]), without_infinite(values[~medians])
+    units, averages, failing = values.shape[1], np.empty_like(values), np.isinf(values[~medians])
+    finite = np.where(failing, 0.0, values[~medians])
     rest = (finite.sum(axis=1, keepdims=True) - finite) / (units - 1)
     others_fail = failing.sum(axis=1, keepdims=True) - failing > 0
     averages[~medians] = np.where(others_fail, np.inf, rest)

@@ -1,4 +1,4 @@
-"""Paired differences of methods on the same units: intervals, tests, and Holm's correction.
+"""Paired differences of methods on the same units: intervals, tests, corrections, ranks.
 
 Means are tested by permutation, medians by the percentile interval of their bootstrap, and where
 scenes are the units by Student's t. A change of places turns the sign of a unit's difference, and
@@ -38,9 +38,9 @@ from airzoo_bench.statistics.shares import difference_limits
 LEVEL = 0.05
 """A p-value up to here is a finding."""
 
-_P_STEPS = 2.0**40  # within a factor of 2; far more than is shown
 _RESOLVED = 25
 _CELLS = 1 << 18
+_FEW, _MANY, _MOST_METHODS = 2_000, 10_000, 224
 
 Places = NDArray[np.intp]
 
@@ -194,7 +194,7 @@ def _test_medians(resampled: Floats, gaps: Sequence[Floats], tails: bool) -> Flo
         tail = np.where(spread > 0, normal_tail(scores), mcnemar(wins, losses))
         p_values[beyond] = np.minimum(p_values[beyond], tail)
     unlike = np.sum([(gap != 0).sum(axis=1) for gap in gaps], axis=0)
-    return np.asarray(np.maximum(p_values, np.minimum(1.0, 2.0 ** (1.0 - unlike))))
+    return np.asarray(np.maximum(p_values, p_floor(unlike)))
 
 
 def _permute(
@@ -206,15 +206,13 @@ def _permute(
     units that differ is as likely as the one observed; p is the share of patterns that differ at
     least as much, either way. All are tried where they are no more than the resamples; else that
     many random ones are, the same for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth
-    2010), which is never 0.
+    2010), which is never 0. p is 1 where one of the averages is infinite: no pattern is farther.
     """
     scaled = np.concatenate([gap / gap.shape[1] for gap in gaps], axis=1)
     unlike, (one, other) = np.count_nonzero(scaled, axis=1), pairs.T
     exact = unlike < draws.resampling.resamples.bit_length()
     failing = draws.failing[one] | draws.failing[other]
-    p_values = np.ones(len(pairs))  # also where both averages are infinite under every pattern
-    for row in np.flatnonzero(failing & ~(draws.failing[one] & draws.failing[other])).tolist():
-        p_values[row] = _test_failing(draws, [gap[row] for gap in gaps], exact[row])
+    p_values = np.ones(len(pairs))
     for row in np.flatnonzero(exact & ~failing & (unlike > 0)).tolist():
         of_row = scaled[row, scaled[row] != 0]
         least = abs(of_row.sum()) - TIE * np.abs(of_row).max()
@@ -233,23 +231,6 @@ def _permute(
     return p_values, unlike
 
 
-def _test_failing(draws: _Draws, gaps: Sequence[Floats], exact: bool) -> float:
-    """Test a finite mean against an infinite one by wins minus losses.
-
-    Only patterns that keep all failures on one side are as far apart as what was observed.
-    """
-    parts = [np.stack([np.sign(gap), np.isinf(gap) * gap.shape[0]]) for gap in gaps]
-    scaled = np.concatenate([part / part.shape[1] for part in parts], axis=1)
-    ahead, failures = np.abs(scaled.sum(axis=1))
-    unlike = scaled[:, scaled[0] != 0]
-    if exact:
-        sums = unlike @ _every_sign(unlike.shape[1])
-    else:
-        sums = signed_sums(draws.sample.groups, parts, draws.resampling)
-    extreme = (np.abs(sums[1]) > failures - 0.5) & (np.abs(sums[0]) >= ahead - TIE)
-    return float(extreme.mean() if exact else (extreme.sum() + 1) / (len(extreme) + 1))
-
-
 @lru_cache(maxsize=2)
 def _every_sign(number: int) -> Floats:
     """Return all patterns of signs up to a turn of all, (K, 2**(K - 1)): the first sign stays."""
@@ -262,9 +243,9 @@ def normal_tail(scores: Floats) -> Floats:
     return np.asarray(np.maximum(2 * ndtr(-scores), np.finfo(np.float64).tiny))
 
 
-def p_floor(unlike: int) -> float:
-    """Return the least p that any values could have on this number of units that differ."""
-    return min(1.0, 2.0 ** (1 - unlike))
+def p_floor(unlike: NDArray[np.int64]) -> Floats:
+    """Return the least p that any values could have on so many units that differ."""
+    return np.asarray(np.minimum(1.0, 2.0 ** (1.0 - unlike)))
 
 
 def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
@@ -272,10 +253,10 @@ def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
 
     A fair coin for each unit that only the first (`wins`), or only the second method answers.
     """
-    fewer = np.minimum(wins, losses)
+    p_values = np.minimum(1.0, 2.0 * bdtr(np.minimum(wins, losses), wins + losses, 0.5))
     # A multiple of a power of 2, which `bdtr` misses by a hair: 0.34375 shall not print as 0.3437.
-    digits, power = np.frexp(np.minimum(1.0, 2.0 * bdtr(fewer, wins + losses, 0.5)))
-    return np.asarray(np.ldexp(np.rint(digits * _P_STEPS) / _P_STEPS, power))
+    digits, power = np.frexp(p_values)
+    return np.asarray(np.ldexp(np.rint(digits * 2.0**40) / 2.0**40, power))
 
 
 def holm(p_values: Floats, family: int | None = None) -> Floats:
@@ -289,3 +270,71 @@ def holm(p_values: Floats, family: int | None = None) -> Floats:
     adjusted = np.empty(len(p_values))
     adjusted[order] = np.minimum(np.maximum.accumulate(p_values[order] * factors), 1.0)
     return adjusted
+
+
+# --- every two of many variables, and the ranges of ranks that follow ---
+
+
+def resamples_for(count: int) -> int:
+    """Return a number of draws that takes all pairs of these variables some seconds."""
+    return _MANY if count <= _MOST_METHODS else _FEW
+
+
+def compare_all(
+    sample: Sample, resampling: ResamplingConfig, wanted: Bools | None = None
+) -> Floats:
+    """Compare every two of V variables, or the `wanted` (V, V): low, high and p, (3, V, V).
+
+    The limits are of row minus column, above the diagonal and NaN elsewhere; p is symmetric, and 1
+    where there is none.
+    """
+    count = len(sample.medians)
+    every = np.ones((count, count), np.bool_) if wanted is None else wanted
+    pairs = np.argwhere(np.triu(every, 1))
+    numbers = compare_pairs(sample, resampling, pairs, tails=True)
+    found = np.full((3, count, count), np.nan)
+    found[2] = 1.0
+    one, other = pairs.T
+    found[:2, one, other] = numbers.limits.T
+    found[2, one, other] = found[2, other, one] = numbers.p_values
+    return found
+
+
+def correct_pairs(p_values: Floats) -> Floats:
+    """Correct the tests (V, V) of every two variables for how many pairs there are, by Holm."""
+    upper = np.triu_indices(len(p_values), 1)
+    corrected = np.ones_like(p_values)
+    corrected[upper] = holm(p_values[upper])
+    return np.minimum(corrected, corrected.T)
+
+
+def told_apart(values: Floats, corrected: Floats) -> Bools:
+    """Return which two variables (V, V) differ significantly; equal values never do."""
+    return np.asarray((corrected <= LEVEL) & (values[:, None] != values))
+
+
+def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) -> NDArray[np.int64]:
+    """Return the range of ranks (V, 2) of variables, by values (V,) and corrected p (V, V).
+
+    Those are 1 + the number of significantly better ones, and V - the number of worse ones. With a
+    chance of at least 95 % all true ranks lie in their ranges, since differences that are all
+    significant together give confidence sets of ranks (Mogstad, Romano, Shaikh and Wilhelm 2024).
+    """
+    signed = values if higher_is_better else -values
+    apart = told_apart(signed, corrected)
+    better, worse = apart & (signed > signed[:, None]), apart & (signed < signed[:, None])
+    return np.stack([1 + better.sum(axis=1), len(signed) - worse.sum(axis=1)], axis=1)
+
+
+def unpaired_p_values(values: Floats, errors: Floats) -> Floats:
+    """Test every two variables by their values and standard errors (V,) alone, (V, V).
+
+    p is that of a normal difference, and 1 of an infinite value or one without standard error. The
+    errors are added: whatever the correlation of two variables, their difference varies no more.
+    """
+    known = np.isfinite(values) & np.isfinite(errors)
+    centre, spread = np.where(known, values, 0.0), np.where(known, errors, 1.0)
+    apart = np.abs(centre[:, None] - centre)
+    scale = spread[:, None] + spread
+    scores = np.divide(apart, scale, out=np.zeros_like(apart), where=scale > 0)
+    return np.where(known & known[:, None], normal_tail(scores), 1.0)

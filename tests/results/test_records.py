@@ -91,7 +91,7 @@ def test_a_result_with_a_new_checksum_is_held_to_its_records(path):
     changes = {"scenes": scenes, "overall": better, "pooled": better}
     write_result(path, result.model_copy(update=changes).with_checksum())
     assert read_result(path).is_intact()
-    with pytest.raises(ResultError, match=r"does not fit the result .*\n  expected: 0\.9"):
+    with pytest.raises(ResultError, match=r"does not fit the result .*0\.9"):
         read_records(path)
     assert read_records(path, columns=["scene"])["query"].is_unique
 

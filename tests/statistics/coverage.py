@@ -13,10 +13,14 @@ from scipy.stats import binom
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.intervals import sample_intervals
-from airzoo_bench.statistics.pair_tests import compare_all, correct_pairs, rank_ranges
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.shares import average_limits, difference_limits
-from airzoo_bench.statistics.significance import paired_tests
+from airzoo_bench.statistics.significance import (
+    compare_all,
+    correct_pairs,
+    paired_tests,
+    rank_ranges,
+)
 
 Scenes = Sequence[tuple[int, float]]
 

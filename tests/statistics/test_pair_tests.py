@@ -7,14 +7,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from airzoo_bench.statistics.pair_tests import (
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.significance import (
     compare_all,
     correct_pairs,
+    holm,
+    paired_tests,
     rank_ranges,
     unpaired_p_values,
 )
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import holm, paired_tests
 from tests.statistics.coverage import coverage_of_ranks
 
 CONFIG = ResamplingConfig(2_000)

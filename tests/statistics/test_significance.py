@@ -28,16 +28,14 @@ def run_test(*groups: Any, plan: ResamplingConfig = ALL, median: bool = False) -
     return paired_tests(sample(*groups, median=median), plan, [(0, 1)])[1][0]
 
 
-def swapped(groups: Sequence[Group], stay: Sequence[bool]) -> tuple[float, float]:
-    """Return how far apart two means are where some units change places, and by how many wins."""
-    rest, sides, ahead = list(stay), np.zeros(2), 0.0
+def swapped(groups: Sequence[Group], stay: Sequence[bool]) -> float:
+    """Return how far apart two means are where some units change places."""
+    rest, sides = list(stay), np.zeros(2)
     for first, second in groups:
         kept = np.array([rest.pop(0) for _ in first], bool)
         one, other = np.where(kept, first, second), np.where(kept, second, first)
         sides += [one.mean(), other.mean()]
-        ahead += (np.mean(one > other) - np.mean(one < other)) / len(groups)
-    apart = 0.0 if sides[0] == sides[1] else abs(float(sides[0] - sides[1]))
-    return round(apart, 9), round(abs(ahead), 9) if np.isinf(apart) else 0.0
+    return round(abs(float(sides[0] - sides[1])), 9)
 
 
 def by_brute_force(*groups: Group) -> float:
@@ -56,9 +54,8 @@ def by_brute_force(*groups: Group) -> float:
         ([[1, 1, 1, 5, 6], [0, 0, 0, 5, 6]], 2 / 8, 8),
         # 0.1 + 0.2 and 0.3 differ by rounding alone.
         ([[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]], 2 / 8, 8),
-        # Every pattern with failures on one side is infinitely far; two have as many wins.
-        ([[INF] * 8, [1.0] * 8], 2 / 256, 256),
-        # Both averages are infinite, whichever units change places.
+        # An infinite average is farther than any pattern can tell.
+        ([[INF] * 8, [1.0] * 8], 1.0, 256),
         ([[INF, 1, 2], [3, INF, 4]], 1.0, 8),
         ([[0.0, 1.0, INF], [0.0, 1.0, INF]], 1.0, 1),
         ([[0, 1], [0, 1]], 1.0, 1),
@@ -83,13 +80,9 @@ def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples() -> N
             for s in (1, 2)
         ),
         [[[0.3, 0.0, 0.0, 0.0], [0.0, 0.1, 0.2, 0.6]]],
-        [[[1, INF, 3, INF, 2], [2, INF, INF, INF, 5]]],
-        [[[INF, INF, INF, 2, 7], [2, 4, 6, 1, INF]], [[1, 2, 3], [2, 3, INF]]],
-        [[[INF, 1, 2, 3, 4], [5, 2, 3, 4, 5]]],
-        [[[INF, 1, INF, 3, 4], [5, 2, 3, 4, 5]], [[INF, 2, 5], [1, 3, 6]]],
     ],
 )
-def test_all_patterns_of_scenes_and_failures(groups: list[Group]) -> None:
+def test_all_patterns_of_scenes(groups: list[Group]) -> None:
     assert run_test(*groups).p_value == pytest.approx(by_brute_force(*groups))
 
 
@@ -101,11 +94,9 @@ def test_random_patterns_come_near_all() -> None:
     assert near.p_value == pytest.approx(exact.p_value, abs=0.03)
 
 
-@pytest.mark.parametrize("failures", [0, 1, 3])
-def test_random_patterns_are_those_that_the_seed_names(failures: int) -> None:
+def test_random_patterns_are_those_that_the_seed_names() -> None:
     # Published p-values can be computed again: seed and scene say which units change places.
     groups = [np.random.default_rng(size).random((2, size)) for size in (13, 8)]
-    groups[0][0, :failures] = INF
     keys = [stream_key(7, "permutation", name) for name in ("s0", "s1")]
     kept = [
         sign_flips(group.shape[1], 0, 300, key) for group, key in zip(groups, keys, strict=True)
