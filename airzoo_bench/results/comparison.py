@@ -224,7 +224,11 @@ class Pair:
     @property
     def p_floor(self) -> float:
         """The least p that any values of these units could have; 0 of Student's t."""
-        return 0.0 if self.test.kind == "student" else p_floor(self.wins + self.losses)
+        return (
+            0.0
+            if self.test.kind == "student"
+            else float(p_floor(np.array(self.wins + self.losses)))
+        )
 
 
 @dataclass(frozen=True)

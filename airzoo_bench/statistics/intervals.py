@@ -118,10 +118,10 @@ def _resample(group: Sample, resampling: ResamplingConfig) -> _Part:
     # On the grid of the resamples: one that is equal to it is then equal to the last bit.
     estimates = weighted_averages(values, medians, np.ones((units, 1), np.int64))[:, 0]
     left_out = leave_one_out(values, medians)
-    failing = np.isinf(left_out).any(axis=1)
-    finite = np.where(failing[:, None], 0.0, left_out)
+    failing = np.isinf(left_out).any(axis=1, keepdims=True)
+    finite = np.where(failing, 0.0, left_out)
     influence = (units - 1) * (finite.mean(axis=1, keepdims=True) - finite) / units
-    cubes, squares = (np.where(failing, np.inf, (influence**power).sum(axis=1)) for power in (3, 2))
+    cubes, squares = np.where(failing.T, np.inf, [(influence**n).sum(axis=1) for n in (3, 2)])
     varied = np.asarray((values != values[:, :1]).any(axis=1))
     drawn = resampled_averages(values, medians, name, resampling)
     return _Part(estimates, drawn, cubes, squares, varied)
