@@ -7,10 +7,9 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.scores import Scores
-from airzoo_bench.reconstruction.clouds import cloud_of
+from airzoo_bench.reconstruction.clouds import box_of, cloud_of, cropped_region, prepare_cloud
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import score_distances
-from airzoo_bench.reconstruction.preparation import box_of, cropped_region, prepare_cloud
 from airzoo_bench.reconstruction.settings import Preparation
 
 __all__ = ["cloud_scores"]

@@ -23,8 +23,8 @@ from airzoo_bench.reconstruction.alignment import (
     PosedCameras,
     fit_cameras,
     shipped_alignment,
+    umeyama,
 )
-from airzoo_bench.reconstruction.similarity import umeyama
 from airzoo_bench.results.scores import summarise
 
 __all__ = ["align_cameras", "pose_errors", "pose_scores", "solve_pose"]

@@ -33,8 +33,7 @@ from airzoo_bench.readers.scenes import (
     inverted,
     scene_of,
 )
-from airzoo_bench.reconstruction.cameras import ImagePoses, image_poses
-from airzoo_bench.reconstruction.predictions import ScenePrediction
+from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction, image_poses
 
 _WHOLE = "all files of a run that went to its end, as the method wrote them"
 _CLOUDS = (".ply", ".pcd", ".las", ".laz", ".xyz", ".pts")

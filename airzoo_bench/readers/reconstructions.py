@@ -36,8 +36,7 @@ from airzoo_bench.readers.scenes import (
     inverted,
     scene_of,
 )
-from airzoo_bench.reconstruction.cameras import image_poses
-from airzoo_bench.reconstruction.predictions import ScenePrediction
+from airzoo_bench.reconstruction.predictions import ScenePrediction, image_poses
 
 _LONG_SIDES = (504, 512, 518)  # of images as MapAnything sees them
 

@@ -3,8 +3,7 @@
 A similarity is fitted to partner cameras, outliers found by a seeded RANSAC. Samples are of three
 cameras, or, on a straight flight strip, whose centres leave the turn about it free, of two and
 their orientations. Each sample that is the best so far is refitted to its inliers until they stay,
-and trials go on until a better sample is improbable. Depth Anything 3's rule, samples of half of
-the cameras and one refit, is a variant.
+and trials go on until a better sample is improbable.
 
 References
 ----------
@@ -17,29 +16,72 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.poses import rotation_angle_deg
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.settings import AlignmentSettings
-from airzoo_bench.reconstruction.similarity import (
-    RANK_TOLERANCE,
-    AlignmentError,
-    Similarity,
-    fit_many,
-    fit_strips,
-    point_rank,
-)
 
 LEAST_CAMERAS = 3
 _BLOCK = 50  # trials that are judged at once; how many are made depends on it
-_LEAST_LIMIT = 1e-9  # of the width of the true centres: a residual below it is rounding
 _MOST_REFITS = 100
+# A width below this share of the largest is rounding: single precision keeps 6e-8 of it.
+_RANK_TOLERANCE = 1e-6
+
+
+class AlignmentError(PredictionError):
+    """A prediction cannot be brought into the frame of the truth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """The transform y = scale * rotation (x - origin) + translation.
+
+    With the origin amid the points, projected coordinates of millions of metres keep their last
+    bits.
+    """
+
+    scale: float
+    rotation: Floats
+    translation: Floats
+    origin: Floats = field(default_factory=lambda: np.zeros(3))
+
+    @classmethod
+    def identity(cls) -> Similarity:
+        """Return the transform that changes nothing, to the last bit."""
+        return cls(1.0, np.eye(3), np.zeros(3))
+
+    @property
+    def matrix(self) -> Floats:
+        """The (4, 4) matrix, scale times rotation and the translation from origin 0."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.scale * self.rotation
+        matrix[:3, 3] = self.apply(np.zeros((1, 3)))[0]
+        return matrix
+
+    def apply(self, points: Floats) -> Floats:
+        """Transform points (..., 3)."""
+        turned = apply_matrix(self.rotation, points - self.origin)
+        moved: Floats = self.scale * turned + self.translation
+        return moved
+
+    def apply_poses(self, poses: Poses) -> Poses:
+        """Transform the world that world-to-camera poses are in."""
+        return Poses(rotation=poses.rotation @ self.rotation.T, centres=self.apply(poses.centres))
+
+    def inverse(self) -> Similarity:
+        """Return the transform back."""
+        return Similarity(1.0 / self.scale, self.rotation.T, self.origin, self.translation)
+
+    def after(self, first: Similarity) -> Similarity:
+        """Return the transform that does `first`, then this one."""
+        scale, rotation = self.scale * first.scale, self.rotation @ first.rotation
+        return Similarity(scale, rotation, self.apply(first.translation), first.origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +102,13 @@ class PosedCameras:
         return PosedCameras(tuple(self.names[row] for row in rows), self.centres[rows], rotation)
 
 
-Residuals = dict[str, float]
-"""Residuals between partners: root mean square (rms), median and largest."""
-
-
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """A transform into the frame of the truth, and how well it fits.
 
     The transform is fitted to the inliers of the `cameras` that have a partner in the truth, or to
-    all of them where fewer than 3 agreed, and so it is not `robust`. Residuals are those of all
-    partners, in units of the truth, and of the inliers.
+    all of them where fewer than 3 agreed, and so it is not `robust`. Residuals (root mean square
+    ``rms``, ``median``, ``largest``) are those of all partners, and of the inliers.
     """
 
     method: str
@@ -81,9 +119,9 @@ class Alignment:
     inlier_limit_m: float | None = None
     used_orientations: bool = False
     robust: bool = True
-    centres: Residuals | None = None
-    inlier_centres: Residuals | None = None
-    rotations_deg: Residuals | None = None
+    centres: dict[str, float] | None = None
+    inlier_centres: dict[str, float] | None = None
+    rotations_deg: dict[str, float] | None = None
     icp: dict[str, Any] | None = None
     icp_failure: str | None = None
 
@@ -112,10 +150,7 @@ def align(
         if len(rows) < LEAST_CAMERAS:
             raise AlignmentError(
                 f"a similarity needs {LEAST_CAMERAS} cameras, and {len(rows)} of "
-                f"{len(predicted.names)} predicted ones have a position and a partner in the truth",
-                expected=f"at least {LEAST_CAMERAS} cameras",
-                fix="give poses of more images, or predict in the truth's frame and align by "
-                "'none'",
+                f"{len(predicted.names)} predicted ones have a position and a partner in the truth"
             )
         found = fit_cameras(predicted.take(rows), truth.take(true_rows), settings)
     return with_residuals(found, predicted, truth)
@@ -145,7 +180,7 @@ def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCamera
     """Return an alignment with the residuals between partners after its transform."""
     rows, true_rows = partners(predicted, truth)
     source, target = predicted.take(rows), truth.take(true_rows)
-    away = _apart(found.transform.apply(source.centres), target.centres)
+    away = _distances(found.transform.apply(source.centres), target.centres)
     angles = np.zeros(0)
     if source.rotation is not None and target.rotation is not None:
         aligned = source.rotation @ found.transform.rotation.T
@@ -160,14 +195,14 @@ def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCamera
     )
 
 
-def _summary(values: Floats) -> Residuals | None:
+def _summary(values: Floats) -> dict[str, float] | None:
     if not len(values):
         return None
     rms = float(np.sqrt((values * values).mean()))
     return {"rms": rms, "median": float(np.median(values)), "largest": float(values.max())}
 
 
-def _apart(a: Floats, b: Floats) -> Floats:
+def _distances(a: Floats, b: Floats) -> Floats:
     offset = a - b
     return np.asarray(np.sqrt((offset * offset).sum(axis=-1)))
 
@@ -179,29 +214,24 @@ def fit_cameras(
     source: PosedCameras, target: PosedCameras, settings: AlignmentSettings
 ) -> Alignment:
     """Fit the similarity that takes cameras to their partners."""
-    if 0 in (point_rank(one.centres, RANK_TOLERANCE) for one in (source, target)):
-        raise AlignmentError(
-            "the camera centres all lie at one point, which has no scale",
-            expected="cameras that move",
-        )
-    found, tolerance = None, max(settings.line_ratio, RANK_TOLERANCE)
-    if point_rank(target.centres, tolerance) > 1:
-        found = _Consensus(source, target, settings, strip=False).find()
-    if found is not None:
-        inliers = np.isin(target.names, found.inlier_names)
+    if 0 in (_rank(one.centres, _RANK_TOLERANCE) for one in (source, target)):
+        raise AlignmentError("the camera centres all lie at one point, which has no scale")
+    tolerance = max(settings.line_ratio, _RANK_TOLERANCE)
+    if _rank(target.centres, tolerance) > 1:
+        found = _Consensus(source, target, settings).find()
+        inliers = np.isin(target.names, found.inlier_names if found else ())
         # A plane may have been a strip with an outlier.
-        if point_rank(target.centres[inliers], tolerance) > 1:
+        if found is not None and _rank(target.centres[inliers], tolerance) > 1:
             return found
     if source.rotation is None or target.rotation is None:
-        whose = "truth" if target.rotation is None else "prediction"
         raise AlignmentError(
-            "the camera centres lie on a line, which leaves the turn about it free, and the "
-            f"{whose} has no orientations",
+            "the camera centres lie on a line, which leaves the turn about it free, and "
+            "orientations are missing",
             expected="centres that span a plane, or orientations of the cameras",
-            fix="add photos off the line, give camera poses, or predict in the truth's frame "
-            "and align by 'none'",
+            fix="add photos off the line, or give camera poses",
         )
-    found = _Consensus(source, target, settings, strip=True).find()
+    turns = np.swapaxes(target.rotation, -1, -2) @ source.rotation
+    found = _Consensus(source, target, settings, turns).find()
     if found is None:
         raise AlignmentError("the camera centres determine no similarity")
     return found
@@ -211,83 +241,63 @@ _Best = tuple[list[Similarity], Floats]
 """The best fit yet, as a list of one or none; its residuals (N,), infinite for outliers."""
 
 
+@dataclass(frozen=True, eq=False)
 class _Consensus:
-    """The search for the largest set of partners that agree; on a strip, orientations count too."""
+    """The search for the largest set of partners that agree; with turns, in orientation too."""
 
-    def __init__(
-        self,
-        source: PosedCameras,
-        target: PosedCameras,
-        settings: AlignmentSettings,
-        *,
-        strip: bool,
-    ) -> None:
-        self.source, self.target, self.settings, self.strip = source, target, settings, strip
-        self.all = self.fits(np.arange(len(source.names))[None])
-        limit, true = settings.inlier_below_m, target.centres
-        self.limit = _LEAST_LIMIT * float(_apart(true, true[:1]).max())
-        if not isinstance(limit, str):
-            self.limit = limit
-        elif self.all:
-            found = self.all[0].apply(source.centres) - true[0]
-            self.limit = max(float(np.median(cKDTree(true - true[0]).query(found)[0])), self.limit)
+    source: PosedCameras
+    target: PosedCameras
+    settings: AlignmentSettings
+    turns: Floats | None = None  # (N, 3, 3), of the source's world, by each camera
 
     def fits(self, samples: Ints) -> list[Similarity]:
         """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
-        a, b = self.source.centres[samples], self.target.centres[samples]
-        if self.strip and self.source.rotation is not None and self.target.rotation is not None:
-            turns = (np.swapaxes(self.target.rotation, -1, -2) @ self.source.rotation)[samples]
-            found = fit_strips(a, b, turns, axis_share=self.settings.line_ratio)
-        else:
-            found = fit_many(a, b, with_scale=True)
+        both = self.source.centres[samples], self.target.centres[samples]
+        turns = None if self.turns is None else self.turns[samples]
+        found = fit_many(*both, turns=turns, axis_share=self.settings.line_ratio)
         return list(itertools.compress(*found))
 
     def residuals(self, fits: list[Similarity]) -> Floats:
         """Return distances of centres (S, N), infinite where a camera is no inlier."""
         moved = np.stack([fit.apply(self.source.centres) for fit in fits])
-        away = _apart(moved, self.target.centres)
-        inliers = away < self.limit
-        if self.strip and self.source.rotation is not None and self.target.rotation is not None:
+        away = _distances(moved, self.target.centres)
+        inliers = away < self.settings.inlier_below_m
+        if self.turns is not None and self.source.rotation is not None:
             back = np.array([fit.rotation.T for fit in fits])
             turned = self.source.rotation[None] @ back[:, None]
-            angles = rotation_angle_deg(turned, self.target.rotation[None])
+            angles = rotation_angle_deg(turned, np.asarray(self.target.rotation)[None])
             inliers &= angles < self.settings.inlier_below_deg
         return np.where(inliers, away, np.inf)
 
     def find(self) -> Alignment | None:
         """Find the largest set of cameras that agree; None where no fit is determined."""
-        fits, residuals = self._search()
-        inliers = np.isfinite(residuals)
-        robust = int(inliers.sum()) >= LEAST_CAMERAS
-        rows = np.flatnonzero(inliers | (not robust))
-        final = self.fits(rows[None]) or self.all or fits
-        if not final:
-            return None
-        return Alignment(
-            self.settings.method,
-            final[0],
-            inlier_names=self.target.take(rows).names,
-            inlier_limit_m=self.limit,
-            used_orientations=self.strip,
-            robust=robust,
-        )
-
-    def _search(self) -> _Best:
         settings, count = self.settings, len(self.source.names)
-        size = 2 if self.strip else 3
-        if not isinstance(settings.sample_share, str):
-            size = min(count, max(size, math.ceil(settings.sample_share * count)))
-        best = self._better(([], np.full(count, np.inf)), self.all)
-        done = 0
+        size, done = 3 if self.turns is None else 2, 0
+        all_rows = self.fits(np.arange(count)[None])
+        best = self._better(([], np.full(count, np.inf)), all_rows)
         for samples in _sample_blocks(count, size, settings):
             best = self._better(best, self.fits(samples))
             done += len(samples)
             good = (np.isfinite(best[1]).sum() / count) ** size
             if done >= settings.min_trials and done >= _trials_needed(good, settings.confidence):
                 break
-        return best
+        inliers = np.isfinite(best[1])
+        robust = int(inliers.sum()) >= LEAST_CAMERAS
+        rows = np.flatnonzero(inliers | (not robust))
+        final = self.fits(rows[None]) or all_rows or best[0]
+        if not final:
+            return None
+        return Alignment(
+            settings.method,
+            final[0],
+            inlier_names=self.target.take(rows).names,
+            inlier_limit_m=settings.inlier_below_m,
+            used_orientations=self.turns is not None,
+            robust=robust,
+        )
 
     def _better(self, best: _Best, fits: list[Similarity]) -> _Best:
+        """Return the best of some fits, refitted to its inliers, or the best yet."""
         if not fits:
             return best
         residuals = self.residuals(fits)
@@ -296,23 +306,16 @@ class _Consensus:
         means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
         first = np.lexsort((means, -counts))[0]
         found = [fits[first]], residuals[first]
-        if self.settings.sample_share == "minimal":
-            found = self._refitted(found)
-        return found if _score(found[1]) < _score(best[1]) else best
-
-    def _refitted(self, best: _Best) -> _Best:
-        """Refit to the inliers until they stay, as long as they do not become fewer."""
         for _ in range(_MOST_REFITS):
-            inliers = np.isfinite(best[1])
+            inliers = np.isfinite(found[1])
             fits = self.fits(np.flatnonzero(inliers)[None]) if inliers.sum() > 1 else []
-            residuals = self.residuals(fits)[0] if fits else best[1]
-            again = np.isfinite(residuals)
-            if not fits or again.sum() < inliers.sum():
+            again = self.residuals(fits)[0] if fits else found[1]
+            if not fits or np.isfinite(again).sum() < inliers.sum():
                 break
-            best = fits, residuals
-            if (again == inliers).all():
+            found = fits, again
+            if (np.isfinite(again) == inliers).all():
                 break
-        return best
+        return found if _score(found[1]) < _score(best[1]) else best
 
 
 def _score(residuals: Floats) -> tuple[int, float]:
@@ -332,10 +335,9 @@ def _trials_needed(good: float, confidence: float) -> float:
 def _sample_blocks(count: int, size: int, settings: AlignmentSettings) -> Iterator[Ints]:
     """Yield samples of `size` of `count` rows, block by block (S, size), each ascending.
 
-    Minimal samples are each tried once where there are no more than `min_trials`.
+    Each is tried once where there are no more than `min_trials`.
     """
-    is_minimal = settings.sample_share == "minimal"
-    if is_minimal and math.comb(count, size) <= settings.min_trials:
+    if math.comb(count, size) <= settings.min_trials:
         every = itertools.combinations(range(count), size)
         while block := list(itertools.islice(every, _BLOCK)):
             yield np.array(block, dtype=np.int64)
@@ -349,3 +351,83 @@ def _sample_blocks(count: int, size: int, settings: AlignmentSettings) -> Iterat
                 row += row >= column
             rows = np.sort(np.column_stack((rows, row)), axis=1)
         yield rows
+
+
+# --- least squares ---
+
+
+def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
+    """Return the similarity that brings points (N, 3) nearest to their partners, in least squares.
+
+    The scale is 1 where it is not fitted. Fewer than 3 points are refused, and points on one line,
+    in either set or in what both have in common: a rotation is left free.
+
+    References
+    ----------
+    Umeyama, Least-squares estimation of transformation parameters between two point patterns,
+    PAMI 13(4), 1991, equations 34 to 42.
+    """
+    if len(source) < LEAST_CAMERAS:
+        raise AlignmentError(f"a similarity needs {LEAST_CAMERAS} points, not {len(source)}")
+    (found,), (determined,) = fit_many(source[None], target[None], with_scale=with_scale)
+    if not determined or min(_rank(one, _RANK_TOLERANCE) for one in (source, target)) < 2:
+        raise AlignmentError("the points lie on one line or point, which leaves a rotation free")
+    return found
+
+
+def fit_many(
+    source: Floats,
+    target: Floats,
+    *,
+    with_scale: bool = True,
+    turns: Floats | None = None,
+    axis_share: float = 0.0,
+) -> tuple[list[Similarity], Bools]:
+    """Fit many sets of points (S, N, 3) as `umeyama` does; say which sets determine their fit.
+
+    Turns (S, N, 3, 3) of cameras on a line fix the rotation about it: an axis of each weighs as
+    much as a point that is this share of the width off.
+    """
+    (origin, a), (goal, b) = _centred(source), _centred(target)
+    # Not by BLAS, whose sums depend on its threads.
+    covariance = np.einsum("sni,snj->sij", b, a) / source.shape[1]
+    variance, true_variance = ((one * one).sum(axis=(1, 2)) / source.shape[1] for one in (a, b))
+    if turns is not None:
+        weight = axis_share**2 * np.sqrt(variance * true_variance)
+        covariance += weight[:, None, None] * turns.mean(axis=1)
+    u, values, vt = np.linalg.svd(covariance)
+    last = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    signs = np.stack((np.ones_like(last), np.ones_like(last), last), axis=-1)
+    rotation = (u * signs[:, None]) @ vt
+    numerator = (values * signs).sum(axis=1)
+    determined = values[:, 1] > _RANK_TOLERANCE**2 * values[:, 0]
+    if turns is not None:
+        numerator = (b * apply_matrix(rotation[:, None], a)).sum(axis=(1, 2)) / source.shape[1]
+        determined = np.ones_like(determined)
+    scale = np.ones(len(a))
+    if with_scale:
+        scalable = (numerator > 0.0) & (variance > 0.0)
+        scale[scalable] = numerator[scalable] / variance[scalable]
+        determined &= scalable
+    return list(map(Similarity, scale.tolist(), rotation, goal, origin)), determined
+
+
+def _rank(points: Floats, tolerance: float) -> int:
+    """Count the dimensions in which points (N, 3) extend: 0 a point, 1 a line, 2 a plane, 3 space.
+
+    A dimension counts where its singular value, about the mean, is above a share (the tolerance) of
+    the largest. The largest itself counts where it is above the rounding of the coordinates.
+    """
+    _, offset = _centred(points)
+    # Roots of eigenvalues keep half the digits of a decomposition, and need no BLAS.
+    scatter = np.einsum("ni,nj->ij", offset, offset)
+    values = np.sqrt(np.maximum(np.linalg.eigvalsh(scatter)[::-1], 0.0))
+    rounding = 8.0 * float(np.finfo(np.float64).eps) * np.abs(points).max() * np.sqrt(len(points))
+    return 0 if values[0] <= rounding else int((values > tolerance * values[0]).sum())
+
+
+def _centred(points: Floats) -> tuple[Floats, Floats]:
+    """Split points (..., N, 3) into their mean (..., 3) and the offsets from it."""
+    first = points[..., :1, :]
+    mean = first + (points - first).mean(axis=-2, keepdims=True)
+    return mean[..., 0, :], points - mean

@@ -7,32 +7,43 @@ sentence for whoever reads the numbers, where it may be. `scene_notes` collects 
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
-from airzoo_bench.reconstruction.alignment import Alignment, PosedCameras
+from airzoo_bench.reconstruction.alignment import (
+    LEAST_CAMERAS,
+    Alignment,
+    AlignmentError,
+    PosedCameras,
+    Similarity,
+    fit_many,
+    partners,
+)
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.metrics import angle_deg, relative_poses
-from airzoo_bench.reconstruction.similarity import Similarity, fit_many
 
 if TYPE_CHECKING:
-    from airzoo_bench.reconstruction.predictions import ScenePrediction
-    from airzoo_bench.reconstruction.preparation import PreparedCloud
+    from airzoo_bench.reconstruction.clouds import PreparedCloud
+    from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction
     from airzoo_bench.reconstruction.scoring import Comparison
     from airzoo_bench.reconstruction.settings import ReconstructionProtocol
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 
 _MOST_CAMERAS = 64
-_LEAST_CAMERAS, _LINE_SHARE = 5, 0.05  # fewer, or cameras on a line, are noted, not refused
+_SURE_CAMERAS, _LINE_SHARE = 5, 0.05  # fewer, or cameras on a line, are noted, not refused
+_ORDER_FITS_DEG = 15.0
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 _FACTOR = 80.0  # a little below a hundred, so that outliers do not hide centimetres
 _UNITS = ((1000.0, "millimetres"), (100.0, "centimetres"), (0.001, "kilometres"))
@@ -40,34 +51,123 @@ _FOOT_M = 0.3048
 _UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
 _LOOKED_AT, _TRIED = 1 << 22, 2000
 _STREAM_DIGITS = (6, 7)  # of C's and C++'s streams, where no precision is set
+_ROBUST = (1.0, 99.0)
+_PHOTOS = (
+    "give the photos of scenes/SCENE/reconstruction/photos.csv, and no others, named as there; a "
+    "reader takes them in order from a list, a line each: --reader NAME --names LIST"
+)
 
 
 def scene_notes(
-    prediction: ScenePrediction,
-    truth: ReconstructionTruth,
-    found: Comparison,
-    protocol: ReconstructionProtocol,
+    prediction: ScenePrediction, found: Comparison, protocol: ReconstructionProtocol
 ) -> list[str]:
     """Collect the notes on a prediction: oddities, points left out, the alignment."""
     geometry, alignment, scores = prediction.geometry, found.alignment, protocol.scores
     scale, (cloud, true), finest = alignment.transform.scale, found.clouds, scores.finest_m / 20.0
     notes: list[str | None] = [*prediction.notes]
     if not isinstance(geometry, FileCloud):
-        notes += [check_shape(geometry, truth), check_views(prediction)]
+        notes.append(check_views(prediction))
     if isinstance(geometry, DepthMaps):
         depth = _median_depth(geometry) * scale
         notes.append(check_depth(depth, protocol.fusion.max_depth_m))
         notes.append(check_pixel_centres(prediction, geometry.cameras, depth, finest))
+    bounds, true_bounds = _bounds(cloud.sample), _bounds(true.sample)
     notes += [
         check_pose_digits(prediction, scale, min(finest, 0.01)),
         check_digits(*_some_points(geometry), scale, min(finest, 0.01)),
         *alignment_notes(alignment, protocol.alignment.method),
-        check_bounds(cloud.bounds, true.bounds)
+        check_bounds(bounds, true_bounds)
         or check_mirror(cloud.sample, true.sample, alignment.transform, scores.f1_below_m)
-        or check_datum(cloud.bounds, true.bounds),
+        or check_datum(bounds, true_bounds),
         *left_out_notes(cloud),
     ]
     return [note for note in notes if note]
+
+
+# --- names ---
+
+
+def match_cameras(
+    images: ImagePoses | None, truth: ReconstructionTruth, place: str
+) -> tuple[PosedCameras | None, list[str]]:
+    """Name the cameras of a prediction as the truth does, NaN without a pose; return notes too."""
+    if images is None:
+        return None, []
+    names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
+    rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
+    centres = np.where(images.found[:, None], images.poses.centres, np.nan)
+    cameras = PosedCameras(tuple(names), centres, rotation)
+    rows, true_rows = partners(cameras, truth.posed)
+    note = check_inversion(images.poses.take(rows), truth.poses.take(true_rows), place)
+    check_names(cameras, truth.posed, place)
+    return cameras, [note] if note else []
+
+
+def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+    """Take views without names for the photos in the order of their names, where cameras agree."""
+    photos, views = sorted(truth.photos["image"]), len(images.names)
+    rows, why = np.flatnonzero(images.found), ""
+    if views != len(photos):
+        why = f"{counted(views, 'view')} for {counted(len(photos), 'photo')} of the scene"
+    elif len(rows) < LEAST_CAMERAS:
+        raise AlignmentError("has no image_names, and too few poses to tell which view is which")
+    else:
+        order = np.argsort(truth.photos["image"].to_numpy(str))
+        off = relative_misfit_deg(images.poses.take(rows), truth.poses.take(order[rows]))
+        if off > _ORDER_FITS_DEG:
+            why = f"cameras that are {off:.0f} degrees off the photos in the order of their names"
+    if why:
+        raise PredictionError(f"has no image_names, and {why}", where=place, fix=_PHOTOS)
+    return photos
+
+
+def _true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+    """Return the truth's names of images; an ending may be left out."""
+    names, photos = images.names.tolist(), truth.photos["image"].tolist()
+    stems = [PurePosixPath(name).with_suffix("").as_posix() for name in photos]
+    times = Counter(stems)
+    known = {stem: name for stem, name in zip(stems, photos, strict=True) if times[stem] == 1}
+    known |= {name: name for name in photos}
+    odd = [name for name in names if name not in known]
+    if odd:
+        # A mistyped name means no image that is there already.
+        missing = sorted(set(photos) - {known[name] for name in names if name in known})
+        shown = [repr(name[:80]) + nearest(name, missing, 1) for name in odd[:3]]
+        raise PredictionError(
+            f"image names of no photo of the scene: {first_of([*shown, *odd[3:]], len(names))}",
+            where=f"{place}, field 'image_names'",
+            expected=f"names such as {photos[0]!r}, with or without their ending",
+            fix=_PHOTOS,
+        )
+    return [known[name] for name in names]
+
+
+def check_names(given: PosedCameras, truth: PosedCameras, where: str) -> None:
+    """Refuse names of photos that are one off: other photos leave a tenth of the misfit."""
+    true = truth.centres[np.argsort(truth.names)]
+    at = np.searchsorted(sorted(truth.names), given.names) if given.names else np.zeros(0, int)
+    spacing = float(np.median(np.linalg.norm(np.diff(true, axis=0), axis=1)))
+    for aligned in (False, True):
+        here, *others = (_misfit_m(given.centres, true, at + step, aligned) for step in (0, 1, -1))
+        if 0.2 * spacing < here < np.inf and min(others) < 0.1 * here:
+            which = "next" if others[0] < others[1] else "previous"
+            raise PredictionError(
+                f"names of photos look one off: centres are {here:.3g} m from the photos they are "
+                f"named for, and {min(others):.3g} m from the {which} ones in the order of names",
+                where=where,
+                fix="look where the list of names begins: at the first photo, as the views do",
+            )
+
+
+def _misfit_m(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float:
+    """Return the median distance of centres (N, 3) to rows of the truth, infinite for too few."""
+    there = (rows >= 0) & (rows < len(true)) & np.isfinite(centres).all(axis=1)
+    source, target = centres[there], true[rows[there]]
+    if len(source) < _SURE_CAMERAS:
+        return float("inf")
+    if aligned:
+        source = fit_many(source[None], target[None])[0][0].apply(source)
+    return float(np.median(np.linalg.norm(source - target, axis=1)))
 
 
 # --- cameras ---
@@ -88,7 +188,7 @@ def check_inversion(given: Poses, truth: Poses, where: str) -> str | None:
 
     Names in reverse order look the same along a line: there it is a note.
     """
-    if len(given) < 3:
+    if len(given) < LEAST_CAMERAS:
         return None
     inverse = Poses(rotation=np.swapaxes(given.rotation, 1, 2), centres=given.translation)
     opengl = Poses(rotation=_OPENGL @ inverse.rotation, centres=inverse.centres)
@@ -104,70 +204,48 @@ def check_inversion(given: Poses, truth: Poses, where: str) -> str | None:
     )
     spread = np.linalg.svd(truth.centres - truth.centres.mean(axis=0), compute_uv=False)
     is_sure = as_given > 20.0 and inverted < min(20.0, as_given / 3)
-    if is_sure and len(given) >= _LEAST_CAMERAS and spread[1] > _LINE_SHARE * spread[0]:
-        expected = "extrinsics that take points of the world to the camera, x_cam = R X + t"
-        fix = f"invert them: R.T and -R.T @ t{axes}"
-        raise PredictionError(said, where=where, expected=expected, fix=fix)
+    if is_sure and len(given) >= _SURE_CAMERAS and spread[1] > _LINE_SHARE * spread[0]:
+        raise PredictionError(said, where=where, fix=f"invert them: R.T and -R.T @ t{axes}")
     return said + axes if as_given > 5.0 and inverted < 0.5 * as_given else None
-
-
-def check_names(given: PosedCameras, truth: PosedCameras, where: str) -> None:
-    """Refuse names of photos that are one off: other photos leave a tenth of the misfit."""
-    true = truth.centres[np.argsort(truth.names)]
-    at = np.searchsorted(sorted(truth.names), given.names) if given.names else np.zeros(0, int)
-    spacing = float(np.median(np.linalg.norm(np.diff(true, axis=0), axis=1)))
-    for aligned in (False, True):
-        here, *others = (_misfit_m(given.centres, true, at + step, aligned) for step in (0, 1, -1))
-        if 0.2 * spacing < here < np.inf and min(others) < 0.1 * here:
-            which = "next" if others[0] < others[1] else "previous"
-            raise PredictionError(
-                f"names of photos look one off: centres are {here:.3g} m from the photos they are "
-                f"named for, and {min(others):.3g} m from the {which} ones in the order of names",
-                where=where,
-                expected="each camera under the name of its own photo",
-                fix="look where the list of names begins: at the first photo, as the views do",
-            )
-
-
-def _misfit_m(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float:
-    """Return the median distance of centres (N, 3) to rows of the truth, infinite for too few."""
-    there = (rows >= 0) & (rows < len(true)) & np.isfinite(centres).all(axis=1)
-    source, target = centres[there], true[rows[there]]
-    if len(source) < _LEAST_CAMERAS:
-        return float("inf")
-    if aligned:
-        source = fit_many(source[None], target[None], with_scale=True)[0][0].apply(source)
-    return float(np.median(np.linalg.norm(source - target, axis=1)))
 
 
 def alignment_notes(found: Alignment, method: str) -> list[str]:
     """Say how cameras were aligned where it is not the usual way, and how many agree."""
     agree, aligned = 2 * found.inliers >= found.cameras, found.method != "none"
-    lost, photos = found.cameras_missing, counted(found.cameras + found.cameras_missing, "photo")
-    turned, notes = (found.rotations_deg or {}).get("median", 0.0), []
-    if found.centres is None and not lost and method != "none":
-        notes.append(f"holds no cameras: taken as it is, without alignment by {method}")
-    if found.used_orientations:
-        notes.append("camera centres lie on a line: aligned by the cameras' orientations too")
-    if turned > 150.0 and agree:
-        notes.append(
-            f"cameras are turned by {turned:.0f} degrees (median), though their centres fit: are "
-            "the extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a "
-            "straight strip, the image names in reverse order?"
-        )
-    if not found.robust:
-        notes.append("fewer than 3 cameras agree: aligned to all of them")
-    elif aligned and not agree:
-        notes.append(
-            f"only {found.inliers} of {counted(found.cameras, 'camera')} within "
-            f"{found.inlier_limit_m:.3g} m: the alignment may be that of a part"
-        )
-    if found.icp_failure is not None:
-        notes.append(f"{found.icp_failure}: aligned by cameras only")
-    if aligned and lost:
-        have = agreeing(lost, "has", "have")
-        notes.append(f"{lost} of {photos} {have} no pose in the prediction")
-    return notes
+    lost, cameras = found.cameras_missing, counted(found.cameras, "camera")
+    turned = (found.rotations_deg or {}).get("median", 0.0)
+    notes = {
+        f"holds no cameras: taken as it is, without alignment by {method}": found.centres is None
+        and not lost
+        and method != "none",
+        "camera centres lie on a line: aligned by the cameras' orientations too": (
+            found.used_orientations
+        ),
+        f"cameras are turned by {turned:.0f} degrees (median), though their centres fit: are the "
+        "extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a straight strip, "
+        "the image names in reverse order?": turned > 150.0 and agree,
+        "fewer than 3 cameras agree: aligned to all of them": not found.robust,
+        f"only {found.inliers} of {cameras} within {found.inlier_limit_m or 0:.3g} m: the "
+        "alignment may be that of a part": found.robust and aligned and not agree,
+        f"{found.icp_failure}: aligned by cameras only": found.icp_failure is not None,
+        f"{lost} of {counted(found.cameras + lost, 'photo')} {agreeing(lost, 'has', 'have')} no "
+        "pose in the prediction": aligned and lost > 0,
+    }
+    return [note for note, holds in notes.items() if holds]
+
+
+def check_pose_digits(prediction: ScenePrediction, scale: float, tolerance_m: float) -> str | None:
+    """Say where extrinsics of projected coordinates lost digits."""
+    images = prediction.images
+    if images is None or not images.found.any():
+        return None
+    error = float(np.median(images.errors[images.found])) * scale
+    if not tolerance_m < error < np.inf:
+        return None
+    return (
+        f"extrinsics lost digits: an error of {error:.2g} m is to be expected in the cameras "
+        "(C = -R^T t, and t is long); store float64, or subtract an origin first"
+    )
 
 
 # --- views ---
@@ -202,32 +280,15 @@ def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) 
     )
 
 
-def check_shape(maps: DepthMaps | PointMaps, truth: ReconstructionTruth) -> str | None:
-    """Say where maps have another shape than the photos that they belong to."""
-    height, width = (maps.depth if isinstance(maps, DepthMaps) else maps.points).shape[1:3]
-    wide, high = (int(truth.photos[side].median()) for side in ("width", "height"))
-    change = np.log(width / height * high / wide)
-    if abs(change) <= 0.05:
-        return None
-    turned = abs(change + 2.0 * np.log(wide / high)) <= 0.05
-    reason = "turned by 90 degrees (EXIF?)" if turned else "cut, padded, or of other photos"
-    return f"maps of {width} x {height} for photos of {wide} x {high}: the images look {reason}"
-
-
 def check_views(prediction: ScenePrediction) -> str | None:
     """Say which photos views without a name were taken for, and how many have no pose."""
     images = prediction.images
-    if images is None:
+    if images is not None and not images.named:
+        return "has no image_names: its views are the photos in the order of their names, by poses"
+    lost = 0 if images is None or prediction.kind != "depth" else int((~images.found).sum())
+    if images is None or not lost:
         return None
-    if not images.named:
-        return (
-            "has no image_names: its views were taken for the photos in the order of their names, "
-            "which their poses fit"
-        )
-    lost = int(np.count_nonzero(~images.found)) if prediction.kind == "depth" else 0
-    return (
-        f"{lost} of {counted(len(images.found), 'depth map')} left out: no pose" if lost else None
-    )
+    return f"{lost} of {counted(len(images.found), 'depth map')} left out: no pose"
 
 
 def check_depth(depth_m: float, most_m: float) -> str | None:
@@ -238,8 +299,8 @@ def check_depth(depth_m: float, most_m: float) -> str | None:
 
 def _median_depth(maps: DepthMaps) -> float:
     """Return the median depth of surfaces in the first views, 0 where there is none."""
-    views = range(min(len(maps.depth), max(1, _LOOKED_AT // max(maps.depth[0].size, 1))))
-    some = np.stack([maps.depth[row] for row in views])
+    views = range(min(len(maps.values), max(1, _LOOKED_AT // max(maps.values[0].size, 1))))
+    some = np.stack([maps.values[row] for row in views])
     seen = some[np.isfinite(some) & (some > 0)]
     return float(np.median(seen)) if seen.size else 0.0
 
@@ -258,37 +319,18 @@ def check_pixel_centres(
     )
 
 
-# --- digits ---
-
-
-def check_pose_digits(prediction: ScenePrediction, scale: float, tolerance_m: float) -> str | None:
-    """Say where extrinsics of projected coordinates lost digits."""
-    images = prediction.images
-    if images is None or not images.found.any():
-        return None
-    error = float(np.median(images.errors[images.found])) * scale
-    if not tolerance_m < error < np.inf:
-        return None
-    return (
-        f"extrinsics lost digits: an error of {error:.2g} m is to be expected in the cameras "
-        "(C = -R^T t, and t is long); store float64, or subtract an origin first"
-    )
+# --- the cloud ---
 
 
 def _some_points(geometry: FileCloud | DepthMaps | PointMaps) -> tuple[Floats, np.dtype[Any]]:
     """Return some points as they are stored, and the type of their numbers."""
-    points, stored = np.zeros((0, 3)), np.dtype("f8")
-    if isinstance(geometry, FileCloud):
-        points, stored = (
-            next((p.points for p in geometry.pieces(_TRIED)), points),
-            geometry.precision,
-        )
-    elif isinstance(geometry, PointMaps):
-        stored = geometry.points.dtype
-        points = geometry.points[0].reshape(-1, 3)[
-            :: max(1, geometry.points[0].size // 3 // _TRIED)
-        ]
-    return points.astype(np.float64), stored
+    if isinstance(geometry, DepthMaps):
+        return np.zeros((0, 3)), np.dtype("f8")
+    if isinstance(geometry, PointMaps):
+        points, stored = geometry.values[0].reshape(-1, 3), geometry.values.dtype
+        return points[:: max(1, len(points) // _TRIED)].astype(np.float64), stored
+    points = next((piece.points for piece in geometry.pieces(_TRIED)), np.zeros((0, 3)))
+    return points, geometry.precision
 
 
 def check_digits(
@@ -312,13 +354,9 @@ def check_digits(
     if not error > tolerance_m:
         return None
     return (
-        f"coordinates such as {float(largest.max()):.0f} are kept to {kept} only, steps of "
-        f"{float(step.max()) * scale:.2g} m: an error of {error:.2g} m is to be expected; store "
-        "float64, or all digits, or subtract an origin first"
+        f"coordinates such as {float(largest.max()):.0f} are kept to {kept} only: an error of "
+        f"{error:.2g} m is to be expected; store float64, or subtract an origin first"
     )
-
-
-# --- the cloud ---
 
 
 def left_out_notes(cloud: PreparedCloud) -> list[str]:
@@ -338,6 +376,13 @@ def left_out_notes(cloud: PreparedCloud) -> list[str]:
     return notes
 
 
+def _bounds(points: Floats) -> Floats:
+    """Return percentiles 1 and 99 (2, 3) of points; NaN where there is none."""
+    if not len(points):
+        return np.full((2, 3), np.nan)
+    return np.asarray(np.percentile(points, _ROBUST, axis=0), dtype=np.float64)
+
+
 def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     """Guess from bounds (2, 3) in which other coordinates a cloud may be."""
     if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
@@ -348,7 +393,7 @@ def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     away = float(np.linalg.norm(cloud.mean(axis=0) - truth.mean(axis=0)))
     in_degrees = 0.0 < flat < 5.0 and (np.abs(cloud[:, :2]) <= 180.0).all()
     upright = 0.1 * true_span[2] < span[2] < 10.0 * true_span[2]
-    unit = next((unit for factor, unit in _UNITS if 0.5 < ratio / factor < 2.0), None)
+    unit = next((unit for factor, unit in _UNITS if 0.5 < ratio / factor < 2.0), "another unit")
     spans = "it spans {}, the truth {}".format(
         *(" x ".join(f"{side:.4g}" for side in one) for one in (span, true_span))
     )
@@ -357,14 +402,12 @@ def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     if not overlap and (np.abs(cloud[:, :2] * _FOOT_M - truth[:, :2]) < true_span[:2]).all():
         return "the cloud looks like feet: in metres it would lie on the truth"
     if not 1 / _FACTOR < ratio < _FACTOR and min(span.max(), true_span.max()) > 0.0:
-        return f"the cloud looks like {unit or 'another unit'}: {spans}"
+        return f"the cloud looks like {unit}: {spans}"
     if not overlap and _overlap(cloud[:, [1, 0, 2]], truth):
         return "the cloud has x and y exchanged: with easting first it would lie on the truth"
     if away > _FACTOR * max(size, true_size):
-        return (
-            f"the cloud lies {away:.6g} away from the truth, {away / max(size, true_size):.3g} "
-            "times its size: another coordinate system, or a local origin that was subtracted"
-        )
+        system = "another coordinate system, or a local origin that was subtracted"
+        return f"the cloud lies {away:.6g} away from the truth: {system}"
     return None
 
 
@@ -402,16 +445,13 @@ def check_mirror(
     now = shares(some)
     if now[0] > 0.5:  # as for nearly every cloud
         return None
-    axes = [
-        *itertools.product(itertools.permutations(range(3)), itertools.product((1, -1), repeat=3))
-    ]
-    turned = np.stack([shares(transform.apply(own[:, order] * signs)) for order, signs in axes])
+    orders, signs = itertools.permutations(range(3)), itertools.product((1, -1), repeat=3)
+    axes = [*itertools.product(orders, signs)]
+    turned = np.stack([shares(transform.apply(own[:, order] * sign)) for order, sign in axes])
     for limit, before, after in zip(limits, now, turned.T, strict=True):
         if before <= 0.5 and after.max() >= max(0.6, 2 * before):
-            order, signs = axes[after.argmax()]
-            words = ", ".join(
-                "+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True)
-            )
+            order, sign = axes[after.argmax()]
+            words = ", ".join("+-"[sign[n] < 0] + "xyz"[order[n]] for n in range(3))
             return (
                 f"the cloud looks mirrored or turned over: {before:.0%} of it is within {limit:g} "
                 f"m of the truth, {after.max():.0%} with ({words}) for (+x, +y, +z) in its frame"

@@ -1,4 +1,8 @@
-"""Clouds that are read in pieces, and thinning them by voxels.
+"""Clouds in pieces, and which of their points are compared: in a region, thinned, seen by photos.
+
+Points that are not finite are left out and counted, then those outside the region, and the rest is
+thinned by voxels; each step only where a protocol asks for it. Recall is over the part of the true
+cloud that the photos saw: inside enough of them, and not hidden.
 
 Thinning is the same to the last bit for any order of points and any pieces. The voxel of a point is
 ``floor((point - origin) / size)``, so that borders belong to the voxel above. Each occupied voxel
@@ -8,22 +12,35 @@ voxel and summed as integers, which no order changes.
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
 from airzoo_bench.formats.clouds.cloud import ArrayPieces, Cloud, CloudSource
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.reconstruction.similarity import Similarity
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.cameras import Cameras, project
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment import Similarity
+from airzoo_bench.reconstruction.settings import Preparation
+
+Region = Callable[[Floats], Bools]
+"""Says which of finite points (N, 3) lie in a part of space."""
 
 _ENDLESS = 1e150
 _OFF_GRID = 0.3819660112501052
 _UNIT = 2.0**32  # 2^31 points of one voxel fit into a signed 64-bit sum
 _MOST_CELLS = 1 << 62
-_CHUNK = 1 << 20
+_PIECE = 1 << 20
+_LEAST_VOXELS = 1 << 18
+_SAMPLE = 100_000
+_NEAREST = 1e-3
+# A cell of the depth buffer is this many projected cells wide, so that surfaces have no holes.
+_SPLAT = 1.5
+_STEP = np.sqrt(2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +93,10 @@ def finite_pieces(source: CloudSource, points: int) -> Iterator[Floats]:
         yield piece.points if finite.all() else piece.points[finite]
 
 
-def concatenate_pieces(pieces: Iterable[Floats]) -> Floats:
-    """Concatenate any number of pieces (N, 3)."""
-    return np.concatenate([np.zeros((0, 3)), *pieces])
-
-
-def map_points(pieces: Iterable[Floats]) -> Floats:
-    """Write pieces (N, 3) to a temporary file and map it; it goes with the last map of it."""
+def gather_points(pieces: Iterable[Floats], *, on_disk: bool) -> Floats:
+    """Join pieces (N, 3), in memory or in a temporary file that goes with the last map of it."""
+    if not on_disk:
+        return np.concatenate([np.zeros((0, 3)), *pieces])
     with tempfile.TemporaryFile() as stream:
         try:
             for piece in pieces:
@@ -97,6 +111,9 @@ def map_points(pieces: Iterable[Floats]) -> Floats:
             ) from error
         shape = (stream.tell() // 24, 3)
         return np.memmap(stream, np.float64, "r", shape=shape) if shape[0] else np.zeros(shape)
+
+
+# --- voxels ---
 
 
 def grid_origin(size: float) -> Floats:
@@ -118,8 +135,8 @@ class VoxelGrid:
 
     def add(self, points: Floats) -> None:
         """Add finite points (N, 3)."""
-        for start in range(0, len(points), _CHUNK):
-            position = (points[start : start + _CHUNK] - self._origin) / self._size
+        for start in range(0, len(points), _PIECE):
+            position = (points[start : start + _PIECE] - self._origin) / self._size
             # Floating-point numbers hold these integers exactly, however far the point.
             cells = np.floor(position)
             sums = np.ones((len(cells), 4), np.int64)
@@ -163,3 +180,225 @@ def _merged(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:
     changes = (ordered[1:] != ordered[:-1]).any(axis=1)
     starts = np.flatnonzero(np.concatenate(([True], changes)))
     return ordered[starts], np.add.reduceat(sums[order], starts, axis=0)
+
+
+# --- regions ---
+
+
+def box_of(source: CloudSource) -> Floats:
+    """Return the low and the high corner (2, 3) of the finite points of the true cloud."""
+    pieces = (piece for piece in finite_pieces(source, _PIECE) if len(piece))
+    corners = [(piece.min(axis=0), piece.max(axis=0)) for piece in pieces]
+    if not corners:
+        raise BenchmarkError("the true cloud holds no finite point", expected="at least one point")
+    low, high = np.swapaxes(corners, 0, 1)
+    return np.stack((low.min(axis=0), high.max(axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Some cells of a grid that has a corner at (0, 0, 0); an infinite `size` makes columns.
+
+    `keys` (C,), ascending, number the cells in a part of the grid, whose least cell is `low` and
+    which has so many cells along each axis, its `shape`.
+    """
+
+    size: Floats
+    low: Floats
+    shape: Floats
+    keys: Ints
+
+    def holds(self, points: Floats) -> Bools:
+        """Say which of finite points (N, 3) lie in one of the cells."""
+        if not len(self.keys):
+            return np.zeros(len(points), np.bool_)
+        keys = self.keys_at(np.floor(points / self.size) - self.low)
+        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        return np.asarray(self.keys[place] == keys)
+
+    def keys_at(self, places: Floats) -> Ints:
+        """Return keys of places (N, 3), counted from the least cell; -1 outside of the part."""
+        inside = np.all((places >= 0) & (places < self.shape), axis=1)
+        x, y, z = np.where(inside[:, None], places, 0.0).astype(np.int64).T
+        _, along_y, along_z = self.shape.astype(np.int64).tolist()
+        return np.where(inside, (x * along_y + y) * along_z + z, -1)
+
+    def places(self) -> Ints:
+        """Return places (C, 3) of the cells along the axes, counted from the least."""
+        _, along_y, along_z = self.shape.astype(np.int64).tolist()
+        rest, z = np.divmod(self.keys, along_z)
+        return np.stack((*np.divmod(rest, along_y), z), axis=1)
+
+
+def occupied_cells(
+    pieces: Iterable[Floats], size: tuple[float, float, float], box: Floats, margin: float = 0.0
+) -> Cells:
+    """Return the cells, of these sides, that hold one of the finite points of some pieces."""
+    sides = np.array(size)
+    low, high = np.floor((box[0] - margin) / sides), np.floor((box[1] + margin) / sides)
+    shape = high - low + 1.0
+    if not shape.prod() < _MOST_CELLS:
+        raise BenchmarkError(
+            f"the true cloud spans {' x '.join(f'{side:.4g}' for side in box[1] - box[0])} m",
+            expected="a scene, without points far away from it",
+        )
+    found = Cells(sides, low, shape, np.zeros(0, np.int64))
+    keys = found.keys
+    for points in pieces:
+        keys = np.union1d(keys, found.keys_at(np.floor(points / sides) - low))
+    return replace(found, keys=keys)
+
+
+def covered_columns(pieces: Iterable[Floats], size: float, box: Floats, margin: float) -> Region:
+    """Return the upright columns that hold one of some points, or come within a margin of one.
+
+    They reach from the box's lowest to its highest point and, both ways, by the margin beyond.
+    """
+    occupied = occupied_cells(pieces, (size, size, np.inf), box, margin + size)
+    keys, places = occupied.keys, occupied.places()
+    reach = int(np.floor(margin / size)) + 1
+    for east, north in itertools.product(range(-reach, reach + 1), repeat=2):
+        # Between the nearest sides of two columns.
+        apart = np.hypot(max(abs(east) - 1, 0), max(abs(north) - 1, 0)) * size
+        if apart < margin:
+            keys = np.union1d(keys, occupied.keys_at(places + np.array((east, north, 0.0))))
+    columns = replace(occupied, keys=keys[keys >= 0])
+    low, high = float(box[0, 2] - margin), float(box[1, 2] + margin)
+
+    def holds(points: Floats) -> Bools:
+        upright = (points[:, 2] >= low) & (points[:, 2] <= high)
+        return np.asarray(upright & columns.holds(points))
+
+    return holds
+
+
+def cropped_region(
+    truth: CloudSource, box: Floats, settings: Preparation, block_points: int
+) -> Region | None:
+    """Return the region that a protocol crops both clouds to, or None."""
+    if settings.crop == "covered":
+        pieces = finite_pieces(truth, block_points)
+        return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
+    low, high = box[0] - settings.crop_margin_m, box[1] + settings.crop_margin_m
+
+    def holds(points: Floats) -> Bools:
+        return np.asarray(((points >= low) & (points <= high)).all(axis=1))
+
+    return holds if settings.crop == "box" else None
+
+
+# --- clouds as they are compared ---
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCloud:
+    """A cloud as it is compared, and how many points were left out of it, or merged by voxels.
+
+    `distrusted` are those of too little confidence. `sample` (S, 3) are finite points from all of
+    the cloud, those outside the region among them.
+    """
+
+    source: CloudSource
+    distrusted: int
+    not_finite: int
+    outside: int
+    thinned: int
+    sample: Floats
+
+    def in_memory(self) -> PreparedCloud:
+        """Return the cloud with all its points read."""
+        points = (piece.points for piece in self.source.pieces(_PIECE))
+        return replace(self, source=cloud_of(gather_points(points, on_disk=False)))
+
+
+def prepare_cloud(
+    source: CloudSource, settings: Preparation, region: Region | None, block_points: int
+) -> PreparedCloud:
+    """Prepare a cloud, cropped to a region where one is given."""
+    size, grid = settings.voxel_m, None
+    if not isinstance(size, str):
+        grid = VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
+    seen = finite = inside = 0
+    # Every n-th point, the same for any pieces.
+    sample, every = [np.zeros((0, 3))], max(1, source.count // _SAMPLE)
+    for piece in source.pieces(block_points):
+        sample.append(piece.points[-seen % every :: every].copy())
+        near = piece.points[finite_rows(piece.points)]
+        within = near if region is None else near[region(near)]
+        seen, finite, inside = seen + len(piece), finite + len(near), inside + len(within)
+        if grid is not None:
+            grid.add(within)
+    some = np.concatenate(sample)
+
+    def read(points: int) -> Iterator[Cloud]:
+        for near in finite_pieces(source, points):
+            yield Cloud(near if region is None else near[region(near)])
+
+    prepared = PieceCloud(inside, read) if grid is None else cloud_of(grid.points())
+    return PreparedCloud(
+        prepared,
+        distrusted=source.count - seen,
+        not_finite=seen - finite,
+        outside=finite - inside,
+        thinned=inside - prepared.count,
+        sample=some[finite_rows(some)],
+    )
+
+
+# --- the points that the photos saw ---
+
+
+def observed_cells(
+    truth: CloudSource,
+    box: Floats,
+    cameras: Cameras,
+    poses: Poses,
+    settings: Preparation,
+    block_points: int,
+) -> Cells:
+    """Return the cells of the true cloud, which `box` holds, that enough of the photos saw."""
+    cell = settings.observed_cell_m
+    # Thinning rounds: points may lie outside the box of the unthinned cloud by a hair.
+    occupied = occupied_cells(finite_pieces(truth, block_points), (cell, cell, cell), box, cell)
+    centres = (occupied.places() + occupied.low + 0.5) * occupied.size
+    times = np.zeros(len(centres), np.int64)
+    for row in range(len(poses)):
+        camera, pose = cameras.take(row), poses.take(row)
+        times += seen_by(centres, camera, pose, cell, settings.hidden_beyond_m)
+    keys = occupied.keys[times >= settings.observed_photos]
+    if not len(keys):
+        raise BenchmarkError(
+            f"no point of the true cloud is seen by {counted(settings.observed_photos, 'photo')}",
+            expected="a cloud of what the photos show, in the same coordinates",
+        )
+    return replace(occupied, keys=keys)
+
+
+def seen_by(
+    points: Floats, camera: Cameras, pose: Poses, cell: float, hidden_beyond: float
+) -> Bools:
+    """Say which of points (N, 3), centres of cells that a surface occupies, a photo sees."""
+    seen = np.zeros(len(points), np.bool_)
+    local = apply_matrix(pose.rotation[0], points - pose.centres[0])
+    rows = np.flatnonzero(local[:, 2] > _NEAREST)
+    pixels = project(camera, local[None, rows])[0]
+    size = np.array((camera.width[0], camera.height[0]))
+    inside = ((pixels >= 0.0) & (pixels < size)).all(axis=1)
+    rows, pixels = rows[inside], pixels[inside]
+    depth = local[rows, 2]
+    wide = _SPLAT * cell * float(camera.focal[0].max()) / depth
+    levels = np.ceil(np.log(np.maximum(wide, 1.0)) / np.log(_STEP)).astype(np.int64)
+    # Points are tested against all nearer ones; those need buffers of wider cells.
+    hidden = np.zeros(len(depth), np.bool_)
+    for level in np.unique(levels).tolist():
+        side = _STEP**level
+        columns = int(size[0] // side) + 1
+        x, y = np.floor(pixels / side).astype(np.int64).T
+        place = y * columns + x
+        nearest = np.full(columns * (int(size[1] // side) + 1), np.inf)
+        own = levels == level
+        np.minimum.at(nearest, place[own], depth[own])
+        tested = levels <= level
+        hidden[tested] |= nearest[place[tested]] < depth[tested] - hidden_beyond
+    seen[rows] = ~hidden
+    return seen

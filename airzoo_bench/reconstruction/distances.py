@@ -31,7 +31,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent, with_progress
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.reconstruction.clouds import concatenate_pieces, finite_pieces, map_points
+from airzoo_bench.reconstruction.clouds import finite_pieces, gather_points
 
 _LEAF = 16
 _CHUNK, _SORTING_CHUNK, _PIECE = 1 << 17, 1 << 15, 1 << 18
@@ -72,16 +72,13 @@ def cloud_distances(
 ) -> CloudDistances:
     """Measure clouds both ways, mapped from disk where either has more than `block_points`."""
     on_disk = max(prediction.count, truth.count) > block_points
-    gather = map_points if on_disk else concatenate_pieces
     clouds = [
-        gather(finite_pieces(cloud, min(block_points, _PIECE))) for cloud in (prediction, truth)
+        gather_points(finite_pieces(cloud, min(block_points, _PIECE)), on_disk=on_disk)
+        for cloud in (prediction, truth)
     ]
     if not len(clouds[1]):
-        raise BenchmarkError(
-            "the true cloud holds no finite point",
-            expected="at least one point, after cropping too",
-            fix="check the benchmark's cloud and the protocol's crop",
-        )
+        expected = "at least one point, after cropping too"
+        raise BenchmarkError("the true cloud holds no finite point", expected=expected)
     measure = partial(mutual_distances, *clouds, jobs=jobs, on_disk=on_disk)
     return CloudDistances(*with_progress(measure, "distances", progress))
 
@@ -89,11 +86,8 @@ def cloud_distances(
 def mutual_distances(
     first: Floats, second: Floats, *, jobs: int, on_disk: bool = False
 ) -> tuple[Floats, Floats]:
-    """Return the distance of each point to the nearest of the other cloud: (N,) and (M,)."""
+    """Return the distance of each finite point to the nearest of the other: (N,) and (M,)."""
     clouds = first, second
-    for points in clouds:
-        if not all(np.isfinite(part).all() for part in _chunks(points)):
-            raise ValueError("points that are not finite")
     if not len(first) or not len(second):
         return np.full(len(first), np.inf), np.full(len(second), np.inf)
     orders = morton_order(first), morton_order(second)
@@ -120,7 +114,7 @@ def sort_points(points: Floats, order: Ints, *, on_disk: bool) -> Floats:
             yield part[is_new]
 
     if on_disk:
-        return map_points(pieces())
+        return gather_points(pieces(), on_disk=True)
     found, count = np.empty((len(order), 3)), 0
     for piece in pieces():
         found[count : count + len(piece)] = piece

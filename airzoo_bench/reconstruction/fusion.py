@@ -24,9 +24,9 @@ from airzoo_bench.formats.clouds.cloud import ArrayPieces, Cloud
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, depth_to_points
+from airzoo_bench.reconstruction.alignment import Similarity
 from airzoo_bench.reconstruction.clouds import PieceCloud
 from airzoo_bench.reconstruction.settings import Fusion
-from airzoo_bench.reconstruction.similarity import Similarity
 
 # Views are worked through in parts of this many pixels, whatever pieces are asked for.
 _BLOCK_PIXELS = 1 << 18
@@ -86,24 +86,22 @@ class DepthMaps:
     poses in the frame of the prediction.
     """
 
-    depth: FloatMaps
+    values: FloatMaps
     cameras: Cameras
     poses: Poses
     confidence: FloatMaps | None = None
 
     def take(self, rows: Ints) -> DepthMaps:
         """Return the maps of some views."""
-        confidence = None if self.confidence is None else self.confidence[rows]
-        return DepthMaps(
-            self.depth[rows], self.cameras.take(rows), self.poses.take(rows), confidence
-        )
+        conf = None if self.confidence is None else self.confidence[rows]
+        return DepthMaps(self.values[rows], self.cameras.take(rows), self.poses.take(rows), conf)
 
 
 @dataclass(frozen=True, eq=False)
 class PointMaps:
     """Point maps (N, H, W, 3) of views in the frame of the prediction; not finite: no surface."""
 
-    points: FloatMaps
+    values: FloatMaps
     confidence: FloatMaps | None = None
 
 
@@ -112,46 +110,46 @@ def depth_cloud(maps: DepthMaps, transform: Similarity, settings: Fusion) -> Pie
 
     The transform leads into the frame of the truth, and depths grow by its scale.
     """
-    poses = transform.apply_poses(maps.poses)
+    poses, rows = transform.apply_poses(maps.poses), range(len(maps.values))
 
     def read(points: int) -> Iterator[Cloud]:
-        for row in range(len(maps.depth)):
+        for row in rows:
             depth = _scaled_depth(maps, row, transform, settings)
             depth[~_trusted(maps, row, settings)] = 0.0
             camera, pose = maps.cameras.take(row), poses.take(row)
             yield from map(Cloud, _lift(depth, camera, pose, min(points, _BLOCK_PIXELS)))
 
-    depths = (_scaled_depth(maps, row, transform, settings) for row in range(len(maps.depth)))
+    depths = (_scaled_depth(maps, row, transform, settings) for row in rows)
     return PieceCloud(sum(int(np.count_nonzero(depth)) for depth in depths), read)
 
 
 def point_map_cloud(maps: PointMaps, transform: Similarity, settings: Fusion) -> PieceCloud:
     """Make a cloud of all pixels of point maps that have a surface; see `depth_cloud`."""
+    rows = range(len(maps.values))
 
     def surface(row: int) -> Bools:
-        return np.asarray(np.isfinite(maps.points[row]).all(axis=-1))
+        return np.asarray(np.isfinite(maps.values[row]).all(axis=-1))
 
     def read(points: int) -> Iterator[Cloud]:
-        for row in range(len(maps.points)):
-            chosen = maps.points[row][surface(row) & _trusted(maps, row, settings)]
+        for row in rows:
+            chosen = maps.values[row][surface(row) & _trusted(maps, row, settings)]
             for piece in ArrayPieces(chosen)(min(points, _BLOCK_PIXELS)):
                 yield Cloud(transform.apply(piece.points))
 
-    return PieceCloud(sum(int(surface(row).sum()) for row in range(len(maps.points))), read)
+    return PieceCloud(sum(int(surface(row).sum()) for row in rows), read)
 
 
 def _scaled_depth(maps: DepthMaps, row: int, transform: Similarity, settings: Fusion) -> Floats:
     """Return the depth map (H, W) of one view, 0 where it has no surface."""
     with np.errstate(invalid="ignore"):  # of NaN, which compares false
-        depth = maps.depth[row].astype(np.float64) * transform.scale
+        depth = maps.values[row].astype(np.float64) * transform.scale
     return np.where((depth > 0.0) & (depth <= settings.max_depth_m), depth, 0.0)
 
 
 def _trusted(maps: DepthMaps | PointMaps, row: int, settings: Fusion) -> Bools:
     """Say which pixels (H, W) of a view have enough confidence."""
     if maps.confidence is None or settings.least_confidence is None:
-        shape = (maps.depth if isinstance(maps, DepthMaps) else maps.points).shape
-        return np.ones(shape[1:3], np.bool_)
+        return np.ones(maps.values.shape[1:3], np.bool_)
     return np.asarray(maps.confidence[row] > settings.least_confidence)
 
 
@@ -169,12 +167,6 @@ def _lift(depth: Floats, camera: Cameras, pose: Poses, size: int) -> Iterator[Fl
 
 def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud:
     """Fuse depth maps into the points where their surface crosses edges between voxels."""
-    if maps.cameras.distortion.any():
-        raise PredictionError(
-            "depth maps of cameras with lens distortion cannot be fused by TSDF",
-            expected="pinhole cameras",
-            fix="undistort the maps, or fuse by back-projection",
-        )
     poses = transform.apply_poses(maps.poses)
     side = settings.tsdf_voxel_m * _BLOCK
     origin = np.floor(poses.centres.min(axis=0, initial=np.inf) / side) * side
@@ -185,7 +177,7 @@ def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud
         ["tsdf", "weight"], kinds, sizes, settings.tsdf_voxel_m, _BLOCK, _FIRST_BLOCKS
     )
     distrusted = 0
-    for row in range(len(maps.depth)):
+    for row in range(len(maps.values)):
         depth, pose = _scaled_depth(maps, row, transform, settings), poses.take(row)
         doubtful = ~_trusted(maps, row, settings)
         distrusted += int(np.count_nonzero(depth[doubtful]))
@@ -224,7 +216,6 @@ def _check_room(blocks: int, settings: Fusion) -> None:
         raise PredictionError(
             f"the fused surface takes more than {settings.tsdf_max_voxels:,} voxels of "
             f"{settings.tsdf_voxel_m:g}",
-            expected="depths and poses of one scene, in one scale",
             fix="check the scale of the depth maps against that of the poses",
         )
 

@@ -13,14 +13,9 @@ from pykdtree.kdtree import KDTree
 
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.clouds import (
-    concatenate_pieces,
-    finite_pieces,
-    finite_rows,
-    map_points,
-)
+from airzoo_bench.reconstruction.alignment import AlignmentError, Similarity, fit_many
+from airzoo_bench.reconstruction.clouds import finite_pieces, finite_rows, gather_points
 from airzoo_bench.reconstruction.settings import AlignmentSettings
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
 
 _PART = 1 << 18  # points of a cloud at a time
 
@@ -41,7 +36,7 @@ def refine(
         raise AlignmentError("ICP needs points in the prediction and in the truth")
     # Near zero: the tree works on offsets from a point of the truth.
     points, near_zero = points - origin, (part - origin for part in finite_pieces(truth, _PART))
-    targets = (map_points if truth.count > memory_points else concatenate_pieces)(near_zero)
+    targets = gather_points(near_zero, on_disk=truth.count > memory_points)
     tree = KDTree(targets)
 
     def nearest(queries: Floats) -> tuple[Floats, Floats]:
@@ -53,15 +48,11 @@ def refine(
         found[(index >= len(targets)) | (found > limit)] = np.inf
         return found, there
 
-    transform = Similarity.identity()
+    transform, rounds = Similarity.identity(), 0
     distances, partners = nearest(points)
     before = fit = _fit_of(distances, limit)
     if np.isfinite(distances).sum() < 3:
-        raise AlignmentError(
-            f"ICP has {np.isfinite(distances).sum()} of {len(distances)} predicted points within "
-            f"{limit:g} of the truth"
-        )
-    rounds = 0
+        raise AlignmentError("ICP has fewer than 3 predicted points within its limit of the truth")
     while rounds < settings.icp_iterations:
         rounds += 1
         near = np.isfinite(distances)
@@ -79,7 +70,7 @@ def refine(
             break
     report = {"before": before, "after": fit, "iterations": rounds, "points": len(points)}
     if fit == before:
-        return Similarity.identity(), report
+        return transform, report
     back, start = transform.translation + origin, transform.origin + origin
     return Similarity(transform.scale, transform.rotation, back, start), report
 

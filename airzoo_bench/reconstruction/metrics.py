@@ -24,7 +24,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 
@@ -70,12 +69,6 @@ def score_distances(
     A distance above `max_distance` counts as this in accuracy, completeness and Chamfer distance,
     and in nothing else; an empty prediction stays infinitely far.
     """
-    if len(to_prediction) == 0:
-        raise BenchmarkError(
-            "the true cloud holds no point",
-            expected="at least one point, after cropping too",
-            fix="check the benchmark's cloud and the protocol's crop",
-        )
     limit = math.inf if max_distance is None or len(to_truth) == 0 else max_distance
     accuracy, completeness = exact_mean(to_truth, limit), exact_mean(to_prediction, limit)
     return CloudScores(
@@ -198,9 +191,9 @@ def step_errors(aligned: Poses, truth: Poses) -> tuple[Floats, Floats]:
     The relative pose error (RPE) over steps of one: of the motion that is left once the true
     motion is undone. The predicted poses have the scale of the truth.
     """
-    # E = (true motion)^-1 (motion), each from camera i to camera i + 1, camera-to-world.
-    turn, move = _motions_to_next(aligned)
-    true_turn, true_move = _motions_to_next(truth)
+    steps = np.arange(len(truth) - 1), np.arange(1, len(truth))
+    turn, move = relative_poses(aligned, *steps)
+    true_turn, true_move = relative_poses(truth, *steps)
     failed = _failed(aligned)
     lost = failed[:-1] | failed[1:]
     angles = rotation_angle_deg(turn, true_turn)
@@ -221,13 +214,6 @@ def relative_poses(poses: Poses, first: Ints, second: Ints) -> tuple[Floats, Flo
     rotation = poses.rotation[first]
     turn: Floats = poses.rotation[second] @ np.swapaxes(rotation, -1, -2)
     return turn, apply_matrix(rotation, poses.centres[second] - poses.centres[first])
-
-
-def _motions_to_next(poses: Poses) -> tuple[Floats, Floats]:
-    """Return motions to the next camera, in the frame of the earlier one, camera-to-world."""
-    rotation = poses.rotation
-    turn = rotation[:-1] @ np.swapaxes(rotation[1:], -1, -2)
-    return turn, apply_matrix(rotation[:-1], np.diff(poses.centres, axis=0))
 
 
 def _world_motions(poses: Poses, first: int, row: int, others: Ints) -> tuple[Floats, Floats]:

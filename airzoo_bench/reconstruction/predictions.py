@@ -8,12 +8,15 @@ is a prediction of one scene. Files as methods write them come from readers, as 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
 from airzoo_bench.core.validation import SAFE_NAME
@@ -24,34 +27,49 @@ from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.reconstruction.cameras import (
-    CAMERA_FIELDS,
-    ImagePoses,
-    check_count,
-    fault,
-    image_poses,
-    read_image_poses,
-)
+from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
+from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.reconstruction.checks import check_resolution
 from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
 
+_UNPACKED_BYTES = 1 << 40
 _PROTOCOL, _CAMERAS = "protocol.txt", "cameras.npz"
-_ENDING = "|".join(map(re.escape, SUFFIXES))
-_PLACES = {
-    "cameras": re.compile(r"([^/]+)[./]cameras\.npz"),
-    "geometry": re.compile(rf"([^/]+?)(?:/[^/]+)?(?:{_ENDING})", re.IGNORECASE),
-}
+_PLACE = re.compile(
+    r"(?P<scene>[^/]+?)(?:[./](?P<cameras>cameras\.npz)|(?:/[^/]+)?"
+    rf"(?:{'|'.join(map(re.escape, SUFFIXES))}))",
+    re.IGNORECASE,
+)
 _MAPS = {"depth": ("N", "H", "W"), "world_points": ("N", "H", "W", "3")}
 _MAPS["points"] = _MAPS["world_points"]
 _CONFIDENCE, _COLOURS = ("conf", "confidence"), ("colours", "colors", "image")
+_CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
 _HALF_A_PIXEL = {"half": 0.0, "integer": 0.5}
 _BYTES_A_PIXEL = 96  # depth and surface in double precision, their places, rays and points
+_ROW_TOLERANCE = 1e-6
+_POSES = "image_names (N,) and extrinsics (N, 3, 4) or (N, 4, 4), world-to-camera"
 _EXPECTED = (
     "depth (N, H, W) or world_points (N, H, W, 3), intrinsics (N, 3, 3), extrinsics (N, 3, 4) or "
     "(N, 4, 4) world-to-camera, image_names (N,), and perhaps conf (N, H, W), colours (N, H, W, "
     "3), pixel_centres ('half' or 'integer')"
 )
+
+
+@dataclass(frozen=True, eq=False)
+class ImagePoses:
+    """Poses of N images by their names, which are numbers where the file has none (not `named`).
+
+    Where the method `found` no pose (NaN in all of it, or a place beyond all measure) `poses` are
+    meaningless. `errors` estimate by how much digits that the file lacks have moved each camera, in
+    the unit of its translation.
+    """
+
+    names: NDArray[np.str_]
+    found: Bools
+    poses: Poses
+    errors: Floats
+    named: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +85,6 @@ class ScenePrediction:
     images: ImagePoses | None
     notes: tuple[str, ...] = ()
     pixel_centres: str | None = None
-
-    @property
-    def posed_geometry(self) -> FileCloud | DepthMaps | PointMaps:
-        """The geometry, without depth maps of views that have no pose: these are nowhere."""
-        if not isinstance(self.geometry, DepthMaps) or self.images is None:
-            return self.geometry
-        found = self.images.found
-        return self.geometry if found.all() else self.geometry.take(np.flatnonzero(found))
 
     @property
     def kind(self) -> str:
@@ -130,33 +140,32 @@ class ListedFiles(ScenePredictions):
         (geometry, cameras), images = self.entries[scene], None
         with ExitStack() as stack:
             if cameras is not None:
-                path = stack.enter_context(self._bundle.file(cameras))
-                images = read_image_poses(path, limit_bytes)
+                arrays = open_arrays(stack.enter_context(self._bundle.file(cameras)), limit_bytes)
+                allowed = ("protocol", *_CAMERA_FIELDS)
+                check_fields(arrays, ("image_names", "extrinsics"), allowed, _POSES)
+                images = image_poses(arrays, len(texts(arrays, "image_names", 1)))
             path = stack.enter_context(self._bundle.file(geometry))
-            if path.suffix.lower() != ".npz" or not _holds_maps(path, limit_bytes):
+            if path.suffix.lower() != ".npz" or not _holds_maps(open_arrays(path, limit_bytes)):
                 cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
                 yield ScenePrediction(cloud, images, cloud.notes)
                 return
             views = maps_of(open_arrays(path, limit_bytes))
             if views.images is not None and cameras is not None:
-                raise PredictionError(
-                    f"holds extrinsics, and so does {cameras.name}",
-                    where=f"{self.path}, {geometry.name}",
-                    fix="keep one of the two",
-                )
+                where = f"{self.path}, {geometry.name}"
+                raise PredictionError(f"holds extrinsics, and so does {cameras.name}", where=where)
             yield replace(views, images=views.images or images)
 
 
 # --- listing ---
 
 
-def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles:
+def open_reconstruction(path: Path) -> ListedFiles:
     """List what a prediction holds: a folder, a zip archive, or one file of a scene."""
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
         bundle = Bundle(path.parent, (member,))
         return ListedFiles(path, None, {path.stem: (member, None)}, (), bundle)
-    bundle = open_bundle(path, unpacked_limit_bytes)
+    bundle = open_bundle(path, _UNPACKED_BYTES)
     wrapper, protocol, unknown_files = _wrapper(bundle.members), None, []
     found: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
     for member in bundle.members:
@@ -164,14 +173,13 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
         scene, kind = _place_of(name)
         if name == _PROTOCOL:
             protocol = _protocol_name(bundle, member)
-        elif kind is None:
+        elif not kind:
             unknown_files.append(name)
         elif found[kind].setdefault(scene, member) is not member:
             raise PredictionError(
                 f"scene {scene!r} has two entries: {found[kind][scene].name} and {member.name}",
                 where=path,
                 expected="one cloud, mesh or npz a scene, and perhaps its cameras.npz",
-                fix="keep one of the two",
             )
     geometry, cameras = found.values()
     unknown_files += [one.name for scene, one in cameras.items() if scene not in geometry]
@@ -182,7 +190,6 @@ def open_reconstruction(path: Path, *, unpacked_limit_bytes: int) -> ListedFiles
             where=path,
             expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
             f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
-            fix="write clouds as .ply, and name the files by their scenes",
         )
     entries = {scene: (geometry[scene], cameras.get(scene)) for scene in sorted(geometry)}
     return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
@@ -199,35 +206,30 @@ def _wrapper(members: tuple[Member, ...]) -> str:
     return "" if is_scene else prefix
 
 
-def _place_of(name: str) -> tuple[str, str | None]:
+def _place_of(name: str) -> tuple[str, str]:
     """Return the scene that a file belongs to, and whether it is its geometry or its cameras."""
-    matches = ((kind, pattern.fullmatch(name)) for kind, pattern in _PLACES.items())
-    if name == _PROTOCOL:
-        return "", None
-    return next(((match[1], kind) for kind, match in matches if match), ("", None))
+    match = _PLACE.fullmatch(name)
+    if match is None or name == _PROTOCOL:
+        return "", ""
+    return match["scene"], "cameras" if match["cameras"] else "geometry"
 
 
 def _protocol_name(bundle: Bundle, member: Member) -> str:
     name = bundle.text(member, 1024).strip()
-    if re.fullmatch(SAFE_NAME, name) and not name.endswith(".toml"):
-        return name
     # A file from a stranger must not choose which file of this computer is read.
-    raise PredictionError(
-        f"the protocol {name[:80]!r} is no protocol's name",
-        where=f"{bundle.path}, {member.name}",
-        expected="a line with a name, such as airzoo-real-reconstruction",
-        fix="name a protocol's file with --protocol",
-    )
+    if not re.fullmatch(SAFE_NAME, name) or name.endswith(".toml"):
+        where, fix = f"{bundle.path}, {member.name}", "name a protocol's file with --protocol"
+        raise PredictionError(f"{name[:80]!r} is no protocol's name", where=where, fix=fix)
+    return name
 
 
-# --- maps ---
+# --- maps and cameras ---
 
 
-def _holds_maps(path: Path, limit_bytes: int) -> bool:
+def _holds_maps(arrays: Arrays) -> bool:
     """Say whether an npz holds depth maps or point maps; else it is a cloud."""
-    arrays = open_arrays(path, limit_bytes)
     names = arrays.names()
-    cloud = "points" in names and not names & {"depth", "world_points", *CAMERA_FIELDS}
+    cloud = "points" in names and not names & {"depth", "world_points", *_CAMERA_FIELDS}
     return not cloud or arrays.map("points").ndim == 4
 
 
@@ -236,7 +238,7 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     names = arrays.names()
     kind, confidence = _one_of(arrays, tuple(_MAPS)) or "depth", None
     needed = (kind, "intrinsics", "extrinsics") if kind == "depth" else (kind,)
-    allowed = ("protocol", "pixel_centres", kind, *CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
+    allowed = ("protocol", "pixel_centres", kind, *_CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
     maps = _map_maps(arrays, kind)
     stated = _pixel_centres(arrays)
@@ -249,19 +251,27 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
         confidence = arrays.map(name)
         if confidence.shape != maps.shape[:3] or confidence.dtype.kind not in "biuf":
             what = f"is {confidence.dtype} of shape {confidence.shape}"
-            expected = f"numbers of shape {maps.shape[:3]}, that of the maps"
-            raise fault(arrays, what, expected, field=name)
+            raise _fault(arrays, what, name, f"numbers of shape {maps.shape[:3]}, that of the maps")
     geometry: DepthMaps | PointMaps = PointMaps(maps, confidence)
     if kind == "depth" and cameras is not None and images is not None:
         geometry = DepthMaps(maps, cameras, images.poses, confidence)
     return ScenePrediction(geometry, images, pixel_centres=stated)
 
 
+def _fault(
+    arrays: Arrays, what: str, field: str, expected: str | None, fix: str | None = None
+) -> PredictionError:
+    """Make the error of a field."""
+    where = f"{arrays.path}, field '{field}'"
+    return PredictionError(what, where=where, expected=expected, fix=fix)
+
+
 def _one_of(arrays: Arrays, names: tuple[str, ...]) -> str | None:
     """Return the one of some names that the file has a field of."""
     found = [name for name in names if name in arrays.names()]
     if len(found) > 1:
-        raise fault(arrays, f"holds {' and '.join(found)}, and they could disagree", "one of them")
+        what = f"holds {' and '.join(found)}, and they could disagree"
+        raise _fault(arrays, what, found[0], "one of them")
     return found[0] if found else None
 
 
@@ -275,42 +285,80 @@ def _map_maps(arrays: Arrays, name: str) -> FloatMaps:
         fix = f"{name}.astype(np.float32), in the units of the poses"
         if values.dtype.kind in "iu":
             fix += "; whole numbers are often millimetres, / 1000"
-        if name == "depth" and values.ndim == 4 and values.shape[1] == 1:
-            fix = "depth[:, 0] (depth.squeeze(1))"
         what = f"is {values.dtype} of shape {values.shape}"
-        raise fault(arrays, what, f"floating point ({', '.join(shape)})", field=name, fix=fix)
+        raise _fault(arrays, what, name, f"floating point ({', '.join(shape)})", fix)
     return values
 
 
 def _pixel_centres(arrays: Arrays) -> str | None:
     if "pixel_centres" not in arrays.names():
         return None
-    value = arrays.read("pixel_centres")
-    stated = str(value.reshape(-1)[0]) if value.dtype.kind == "U" and value.size == 1 else ""
+    stated = "".join(map(str, arrays.read("pixel_centres").reshape(-1)[:2]))
     if stated in _HALF_A_PIXEL:
         return stated
-    raise fault(
-        arrays,
-        f"says {stated[:20]!r}" if stated else "is not one text",
-        "'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' (it is (0, 0))",
-        field="pixel_centres",
-        fix="'integer' for Depth Anything 3, VGGT, CUT3R, MapAnything, DUSt3R",
-    )
+    expected = "'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' ((0, 0))"
+    raise _fault(arrays, f"says {stated[:20]!r}", "pixel_centres", expected)
 
 
 def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Cameras | None:
     if "intrinsics" not in arrays.names():
         return None
     matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
-    check_count(arrays, "intrinsics", len(matrices), shape[0])
+    _check_count(arrays, "intrinsics", len(matrices), shape[0])
     with np.errstate(invalid="ignore"):  # of NaN, which is refused below by its row
         matrices[:, :2, 2] += shift
     named = texts(arrays, "image_names", 1).tolist() if "image_names" in arrays.names() else []
     names = named if len(named) == len(matrices) else None
-    try:
+    with _camera_errors(arrays, "intrinsics"):
         cameras = Cameras.from_matrices(matrices, shape[2], shape[1], names=names)
-    except CameraError as error:
-        what, expected, fix = error.what, error.expected, error.fix
-        raise fault(arrays, what, expected, field="intrinsics", fix=fix) from error
     check_resolution(cameras, names, f"{arrays.path}, field 'intrinsics'")
     return cameras
+
+
+def image_poses(arrays: Arrays, count: int) -> ImagePoses:
+    """Read ``extrinsics`` and, where there are any, ``image_names`` of `count` images."""
+    named = "image_names" in arrays.names()
+    names = np.array([f"view {row}" for row in range(count)])
+
+    def refuse(field: str, what: str, odd: list[Any]) -> None:
+        if odd:
+            raise _fault(arrays, f"{what}: {first_of(odd, count)}", field, _POSES)
+
+    if named:
+        names = texts(arrays, "image_names", 1)
+        _check_count(arrays, "image_names", len(names), count)
+        uses = Counter(names.tolist())
+        wrong = [repr(name) for name in uses if uses[name] > 1 or not name]
+        refuse("image_names", "names that are empty or not unique", wrong)
+    values = arrays.read("extrinsics")
+    rows = 4 if values.ndim == 3 and values.shape[1] == 4 else 3
+    matrices = numbers(arrays, "extrinsics", (None, rows, 4)).astype(np.float64)
+    _check_count(arrays, "extrinsics", len(matrices), count)
+    found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    half = names[~found & ~np.isnan(matrices).all(axis=(1, 2))]
+    refuse("extrinsics", "poses that are NaN or infinite in part", half.tolist())
+    rotation = np.tile(np.eye(3), (count, 1, 1))
+    with _camera_errors(arrays, "extrinsics"):
+        rotation[found] = check_rotations(matrices[found, :3, :3], names[found].tolist())
+    last = np.abs(matrices[found, 3:] - (0.0, 0.0, 0.0, 1.0)) <= _ROW_TOLERANCE
+    odd = names[found][~last.all(axis=(1, 2))].tolist()
+    refuse("extrinsics", "a last row other than 0 0 0 1 (transposed matrices have t there)", odd)
+    found &= (np.abs(matrices[:, :3, 3]) <= FARTHEST).all(axis=1)
+    translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
+    errors = np.zeros(count)
+    errors[found] = pose_errors_m(matrices[found, :3, :3], translation[found], None)
+    return ImagePoses(names, found, Poses.from_translations(rotation, translation), errors, named)
+
+
+def _check_count(arrays: Arrays, name: str, rows: int, count: int) -> None:
+    if rows != count:
+        raise _fault(arrays, f"has {rows:,} rows for {count:,} images", name, "a row an image")
+
+
+@contextmanager
+def _camera_errors(arrays: Arrays, field: str) -> Iterator[None]:
+    """Name the field in errors of cameras and rotations."""
+    try:
+        yield
+    except CameraError as error:
+        raise _fault(arrays, error.what, field, error.expected, error.fix) from error

@@ -18,37 +18,27 @@ from airzoo_bench.evaluation.track import Run, ScenePredictions, Scored
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction import metrics, preparation
+from airzoo_bench.reconstruction import clouds, fusion, metrics
 from airzoo_bench.reconstruction.alignment import (
     LEAST_CAMERAS,
     Alignment,
+    AlignmentError,
     PosedCameras,
+    Similarity,
     align,
+    fit_many,
     partners,
     with_residuals,
 )
-from airzoo_bench.reconstruction.cameras import match_cameras
-from airzoo_bench.reconstruction.checks import scene_notes
-from airzoo_bench.reconstruction.clouds import finite_pieces, transform_cloud
+from airzoo_bench.reconstruction.checks import match_cameras, scene_notes
 from airzoo_bench.reconstruction.distances import CloudDistances, cloud_distances
-from airzoo_bench.reconstruction.fusion import (
-    DepthMaps,
-    PointMaps,
-    depth_cloud,
-    fuse,
-    point_map_cloud,
-)
 from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.predictions import ScenePrediction
-from airzoo_bench.reconstruction.settings import (
-    ReconstructionProtocol,
-    ReconstructionScores,
-)
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, fit_many
+from airzoo_bench.reconstruction.settings import ReconstructionProtocol, ReconstructionScores
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, open_true_cloud
 from airzoo_bench.results.scores import Score
 
-Geometry = CloudSource | DepthMaps | PointMaps
+Geometry = CloudSource | fusion.DepthMaps | fusion.PointMaps
 
 # The bytes of a point while distances are computed: both clouds, their order, the tree.
 _BYTES_A_POINT = 128
@@ -73,7 +63,7 @@ class Comparison:
     """
 
     alignment: Alignment
-    clouds: tuple[preparation.PreparedCloud, preparation.PreparedCloud]
+    clouds: tuple[clouds.PreparedCloud, clouds.PreparedCloud]
     distances: CloudDistances
     recalled: Floats
     curve: metrics.Curve
@@ -86,22 +76,24 @@ def score_scene(
     run: Run,
 ) -> Scored:
     """Read a scene's prediction and score it; an error names the scene."""
-    place, scores = f"{predictions.path}, scene {truth.scene}", protocol.scores
-    found: Comparison | None = None
+    place, found = f"{predictions.path}, scene {truth.scene}", None
     with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
         true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, protocol.meshes.sampling)
+        geometry, images = prediction.geometry, prediction.images
+        if isinstance(geometry, fusion.DepthMaps) and images and not images.found.all():
+            geometry = geometry.take(np.flatnonzero(images.found))  # others are nowhere
         try:
-            cameras, doubts = match_cameras(prediction.images, truth, place)
-            found = compare(prediction.posed_geometry, cameras, truth, true_cloud, protocol, run)
+            cameras, doubts = match_cameras(images, truth, place)
+            found = compare(geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
-            worst = _worst_cloud(scores) | _worst_poses(scores)
+            worst = _worst_cloud(protocol.scores) | _worst_poses(protocol.scores)
             scored = _scored(truth.scene, worst, {"failed": 1, "points": 0})
             notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
         else:
-            poses = pose_scores(cameras, found.alignment.transform, truth.posed, scores)
-            scored = score_comparison(truth.scene, found, poses, scores)
-            notes = [*scene_notes(prediction, truth, found, protocol), *doubts]
+            poses = pose_scores(cameras, found.alignment.transform, truth.posed, protocol.scores)
+            scored = score_comparison(truth.scene, found, poses, protocol.scores)
+            notes = [*scene_notes(prediction, found, protocol), *doubts]
             if run.keep and (run.limits is not None or not predictions.path.is_dir()):
                 # Once the predictions are closed, their files are gone.
                 found = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
@@ -126,8 +118,8 @@ def open_scene(
         if not unpacked or predictions.path.is_dir():
             raise
         # A file of an archive lies somewhere else while it is read.
-        told = {"expected": error.expected, "fix": error.fix}
-        raise PredictionError(error.what, where=f"{place}, {unpacked}", **told) from error
+        texts = {"expected": error.expected, "fix": error.fix}
+        raise PredictionError(error.what, where=f"{place}, {unpacked}", **texts) from error
 
 
 def read_through(
@@ -153,29 +145,28 @@ def compare(
     if protocol.alignment.cameras == "required" and cameras is None:
         raise PredictionError(
             "holds no cameras, and the protocol requires them",
-            expected="cameras, by which all methods are aligned alike",
             fix="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
         )
     settings, scores = protocol.preparation, protocol.scores
     block = max(run.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     progress = Headed(truth.scene, run.progress)
-    box = preparation.box_of(true_cloud)
+    box = clouds.box_of(true_cloud)
     cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
-    region = preparation.cropped_region(true_cloud, box, settings, block)
-    prepare = partial(
-        preparation.prepare_cloud, settings=settings, region=region, block_points=block
+    region = clouds.cropped_region(true_cloud, box, settings, block)
+    predicted, true = (
+        with_progress(partial(clouds.prepare_cloud, one, settings, region, block), what, progress)
+        for one, what in (
+            (cloud, "preparing the prediction"),
+            (true_cloud, "preparing the true cloud"),
+        )
     )
-    predicted = with_progress(partial(prepare, cloud), "preparing the prediction", progress)
-    true = with_progress(partial(prepare, true_cloud), "preparing the true cloud", progress)
     distances = cloud_distances(
         predicted.source, true.source, block_points=block, jobs=run.jobs, progress=progress
     )
     recalled = distances.to_prediction
     if settings.region == "observed":
-        seen = preparation.observed_cells(
-            true.source, box, truth.cameras, truth.poses, settings, block
-        )
-        rows = [seen.holds(points) for points in finite_pieces(true.source, block)]
+        seen = clouds.observed_cells(true.source, box, truth.cameras, truth.poses, settings, block)
+        rows = [seen.holds(points) for points in clouds.finite_pieces(true.source, block)]
         recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
     steps = scores.curve_up_to_m * np.arange(1, scores.curve_steps + 1) / scores.curve_steps
     found = metrics.curve(distances.to_truth, recalled, steps)
@@ -191,15 +182,15 @@ def _aligned(
     block: int,
 ) -> tuple[CloudSource, Alignment]:
     """Bring a prediction into the frame of the truth, by cameras and perhaps by ICP."""
-    found, fusion = align(cameras, truth.posed, protocol.alignment), protocol.fusion
+    found, settings = align(cameras, truth.posed, protocol.alignment), protocol.fusion
     cloud: CloudSource
-    if isinstance(geometry, PointMaps):
-        cloud = point_map_cloud(geometry, found.transform, fusion)
-    elif isinstance(geometry, DepthMaps):
-        make = fuse if fusion.method == "tsdf" else depth_cloud
-        cloud = make(geometry, found.transform, fusion)
+    if isinstance(geometry, fusion.PointMaps):
+        cloud = fusion.point_map_cloud(geometry, found.transform, settings)
+    elif isinstance(geometry, fusion.DepthMaps):
+        make = fusion.fuse if settings.method == "tsdf" else fusion.depth_cloud
+        cloud = make(geometry, found.transform, settings)
     else:
-        cloud = transform_cloud(geometry, found.transform, fusion.least_confidence)
+        cloud = clouds.transform_cloud(geometry, found.transform, settings.least_confidence)
     if found.method != "sim3+icp" or cameras is None:
         return cloud, found
     try:
@@ -207,7 +198,7 @@ def _aligned(
     except AlignmentError as error:
         return cloud, replace(found, icp_failure=error.what)
     moved = replace(found, transform=step.after(found.transform), icp=report)
-    return transform_cloud(cloud, step), with_residuals(moved, cameras, truth.posed)
+    return clouds.transform_cloud(cloud, step), with_residuals(moved, cameras, truth.posed)
 
 
 # --- records ---
@@ -241,8 +232,7 @@ def score_comparison(
         "rotations_median_deg": turns.get("median", np.nan),
     }
     columns |= _cloud_columns(distances.to_truth, found.recalled, settings) | poses
-    facts = {"alignment": alignment.values}
-    return replace(_scored(scene, columns, counts), facts=facts)
+    return replace(_scored(scene, columns, counts), facts={"alignment": alignment.values})
 
 
 def score_missing(scene: str, settings: ReconstructionScores) -> Scored:
@@ -315,8 +305,7 @@ def pose_scores(
         return scores
     if settings.trajectory_alignment == "umeyama":
         # All predicted cameras are brought nearest to the true ones, as evo does.
-        centres = given.centres[placed][None], true.centres[placed][None]
-        ((transform,), _) = fit_many(*centres, with_scale=True)
+        ((transform,), _) = fit_many(given.centres[placed][None], true.centres[placed][None])
     aligned = transform.apply_poses(given)
     translation, rotation_deg = metrics.step_errors(aligned, true)
     scores["ate_m"] = metrics.rms_of_placed(metrics.centre_errors(aligned, true))

@@ -19,18 +19,16 @@ _LARGEST_ANGLE_DEG = 180.0
 class AlignmentSettings(Strict):
     """How a prediction is brought into the frame of the truth.
 
-    Trials end once a sample without outliers was drawn with the confidence. ``"nearest-camera"``
-    with a sample of half of the cameras is Depth Anything 3's rule: inliers are nearer than the
-    median distance from a predicted centre to any true one, once all cameras are aligned. Centres
-    whose second singular value is at most `line_ratio` of the first lie on a line. There, an
-    orientation weighs as much as points so far off the line.
+    Trials end once a sample without outliers was drawn with the confidence. Centres whose second
+    singular value is at most `line_ratio` of the first lie on a line. There, an orientation weighs
+    as much as points so far off the line.
     """
 
     method: Literal["none", "sim3", "sim3+icp"]
     cameras: Literal["required", "optional"]
-    inlier_below_m: Positive | Literal["nearest-camera"]
+    inlier_below_m: Positive
     inlier_below_deg: Positive
-    sample_share: Share | Literal["minimal"]
+    sample_share: Literal["minimal"]
     min_trials: Trials
     max_trials: Trials
     confidence: Share
@@ -138,8 +136,5 @@ class ReconstructionProtocol(Protocol):
     def _voxels_below_scores(self) -> Self:
         voxel, finest = self.preparation.voxel_m, self.scores.finest_m
         if not isinstance(voxel, str) and finest < 2 * voxel:
-            raise ValueError(
-                f"scores at {finest:g} m of clouds thinned by voxels of {voxel:g} m mean nothing: "
-                "thresholds must be at least two voxels"
-            )
+            raise ValueError(f"thresholds ({finest:g} m) must be at least two voxels ({voxel:g} m)")
         return self

@@ -31,7 +31,6 @@ from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
 from airzoo_bench.results.scores import Score
 
-_UNPACKED_BYTES = 1 << 40
 _TEMPLATE_PX = 32  # the longer side of its maps
 _TEMPLATE_DEPTH_M = (20.0, 120.0)
 
@@ -45,7 +44,7 @@ class ReconstructionTrack(Track):
 
     def open(self, path: Path, memory_bytes: int) -> ScenePredictions:
         """List predictions; see `open_reconstruction`."""
-        predictions = open_reconstruction(path, unpacked_limit_bytes=_UNPACKED_BYTES)
+        predictions = open_reconstruction(path)
         if path.is_file() and path.suffix == ".npz":
             return replace(predictions, protocol=protocol_name(open_arrays(path, memory_bytes)))
         return predictions
@@ -70,8 +69,7 @@ class ReconstructionTrack(Track):
                 + nearest(next(iter(predictions.scenes), "")[:80], known, 1),
                 where=predictions.path,
                 expected=f"an entry a scene: {first_of(known)}",
-                fix="name files or folders by their scenes, or name the right protocol with "
-                "--protocol",
+                fix="name files or folders by their scenes, or the right protocol with --protocol",
             )
         left_out = {
             "scenes that the predictions lack, scored at their worst": missing,

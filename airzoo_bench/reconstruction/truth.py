@@ -88,7 +88,7 @@ def build_truth(
 ) -> ReconstructionTruth:
     """Put the photos of a scene, all or the chosen rows, and the true cloud together."""
     if not cloud.exists():
-        raise UsageError("no such cloud", where=cloud, expected="a .las, .laz, .ply or .pcd file")
+        raise UsageError("no such cloud", where=cloud)
     photos = inputs.photos
     kept = pd.Series(True, index=photos.index) if chosen is None else chosen
     excluded = photos[~kept][["id", "image"]].reset_index(drop=True).assign(reason=_NOT_CHOSEN)
@@ -121,13 +121,9 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
     cloud = benchmark.resolve(entry.cloud or "")
     found = sha256_of_tree(cloud) if entry.cloud and cloud.exists() else None
     if found is None or found != entry.cloud_sha256:
-        changed = "is not the one that the benchmark was prepared with"
-        raise BenchmarkError(
-            f"the true cloud {changed if found else 'is not there'}",
-            where=cloud,
-            expected=f"SHA-256 {(entry.cloud_sha256 or 'none')[:12]}…",
-            fix="put it back where benchmark.toml says, or prepare with --copy",
-        )
+        what = "the true cloud is not there, or is not the one that the benchmark was prepared with"
+        fix = "put it back where benchmark.toml says, or prepare with --copy"
+        raise BenchmarkError(what, where=cloud, fix=fix)
     return ReconstructionTruth(scene, photos, cloud, found, excluded)
 
 

@@ -10,7 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.alignment import (
+    AlignmentError,
+    PosedCameras,
+    Similarity,
+    umeyama,
+)
 from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.metrics import (
@@ -21,7 +26,6 @@ from airzoo_bench.reconstruction.metrics import (
     step_errors,
 )
 from airzoo_bench.reconstruction.scoring import pose_scores
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity, umeyama
 from tests.reconstruction.world import protocol
 
 UTM = np.array((576663.25, 5188165.5, 197.0))

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.reconstruction.alignment import (
     Alignment,
     PosedCameras,
+    Similarity,
     align,
     shipped_alignment,
 )
 from airzoo_bench.reconstruction.settings import AlignmentSettings
-from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
 UTM = np.array((576663.25, 5188165.5, 197.0))

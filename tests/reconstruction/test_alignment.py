@@ -10,10 +10,15 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.alignment import PosedCameras, align, partners
+from airzoo_bench.reconstruction.alignment import (
+    AlignmentError,
+    PosedCameras,
+    Similarity,
+    align,
+    partners,
+)
 from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import draw_points, refine
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
 from tests.geometry.support import quick, seeds
 from tests.reconstruction.posed_cameras import (
     UTM,
@@ -63,20 +68,6 @@ def test_residuals_by_hand() -> None:
     assert found.transform.scale == 1.0
 
 
-def test_the_rule_of_depth_anything_3() -> None:
-    rng = np.random.default_rng(0)
-    truth, made = grid(rng), made_by(rng)
-    noisy = moved(seen_from(truth, made), list(range(24)), rng.normal(0, 0.01, (24, 3)))
-    rule = {"inlier_below_m": "nearest-camera", "sample_share": 0.5, "max_trials": 50}
-    found = sim3(noisy, truth, **rule)
-    # The median distance is near 0.01 * 25 * 1.54, that of a normal vector in space.
-    assert found.inlier_limit_m == pytest.approx(0.385, rel=0.4)
-    assert 8 <= found.inliers <= 20
-    assert_same(found.transform, made, made.inverse().apply(truth.centres), 0.5)
-    exact = sim3(seen_from(truth, made), truth, inlier_below_m="nearest-camera")
-    assert exact.inliers == 24
-
-
 @quick
 @given(seeds)
 def test_a_strip_is_aligned_by_orientations(seed: int) -> None:
@@ -102,7 +93,7 @@ def test_a_strip_is_aligned_by_orientations(seed: int) -> None:
 def test_cameras_that_determine_nothing_are_refused(fault: str) -> None:
     rng = np.random.default_rng(4)
     truth = grid(rng) if fault == "two cameras" else strip(rng)
-    predicted, said = seen_from(truth, made_by(rng)), f"the {fault} has no orientations"
+    predicted, said = seen_from(truth, made_by(rng)), "orientations are missing"
     if fault == "truth":
         truth = replace(truth, rotation=None)
     elif fault == "prediction":
@@ -217,7 +208,7 @@ def test_icp_figures_by_hand() -> None:
     _, report = icp(predicted, truth)
     assert (report["before"]["fitness"], report["before"]["rmse"]) == (0.75, 1.0)
     assert report["before"]["cost"] == pytest.approx(((3 * 1 + 4) / 4) ** 0.5)
-    with pytest.raises(AlignmentError, match="0 of 4"):
+    with pytest.raises(AlignmentError, match="fewer than 3"):
         icp(predicted + 100.0, truth)
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment import PosedCameras
+from airzoo_bench.reconstruction.alignment import PosedCameras, Similarity
 from airzoo_bench.reconstruction.checks import (
     check_bounds,
     check_datum,
@@ -23,7 +23,6 @@ from airzoo_bench.reconstruction.checks import (
     check_names,
     check_resolution,
 )
-from airzoo_bench.reconstruction.similarity import Similarity
 from tests.formats.cloud_support import refused
 from tests.reconstruction.depth_maps import poses
 from tests.reconstruction.world import World, notes_of, save

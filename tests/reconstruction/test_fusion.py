@@ -13,6 +13,7 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction import fusion
+from airzoo_bench.reconstruction.alignment import Similarity
 from airzoo_bench.reconstruction.clouds import PieceCloud
 from airzoo_bench.reconstruction.fusion import (
     DepthMaps,
@@ -22,7 +23,6 @@ from airzoo_bench.reconstruction.fusion import (
     point_map_cloud,
 )
 from airzoo_bench.reconstruction.settings import Fusion
-from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import looking_down
 
 UTM = np.array((576663.25, 5188165.5, 197.0))
@@ -100,9 +100,9 @@ def test_depths_without_a_surface() -> None:
 def test_the_plane_comes_back_in_another_frame() -> None:
     maps = slope_maps()
     made = Similarity(0.01, Rotation.random(random_state=1).as_matrix(), np.ones(3), UTM)
-    there = replace(maps, depth=maps.depth * 0.01, poses=made.apply_poses(maps.poses))
+    there = replace(maps, values=maps.values * 0.01, poses=made.apply_poses(maps.poses))
     found = joined(cloud_of(there, made.inverse()))
-    assert len(found) == maps.depth.size
+    assert len(found) == maps.values.size
     assert np.abs(off_plane(found)).max() < 1e-7
     np.testing.assert_allclose(found, joined(cloud_of(maps)), atol=1e-7)
 
@@ -169,15 +169,8 @@ def test_tsdf_pixel_centres_and_a_ground_at_a_round_height() -> None:
 
 def test_tsdf_outliers_do_not_allocate_the_world() -> None:
     maps = slope_maps(2)
-    maps.depth[:, ::7, ::7] = 1e9
-    maps.depth[:, 1::7, ::7] = 99.0
+    maps.values[:, ::7, ::7] = 1e9
+    maps.values[:, 1::7, ::7] = 99.0
     assert len(fused(maps)) > 1000
     with pytest.raises(PredictionError, match="more than 50,000 voxels"):
         fused(maps, tsdf_max_voxels=50_000)
-
-
-def test_tsdf_needs_pinholes() -> None:
-    maps = slope_maps(1)
-    bent = replace(maps.cameras, distortion=np.full((1, 5), 0.01))
-    with pytest.raises(PredictionError, match="lens distortion"):
-        fused(replace(maps, cameras=bent))

@@ -8,6 +8,7 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.alignment import Similarity
 from airzoo_bench.reconstruction.metrics import (
     auc_of_depth_anything_3,
     centre_errors,
@@ -16,7 +17,6 @@ from airzoo_bench.reconstruction.metrics import (
     rms_of_placed,
     step_errors,
 )
-from airzoo_bench.reconstruction.similarity import Similarity
 from tests.geometry.support import quick, seeds
 
 Array = np.ndarray[Any, Any]

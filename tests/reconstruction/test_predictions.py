@@ -12,6 +12,7 @@ import pytest
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.arrays import open_arrays
 from airzoo_bench.formats.clouds.cloud import FileCloud
+from airzoo_bench.reconstruction import predictions
 from airzoo_bench.reconstruction.fusion import DepthMaps
 from airzoo_bench.reconstruction.predictions import ScenePrediction, maps_of, open_reconstruction
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, refused, write_ply
@@ -37,8 +38,8 @@ def folder(tmp_path: Path) -> Path:
     return root
 
 
-def listed(path: Path, room: int = 1 << 24) -> ScenePredictions:
-    return open_reconstruction(path, unpacked_limit_bytes=room)
+def listed(path: Path) -> ScenePredictions:
+    return open_reconstruction(path)
 
 
 def pack(path: Path, files: list[tuple[str, bytes]]) -> Path:
@@ -67,7 +68,7 @@ def test_folders_and_archives(suffix: str, prefix: str, folder: Path) -> None:
             np.testing.assert_array_equal(points, points_of(made()))
     with predictions.opened("plaza", limit_bytes=LIMIT, sampling=SAMPLING) as given:
         assert isinstance(given.geometry, DepthMaps)
-        np.testing.assert_array_equal(given.geometry.depth, made_views()["depth"])
+        np.testing.assert_array_equal(given.geometry.values, made_views()["depth"])
 
 
 def test_a_file_alone_or_a_folder_of_one_scene_is_a_scene(folder: Path) -> None:
@@ -118,10 +119,13 @@ def test_wrong_entries(names: list[str], message: str, tmp_path: Path) -> None:
     assert "\n.ply" not in str(caught.value)
 
 
-def test_bombs_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
+def test_bombs_are_refused_before_they_are_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(predictions, "_UNPACKED_BYTES", 1 << 20)
     path = pack(tmp_path / "p.zip", [("a.ply", bytes(1 << 22)), ("b.ply", bytes(9))])
     with refused("unpacks to 4,194"):
-        listed(path, room=1 << 20)
+        listed(path)
 
 
 def test_links_are_refused(tmp_path: Path) -> None:
@@ -155,7 +159,7 @@ def test_depth_maps(tmp_path: Path) -> None:
     views = read_maps(tmp_path)
     maps = views.geometry
     assert isinstance(maps, DepthMaps)
-    np.testing.assert_array_equal(maps.depth, made_views()["depth"])
+    np.testing.assert_array_equal(maps.values, made_views()["depth"])
     np.testing.assert_array_equal(maps.confidence, made_views()["conf"])
     assert (views.kind, views.notes, views.pixel_centres) == ("depth", (), None)
     assert views.images is not None
@@ -165,7 +169,7 @@ def test_depth_maps(tmp_path: Path) -> None:
     np.testing.assert_array_equal(maps.cameras.matrices, made_views()["intrinsics"])
     with_axis = read_maps(tmp_path, depth=made_views()["depth"][..., None]).geometry
     assert isinstance(with_axis, DepthMaps)
-    np.testing.assert_array_equal(with_axis.depth, maps.depth)
+    np.testing.assert_array_equal(with_axis.values, maps.values)
 
 
 @pytest.mark.parametrize(

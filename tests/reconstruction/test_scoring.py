@@ -11,8 +11,7 @@ import pytest
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scoring
-from airzoo_bench.reconstruction.clouds import cloud_of
-from airzoo_bench.reconstruction.preparation import box_of, observed_cells
+from airzoo_bench.reconstruction.clouds import box_of, cloud_of, observed_cells
 from airzoo_bench.reconstruction.scoring import Comparison, compare, pose_scores, score_comparison
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import open_true_cloud

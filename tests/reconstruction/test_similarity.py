@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.reconstruction.similarity import (
+from airzoo_bench.reconstruction.alignment import (
     AlignmentError,
     Similarity,
-    fit_strips,
+    fit_many,
     umeyama,
 )
 from tests.geometry.support import quick, seeds
@@ -61,10 +61,10 @@ PLANE = np.random.default_rng(5).normal(size=(6, 3))
     ("source", "target", "said"),
     [
         (PLANE[:2], PLANE[:2], "not 2"),
-        (LINE, PLANE, "source lie on one line"),
-        (PLANE, LINE, "target lie on one line"),
-        (LINE.astype(np.float32) / 7, PLANE, "source lie on one line"),
-        (PLANE, np.full((6, 3), 0.1), "target lie on one point"),
+        (LINE, PLANE, "lie on one line"),
+        (PLANE, LINE, "lie on one line"),
+        (LINE.astype(np.float32) / 7, PLANE, "lie on one line"),
+        (PLANE, np.full((6, 3), 0.1), "lie on one line"),
     ],
 )
 def test_degenerate_points_are_refused(
@@ -83,7 +83,7 @@ def test_centres_of_a_strip_give_its_direction_and_orientations_the_turn_about_i
     wrong = Rotation.from_rotvec(np.radians(off_deg) * np.array((0.6, 0.0, 0.8))).as_matrix()
     turns = np.tile(wrong @ made.rotation, (2, len(LINE), 1, 1))
     source, target = np.stack((LINE, LINE)), made.apply(np.stack((LINE, LINE)))
-    (fit, again), determined = fit_strips(source, target, turns, axis_share=0.02)
+    (fit, again), determined = fit_many(source, target, turns=turns, axis_share=0.02)
     assert determined.all()
     np.testing.assert_array_equal(fit.matrix, again.matrix)
     extent = np.linalg.norm(LINE[-1] - LINE[0]) * 3.0

@@ -26,8 +26,13 @@ from airzoo_bench.datasets.surveys.survey import (
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import check_rotations
-from airzoo_bench.reconstruction.alignment import PosedCameras, align, shipped_alignment
-from airzoo_bench.reconstruction.similarity import AlignmentError, Similarity
+from airzoo_bench.reconstruction.alignment import (
+    AlignmentError,
+    PosedCameras,
+    Similarity,
+    align,
+    shipped_alignment,
+)
 
 _INLIER_M, _LEAST_AGREEING = 5.0, 0.5
 _LEAST_POSITIONS = 4  # three are always met
