@@ -215,7 +215,8 @@ def fit_cameras(
 ) -> Alignment:
     """Fit the similarity that takes cameras to their partners."""
     if 0 in (_rank(one.centres, _RANK_TOLERANCE) for one in (source, target)):
-        raise AlignmentError("the camera centres all lie at one point, which has no scale")
+        what = "the camera centres all lie at one point, which has no scale"
+        raise AlignmentError(what, expected="cameras that move")
     tolerance = max(settings.line_ratio, _RANK_TOLERANCE)
     if _rank(target.centres, tolerance) > 1:
         found = _Consensus(source, target, settings).find()
@@ -368,10 +369,12 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
     PAMI 13(4), 1991, equations 34 to 42.
     """
     if len(source) < LEAST_CAMERAS:
-        raise AlignmentError(f"a similarity needs {LEAST_CAMERAS} points, not {len(source)}")
+        what = f"a similarity needs {LEAST_CAMERAS} points, not {len(source)}"
+        raise AlignmentError(what, expected="more points")
     (found,), (determined,) = fit_many(source[None], target[None], with_scale=with_scale)
     if not determined or min(_rank(one, _RANK_TOLERANCE) for one in (source, target)) < 2:
-        raise AlignmentError("the points lie on one line or point, which leaves a rotation free")
+        what = "the points lie on one line or point, which leaves a rotation free"
+        raise AlignmentError(what, expected="points that span a plane")
     return found
 
 

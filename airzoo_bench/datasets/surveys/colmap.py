@@ -26,13 +26,8 @@ from airzoo_bench.datasets.surveys.survey import (
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import check_rotations
-from airzoo_bench.reconstruction.alignment import (
-    AlignmentError,
-    PosedCameras,
-    Similarity,
-    align,
-    shipped_alignment,
-)
+from airzoo_bench.reconstruction import alignment
+from airzoo_bench.reconstruction.alignment import PosedCameras, Similarity
 
 _INLIER_M, _LEAST_AGREEING = 5.0, 0.5
 _LEAST_POSITIONS = 4  # three are always met
@@ -129,8 +124,8 @@ def _fitted(
     if len(places) < _LEAST_POSITIONS:
         raise fault
     try:
-        found = align(model, truth, shipped_alignment(inlier_below_m=_INLIER_M))
-    except AlignmentError as error:
+        found = alignment.align(model, truth, alignment.shipped_alignment(inlier_below_m=_INLIER_M))
+    except alignment.AlignmentError as error:
         raise fault from error
     left = found.inlier_centres
     if left is None or not found.robust or found.inliers < _LEAST_AGREEING * found.cameras:
