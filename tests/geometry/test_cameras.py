@@ -84,6 +84,11 @@ def test_points_beyond_the_fold_of_the_lens_have_no_image_and_no_ray() -> None:
     folded = project(camera, np.array([[[1.7, 0.0, 1.0]]]))
     assert np.isnan(folded).all()
     assert np.isnan(back_project(camera, np.array([[[1e5, 0.0]]]))).all()
+    # r (1 - 0.3 s + 0.02 s^2), s = r^2: its slope 1 - 0.9 s + 0.1 s^2 is 0 at s = 1.298 and 7.702.
+    # At s = 16 it rises again (12.2) and radial is positive (1.32), but that is past two folds.
+    twice = np.array([[-0.3, 0.02, 0.0, 0.0, 0.0]])
+    xy = np.array([[[np.sqrt(1.297), 0.0], [np.sqrt(1.299), 0.0], [4.0, 0.0]]])
+    assert in_range(xy, twice).tolist() == [[True, False, False]]
 
 
 def test_anchor_pixels_in_order() -> None:
@@ -108,11 +113,3 @@ def test_matrices_that_are_none(entry: tuple[int, int], value: float, message: s
     with pytest.raises(CameraError, match=message) as caught:
         Cameras.from_matrices(matrices, 10, 10, names=list("abcdef"))
     assert "4 of 6 (first 3: b, c, d)" in str(caught.value)
-
-
-def test_beyond_a_first_fold_nothing_is_in_range() -> None:
-    # r (1 - 0.3 s + 0.02 s^2), s = r^2: its slope 1 - 0.9 s + 0.1 s^2 is 0 at s = 1.298 and 7.702.
-    # At s = 16 it rises again (12.2) and radial is positive (1.32), but that is past two folds.
-    lens = np.array([[-0.3, 0.02, 0.0, 0.0, 0.0]])
-    xy = np.array([[[np.sqrt(1.297), 0.0], [np.sqrt(1.299), 0.0], [4.0, 0.0]]])
-    assert in_range(xy, lens).tolist() == [[True, False, False]]

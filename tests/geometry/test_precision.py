@@ -47,23 +47,16 @@ def expected_m(errors: Any) -> float:
     return float(np.sqrt((errors**2).mean()))
 
 
-@pytest.mark.parametrize(("digits", "about"), [(4, 260.0), (8, 0.026)])
-def test_quaternions_of_few_digits(digits: int, about: float) -> None:
-    rounded = np.round(QUATERNIONS, digits)
-    rotations = quaternion_to_matrix(rounded)
+@pytest.mark.parametrize(
+    ("quaternions", "digits", "about"),
+    [(True, 4, 260.0), (True, 8, 0.026), (False, 5, 9.1), (False, 7, 0.091)],
+)
+def test_poses_of_few_digits(quaternions: bool, digits: int, about: float) -> None:
+    rounded = np.round(QUATERNIONS if quaternions else ROTATIONS, digits)
+    rotations = quaternion_to_matrix(rounded) if quaternions else rounded
     true = moved_m(rotations, TRUE.translation)
     assert true == pytest.approx(about, rel=0.2)
-    errors = pose_errors_m(rotations, TRUE.translation, rounded)
-    assert expected_m(errors) == pytest.approx(true, rel=0.25)
-    assert (errors > COARSEST_M).all()
-
-
-@pytest.mark.parametrize(("digits", "about"), [(5, 9.1), (7, 0.091)])
-def test_rotations_of_few_digits(digits: int, about: float) -> None:
-    rounded = np.round(ROTATIONS, digits)
-    true = moved_m(rounded, TRUE.translation)
-    assert true == pytest.approx(about, rel=0.2)
-    errors = pose_errors_m(rounded, TRUE.translation, None)
+    errors = pose_errors_m(rotations, TRUE.translation, rounded if quaternions else None)
     assert expected_m(errors) == pytest.approx(true, rel=0.25)
     assert (errors > COARSEST_M).all()
 

@@ -139,37 +139,44 @@ def test_first_crossing_agrees_with_a_fine_march(seed: int) -> None:
             assert not below.size
 
 
-def test_reasons_on_the_dsm() -> None:
-    field = field_of(np.full((20, 30), 5.0))
-    down = (0, 0, -1)
-    assert names(cast((15, 10, 50), down, field).status) == ["HIT"]
-    assert names(cast((15, 10, 50), (1, 0, 0), field).status) == ["NOT_DOWNWARD"]
-    assert names(cast((15, 10, 50), (NAN, 0, 0), field).status) == ["NO_RAY"]
+FLAT = field_of(np.full((20, 30), 5.0))
+STEP = field_of(np.where(np.arange(30) < 20, np.full((20, 30), 5.0), 0.0))
+DOWN = (0, 0, -1)
+REASONS = [
+    ((15, 10, 50), DOWN, FLAT, 1e4, "HIT"),
+    ((15, 10, 50), (1, 0, 0), FLAT, 1e4, "NOT_DOWNWARD"),
+    ((15, 10, 50), (NAN, 0, 0), FLAT, 1e4, "NO_RAY"),
     # On the surface, under it, and outside the raster below all of it.
-    for origin in ((15, 10, 5), (15, 10, 4), (-50, 10, 4)):
-        assert names(cast(origin, down, field).status) == ["BEHIND"]
+    *(((x, 10, z), DOWN, FLAT, 1e4, "BEHIND") for x, z in ((15, 5), (15, 4), (-50, 4))),
     # 45 m down to the surface: just in range, and just not.
-    assert names(cast((15, 10, 50), down, field, 45.0).status) == ["HIT"]
-    assert names(cast((15, 10, 50), down, field, 44.9).status) == ["BEYOND_RANGE"]
+    ((15, 10, 50), DOWN, FLAT, 45.0, "HIT"),
+    ((15, 10, 50), DOWN, FLAT, 44.9, "BEYOND_RANGE"),
     # Beside the raster; past it at 45 m height; stopped by the range before it is past.
-    assert names(cast((-1, 10, 50), down, field).status) == ["OFF_RASTER"]
-    assert names(cast((15, 10, 50), (1, 0, -0.1), field).status) == ["OFF_RASTER"]
-    assert names(cast((15, 10, 50), (1, 0, -0.1), field, 5.0).status) == ["BEYOND_RANGE"]
-    # From outside: over the border above the surface, and below it (under ground before).
-    inward = cast((-10, 10, 20), (1, 0, -1), field)
-    np.testing.assert_allclose(inward.points[0, 0], (5, 10, 5), atol=1e-12)
-    heights = np.full((20, 30), 5.0)
-    heights[:, 20:] = 0.0
-    assert names(cast((-10, 10, 12), (1, 0, -1), field_of(heights)).status) == ["OFF_RASTER"]
-    # The border is 14.1 m along the ray, the lowest height 17.0 m: the range is not what ends it.
-    assert names(cast((-10, 10, 12), (1, 0, -1), field_of(heights), 16.0).status) == ["OFF_RASTER"]
-    assert names(cast((-10, 10, 12), (1, 0, -1), field_of(heights), 14.0).status) == [
-        "BEYOND_RANGE"
-    ]
+    ((-1, 10, 50), DOWN, FLAT, 1e4, "OFF_RASTER"),
+    ((15, 10, 50), (1, 0, -0.1), FLAT, 1e4, "OFF_RASTER"),
+    ((15, 10, 50), (1, 0, -0.1), FLAT, 5.0, "BEYOND_RANGE"),
+    # From outside, over the border below the surface: under ground before. The border is 14.1 m
+    # along the ray, the lowest height 17.0 m: the range is not what ends it.
+    ((-10, 10, 12), (1, 0, -1), STEP, 1e4, "OFF_RASTER"),
+    ((-10, 10, 12), (1, 0, -1), STEP, 16.0, "OFF_RASTER"),
+    ((-10, 10, 12), (1, 0, -1), STEP, 14.0, "BEYOND_RANGE"),
     # A ray that passes by the raster is off it, however short the range.
-    assert names(cast((-100, 10, 500), (1, 1, -1), field, 5.0).status) == ["OFF_RASTER"]
+    ((-100, 10, 500), (1, 1, -1), FLAT, 5.0, "OFF_RASTER"),
+]
+
+
+@pytest.mark.parametrize(("origin", "direction", "field", "far", "reason"), REASONS)
+def test_reasons_on_the_dsm(
+    origin: object, direction: object, field: HeightField, far: float, reason: str
+) -> None:
+    assert names(cast(origin, direction, field, far).status) == [reason]
+
+
+def test_over_the_border_of_the_dsm() -> None:
+    inward = cast((-10, 10, 20), (1, 0, -1), FLAT)
+    np.testing.assert_allclose(inward.points[0, 0], (5, 10, 5), atol=1e-12)
     # The last half pixel is level: the border itself is still on the raster.
-    edge = cast((29.9, 10, 50), down, field)
+    edge = cast((29.9, 10, 50), DOWN, FLAT)
     np.testing.assert_allclose(edge.points[0, 0], (29.9, 10, 5), atol=1e-12)
 
 

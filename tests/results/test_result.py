@@ -70,10 +70,7 @@ def test_parts_that_do_not_fit(content: dict[str, Any], message: str, tmp_path: 
         read_result(tmp_path / "result.json")
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", "{", "null", "[]", '{"schema": 2}', "[" * 100_000, '"\\ud800"', '{"track": "\\ud800"}'],
-)
+@pytest.mark.parametrize("text", ["", "{", "null", '{"schema": 2}', "[" * 100_000, '"\\ud800"'])
 def test_what_is_no_result(text: str, tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text(text)
     with pytest.raises(ResultError, match="not a result"):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import binom
@@ -65,19 +65,11 @@ def standard_error(share: float, *counts: int) -> float:
     return float(np.sqrt(max(share * (1 - share), 1e-3) * sum(1 / count for count in counts)))
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """How many intervals hold what is true.
+class Coverage(NamedTuple):
+    """How many intervals hold a first method's average, and its difference from a second one.
 
-    Attributes
-    ----------
-    average : float
-        Of the first method's average.
-    difference : float
-        Of the difference of two methods.
-    differ : float
-        How many queries differ, counted by what they add to the variance of the difference (Kish's
-        effective number): few, if most of it comes from the few of a small scene.
+    `differ` queries differ, counted by what they add to the variance of the difference (Kish's
+    effective number): few, if most of it comes from the few of a small scene.
     """
 
     average: float
@@ -135,21 +127,10 @@ def coverage_of_shares(
     gain: float = 0.0,
     seed: int = 0,
 ) -> Coverage:
-    """Draw two methods, and count how many intervals hold what is true.
+    """Draw `count` data sets of two methods on scenes of so many queries at the first one's rates.
 
-    Parameters
-    ----------
-    scenes : sequence of (int, float)
-        Queries, and the rate of the first method.
-    count : int
-        Of data sets.
-    agree : float
-        On this share of the queries the second method answers as the first does; on the rest, by
-        itself.
-    soft : bool
-        Shares between 0 and 1, as AP@5, instead of hits.
-    gain : float
-        By so much the rate of the second method's own answers is nearer to 0.5.
+    On a share of the queries, `agree`, the second answers as the first does; on the rest by itself,
+    at a rate that is nearer to 0.5 by `gain`. If `soft`, shares lie between 0 and 1, as of AP@5.
     """
     random = np.random.default_rng(seed)
     rates = np.array([rate for _, rate in scenes])
@@ -169,19 +150,13 @@ def coverage_of_shares(
 
 
 def _two_methods(
-    random: np.random.Generator,
-    shape: tuple[int, int],
-    rate: float,
-    other_rate: float,
-    agree: float,
-    *,
-    soft: bool,
+    random: np.random.Generator, shape: Any, rate: float, other: float, agree: float, *, soft: bool
 ) -> tuple[Floats, Floats]:
     one = random.random(shape) < rate
-    other = np.where(random.random(shape) < agree, one, random.random(shape) < other_rate)
+    two = np.where(random.random(shape) < agree, one, random.random(shape) < other)
     if not soft:
-        return one.astype(float), other.astype(float)
-    return one * random.choice(RANKS, shape), other * random.choice(RANKS, shape)
+        return one.astype(float), two.astype(float)
+    return one * random.choice(RANKS, shape), two * random.choice(RANKS, shape)
 
 
 def _held(limits: Floats, true: float) -> float:

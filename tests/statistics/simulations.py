@@ -6,16 +6,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from itertools import chain, product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import PairedTest, paired_tests
+from airzoo_bench.statistics.significance import paired_tests
 from tests.statistics.coverage import (
     AGREEMENT,
     DESIGNS,
@@ -27,20 +27,11 @@ from tests.statistics.coverage import (
 )
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Log-normal errors of two methods with equal medians.
+class Errors(NamedTuple):
+    """Log-normal errors of two methods with equal medians, on scenes of so many queries.
 
-    Attributes
-    ----------
-    queries : tuple of int
-        Of each scene.
-    spreads : (float, float)
-        Standard deviations of the two methods' logarithms.
-    correlation : float
-        Of the logarithms.
-    failures : (float, float)
-        Shares of queries that are infinite; the medians are equal all the same.
+    `spreads` are standard deviations of the methods' logarithms, which correlate; `failures` are
+    shares of queries that are infinite: the medians are equal all the same.
     """
 
     queries: tuple[int, ...]
@@ -86,14 +77,8 @@ OTHERS = {
 
 def findings(errors: Errors, count: int, resampling: ResamplingConfig, shift: float = 0.0) -> float:
     """Return the share of data sets in which `compare` finds a difference of medians."""
-    return _found(paired_tests(errors.drawn(count, shift, 1), resampling, _pairs(count))[1])
-
-
-def _pairs(count: int) -> list[tuple[int, int]]:
-    return [(row, count + row) for row in range(count)]
-
-
-def _found(tests: Sequence[PairedTest]) -> float:
+    pairs = [(row, count + row) for row in range(count)]
+    _, tests = paired_tests(errors.drawn(count, shift, 1), resampling, pairs)
     return float(np.mean([test.p_value <= 0.05 for test in tests]))
 
 

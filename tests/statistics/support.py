@@ -25,38 +25,16 @@ from airzoo_bench.results.scores import Score, summarise
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
-HIT = ScoreColumn(
-    key="recall@1",
-    title="R@1",
-    unit="share",
-    higher_is_better=True,
-    average="mean",
-    headline=True,
-)
-ERROR = ScoreColumn(
-    key="error_m",
-    title="Median",
-    unit="m",
-    higher_is_better=False,
-    average="median",
-    headline=True,
-)
-SOFT = ScoreColumn(
-    key="mrr",
-    title="MRR",
-    unit="share",
-    higher_is_better=True,
-    average="mean",
-    headline=False,
-)
-CHAMFER = ScoreColumn(
-    key="chamfer_m",
-    title="Chamfer",
-    unit="m",
-    higher_is_better=False,
-    average="mean",
-    headline=True,
-)
+
+def _column(key: str, title: str, unit: Any, average: Any, *, headline: bool) -> ScoreColumn:
+    kinds: Any = {"unit": unit, "higher_is_better": unit == "share", "average": average}
+    return ScoreColumn(key=key, title=title, headline=headline, **kinds)
+
+
+HIT = _column("recall@1", "R@1", "share", "mean", headline=True)
+ERROR = _column("error_m", "Median", "m", "median", headline=True)
+SOFT = _column("mrr", "MRR", "share", "mean", headline=False)
+CHAMFER = _column("chamfer_m", "Chamfer", "m", "mean", headline=True)
 
 
 def made_records(scenes: Mapping[str, Mapping[str, Sequence[float]]]) -> pd.DataFrame:
@@ -86,17 +64,11 @@ def made_result(
     scores = [
         Score(c.key, c.title, c.unit, c.higher_is_better, c.average, c.headline) for c in columns
     ]
+    titles, kept = {scene: scene.title() for scene in scenes}, dict(settings or {})
     return Result(
         track="reconstruction" if any(c.key == "chamfer_m" for c in columns) else "retrieval",
-        protocol=ProtocolUsed(
-            name="made", version=1, fingerprint=protocol, settings=dict(settings or {})
-        ),
-        truth=TruthUsed(
-            benchmark="made",
-            version=1,
-            fingerprint=truth,
-            scene_titles={scene: scene.title() for scene in scenes},
-        ),
+        protocol=ProtocolUsed(name="made", version=1, fingerprint=protocol, settings=kept),
+        truth=TruthUsed(benchmark="made", version=1, fingerprint=truth, scene_titles=titles),
         predictions=PredictionsUsed(file="p.npz", sha256=sha256, kind="ranked_ids", method=method),
         versions={"airzoo-bench": version},
         columns=tuple(columns),
@@ -120,8 +92,8 @@ def made_method(
 
 def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
     """Write result and records as `eval` does."""
-    track = SimpleNamespace(files={})
-    given = SimpleNamespace(track=track, predictions=SimpleNamespace(path=folder.parent / "p.npz"))
+    predictions = SimpleNamespace(path=folder.parent / "p.npz")
+    given = SimpleNamespace(track=SimpleNamespace(files={}), predictions=predictions)
     run: Any = SimpleNamespace(result=result, records=records, given=given, scored={})
     save(run, folder)
 
@@ -148,9 +120,7 @@ def random_methods(
     return methods
 
 
-def _drawn(
-    random: np.random.Generator, column: ScoreColumn, rate: float, size: int
-) -> Sequence[float]:
+def _drawn(random: np.random.Generator, column: ScoreColumn, rate: float, size: int) -> list[float]:
     if column.key.startswith("recall"):
         return (random.random(size) < rate).astype(np.float64).tolist()
     if column.unit == "share":
