@@ -53,8 +53,7 @@ def make_sample(
 ) -> Sample:
     """Gather variables, score by score and in each method by method."""
     whole = pooled_sample(methods, scores)
-    [values] = whole.values
-    of_unit = methods[0].records["scene"].to_numpy(str)
+    [values], of_unit = whole.values, methods[0].records["scene"].to_numpy(str)
     if whole.unit == "scene":
         return whole if scene is None else replace(whole, values=(values[:, of_unit == scene],))
     scenes = tuple(name for name in methods[0].result.scenes if scene in (None, name))
@@ -268,11 +267,8 @@ def compare(
 ) -> Comparison:
     """Compare methods with one of them, or one of them with the others."""
     if method is not None and reference is not None:
-        raise UsageError(
-            "--method and --reference exclude each other",
-            expected="--method for what NAME is against each other, --reference for what they "
-            "are against NAME",
-        )
+        expected = "--method: what NAME is against each other, --reference: they against NAME"
+        raise UsageError("--method and --reference exclude each other", expected=expected)
     check_same_queries(methods)
     if scene is not None:
         scene = find_scene(methods[0].result.truth.scene_titles, scene)
@@ -285,6 +281,12 @@ def compare(
         values = [np.concatenate([part[row] for part in sample.values]) for row in (one, other)]
         sides = methods[one % count], methods[other % count]
         pairs.append(_pair(scores[one // count], sides, values, scene, *found))
+    names, results = [m.name for m in methods], [m.result for m in methods]
+    notes = [f"{method.name}: {note}" for method in methods for note in notes_of(method.result)]
+    by_file: dict[str, list[str]] = {}
+    for name, result in zip(names, results, strict=True):
+        by_file.setdefault(result.predictions.sha256, []).append(name)
+    same = [f"{', '.join(who)}: the same predictions file" for who in by_file.values() if who[1:]]
     return Comparison(
         reference=methods[base].name,
         unit=sample.unit,
@@ -293,21 +295,10 @@ def compare(
         pairs=pairs,
         family=family,
         resampling=resampling,
-        notes=_notes(methods),
+        notes=(*same, *notes, *version_notes(names, results)),
         of_one=of_one,
         no_better=frozenset(m.name for m in methods if floor_note(m.result)),
     )
-
-
-def _notes(methods: Sequence[Scored]) -> tuple[str, ...]:
-    """Collect the methods' notes, different versions, and methods of one predictions file."""
-    names, results = [m.name for m in methods], [m.result for m in methods]
-    notes = [f"{method.name}: {note}" for method in methods for note in notes_of(method.result)]
-    by_file: dict[str, list[str]] = {}
-    for name, result in zip(names, results, strict=True):
-        by_file.setdefault(result.predictions.sha256, []).append(name)
-    same = [f"{', '.join(who)}: the same predictions file" for who in by_file.values() if who[1:]]
-    return (*same, *notes, *version_notes(names, results))
 
 
 def _pair(

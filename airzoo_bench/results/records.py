@@ -73,20 +73,12 @@ def read_records(
     result = read_result(path) if result is None else result
     file = records_path(path)
     if not file.is_file():
-        raise ResultError(
-            "no such file",
-            where=file,
-            expected="the records that were written next to result.json",
-            fix=f"keep both in one folder, or {_FIX}",
-        )
+        expected = "the records that were written next to result.json, in one folder"
+        raise ResultError("no such file", where=file, expected=expected, fix=_FIX)
     content = file.read_bytes()
     if hashlib.sha256(content).hexdigest() != result.records_sha256:
-        raise ResultError(
-            "not the records of the result next to it: the checksum does not fit",
-            where=file,
-            expected="the file as `airzoo-bench eval` wrote it together with result.json",
-            fix=_FIX,
-        )
+        what = "not the records of the result next to it: the checksum does not fit"
+        raise ResultError(what, where=file, fix=_FIX)
     scores = [column.key for column in result.columns]
     names = column_names(file)
     if len(set(names)) < len(names) or not {"scene", *scores} <= {*names}:

@@ -40,7 +40,7 @@ def _make_printable(name: object) -> object:
     """Replace what does not print: names of files may hold bytes that are no text."""
     if not isinstance(name, str):
         return name
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
+    return "".join(c if c.isprintable() else "\ufffd" for c in name)
 
 
 Name = Annotated[str, BeforeValidator(_make_printable)]
@@ -80,10 +80,7 @@ class ReaderUsed(ResultModel):
 
 
 class PredictionsUsed(ResultModel):
-    """The predictions; the name is the file's, without its folder.
-
-    Files of the suite's own layout have no reader, and results of them no such key.
-    """
+    """The predictions; files of the suite's own layout have no reader, and results no such key."""
 
     file: Name
     sha256: str
@@ -109,10 +106,9 @@ class ScoreColumn(ResultModel):
 
 
 class Reference(ResultModel):
-    """Scores without a method, such as chance, or the prior pose taken as the answer.
+    """Scores without a method, such as chance; `meaning` is a sentence that tables print below.
 
-    `meaning` says in a sentence how it was made, which tables print below the row. Scores are as in
-    `Result`; those for which it makes no sense are left out, of all three parts alike.
+    Scores are as in `Result`; those that make no sense are left out, of all three parts alike.
     """
 
     meaning: str
@@ -206,14 +202,12 @@ def write_result(path: Path, result: Result) -> None:
 
 def read_result(path: Path) -> Result:
     """Read a result and hold it to its checksum."""
-    expected = "a result.json as `airzoo-bench eval ... --out DIR` wrote it"
-    fix = "score the predictions again"
+    what = "its content was changed after it was written: the checksum does not fit"
     try:
         result = Result.model_validate_json(read_text(path, ResultError, "result file"))
+        if result.is_intact():
+            return result
     except ValidationError as error:
         what = f"not a result of this version:\n    {validation_message(error, Result)}"
-        raise ResultError(what, where=path, expected=expected, fix=fix) from error
-    if not result.is_intact():
-        what = "its content was changed after it was written: the checksum does not fit"
-        raise ResultError(what, where=path, expected=expected, fix=fix)
-    return result
+    expected = "a result.json as `airzoo-bench eval ... --out DIR` wrote it"
+    raise ResultError(what, where=path, expected=expected, fix="score the predictions again")

@@ -108,7 +108,7 @@ def test_on_a_level_or_sloping_dsm_the_hit_is_that_of_the_plane(seed: int) -> No
     assert np.array_equal(hits.status, plane.status)
 
 
-@settings(quick, max_examples=15)
+@settings(quick, max_examples=8)
 @given(seeds)
 def test_first_crossing_agrees_with_a_fine_march(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -105,8 +105,8 @@ def printed(threads: str) -> str:
         "from airzoo_bench.statistics.intervals import sample_intervals\n"
         "from airzoo_bench.statistics.significance import paired_tests\n"
         "from airzoo_bench.statistics.samples import ResamplingConfig, Sample\n"
-        "v = np.random.default_rng(0).random((40, 700)) ** 3\n"
-        "s = Sample('query', ('a', 'b'), (v[:, :600], v[:, 600:]), np.arange(40) % 4 == 0)\n"
+        "v = np.random.default_rng(0).random((12, 700)) ** 3\n"
+        "s = Sample('query', ('a', 'b'), (v[:, :600], v[:, 600:]), np.arange(12) % 4 == 0)\n"
         "plan = ResamplingConfig(500)\n"
         "print(sample_intervals(s, plan), paired_tests(s, plan, [(0, 4), (1, 2)]))\n"
     )
