@@ -121,7 +121,7 @@ def rank_mapped(folder: Path, **_: Any) -> Work:
             k=K,
             metric="l2",
             positives=positives,
-            depth=5,
+            tie_ranks=5,
             run=Run(1 << 29, jobs=2),
         )
         return {"tiles": ranking.tiles}

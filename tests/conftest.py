@@ -37,7 +37,7 @@ LONGEST = (
     "matching/test_baseline.py",
     "cli/all_tracks/test_tables.py",
     "cli/test_reconstruction_notes.py",
-    "retrieval/test_ranked_descriptors.py",
+    "retrieval/test_descriptors.py",
     "engines/test_engines.py",
 )
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}

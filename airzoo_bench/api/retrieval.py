@@ -213,8 +213,8 @@ def retrieval_scores(
     answers = _number_positives(right, place)
     with arg.refused("ranked_ids"):
         check_lists(tiles, similar, names)
-    k, depth = max(tiles.shape[1], 1), max(depths)
-    ranking = rank_by_ids(tiles, similar, answers, n_tiles=len(place), k=k, depth=depth)
+    k, tie_ranks = max(tiles.shape[1], 1), max(depths)
+    ranking = rank_by_ids(tiles, similar, answers, n_tiles=len(place), k=k, tie_ranks=tie_ranks)
     hits = metrics.hit_matrix(ranking.tiles, answers.offsets, answers.tiles, len(place))
     columns = hit_columns(hits, answers.counts, depths, dict.fromkeys(depths, (ap,)), depths)
     first = {

@@ -226,7 +226,7 @@ class PredictionWriter:
         if "descriptor" in form:
             arrays = self._descriptors(answers)
         elif "ranked_ids" in form:
-            arrays = _padded_lists(answers, self._protocol.scores.depth)
+            arrays = _padded_lists(answers, self._protocol.scores.tie_ranks)
         elif "query_xy" in form:
             arrays = {key: np.concatenate([one[key] for one in answers]) for key in form}
             counts = [0, *(len(one["query_xy"]) for one in answers)]

@@ -27,15 +27,15 @@ from airzoo_bench.retrieval.search import (
     Names,
     Pairs,
     Search,
-    all_equal,
+    blocks,
     check_descriptors,
-    nearest,
-    rounded,
+    find_nearest,
 )
 from airzoo_bench.retrieval.settings import ImageScores, Metric, TileScores
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
 _CELLS = 1 << 20  # ranks at a time
+_MOST_QUERIES = 4096  # of one search
 _SENT_QUERIES = 256  # at a time to another process
 
 
@@ -43,7 +43,7 @@ _SENT_QUERIES = 256  # at a time to another process
 class Ranking:
     """The gallery of each query, best first.
 
-    A query is tie-dependent where a tie that begins before the depth of the scores holds a
+    A query is tie-dependent where a tie that begins among the ranks that decide scores holds a
     positive and another tile. Where scores read whole lists, which are not kept, `hit_ranks` has
     for each query as many numbers as it has positives: the ranks (from 1) that hold one,
     ascending, and 0 for those that are not ranked.
@@ -59,7 +59,7 @@ class Ranking:
         return cls(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
 
     def put(self, rows: Ints, found: Ranking) -> None:
-        """Copy the rankings of some queries, as deep as is kept."""
+        """Copy the rankings of some queries, as many ranks as are kept."""
         self.tiles[rows] = found.tiles[:, : self.tiles.shape[1]]
         self.tie_dependent[rows] = found.tie_dependent
 
@@ -89,13 +89,13 @@ def rank_scene(
     ranked = isinstance(content, RankedIds) and content.scores is None
     if ranked and isinstance(settings, TileScores):
         # Ranks beyond short lists would hold nothing, for each of a million queries.
-        kept = min(kept, max(width, settings.deepest))
-    k, depth = (n_tiles, n_tiles) if whole_lists else (kept, settings.depth)
+        kept = min(kept, max(width, settings.ranks_scored))
+    k, tie_ranks = (n_tiles, n_tiles) if whole_lists else (kept, settings.tie_ranks)
     step = max(1, _CELLS // max(k, width)) if whole_lists or width else max(1, len(there))
     if isinstance(content, RankedIds):
-        rank = _rank_lists(content, truth, k, depth)
+        rank = _list_ranker(content, truth, k, tie_ranks)
     else:
-        rank = _rank_descriptors(content, truth, k, depth, settings.descriptor_metric, run)
+        rank = _descriptor_ranker(content, truth, k, tie_ranks, settings.descriptor_metric, run)
     ranking = Ranking.blank(len(rows), kept)
     hit_ranks = np.zeros(len(positives.tiles), np.int64) if whole_lists else None
     for part in split(len(there), step):
@@ -108,6 +108,10 @@ def rank_scene(
     return Ranking(ranking.tiles, ranking.tie_dependent, hit_ranks)
 
 
+Ranker = Callable[[NDArray[np.intp], NDArray[np.str_], Positives], Ranking]
+"""Takes rows of the predictions, the ids of their queries and their positives."""
+
+
 def _ranks_of_hits(tiles: NDArray[np.int32], positives: Positives, n_tiles: int) -> Ints:
     """Return `Ranking.hit_ranks` of whole lists."""
     hits = hit_matrix(tiles, positives.offsets, positives.tiles, n_tiles)
@@ -118,26 +122,30 @@ def _ranks_of_hits(tiles: NDArray[np.int32], positives: Positives, n_tiles: int)
     return ranks
 
 
-Rank = Callable[[NDArray[np.intp], NDArray[np.str_], Positives], Ranking]
-"""Takes rows of the predictions, the ids of their queries and their positives."""
+def order_pairs(
+    pairs: Pairs, positives: Positives, n_tiles: int, k: int, tie_ranks: int
+) -> Ranking:
+    """Rank queries by their pairs (query, tile, level), by the tie rule."""
+    query, tile, level = pairs
+    positive = positives.holds(query, tile, n_tiles)
+    order = np.lexsort((tile, positive, level, query))
+    query, tile, level, positive = query[order], tile[order], level[order], positive[order]
+    place, counts = np.arange(len(order)), np.bincount(query, minlength=positives.n_queries)
+    rank = place - offsets_of(counts)[query]
+    tied = (np.diff(query) == 0) & (np.diff(level) == 0)
+    opens = np.concatenate([[True], ~tied])[: len(order)]
+    begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
+    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < tie_ranks)
+    ranking = Ranking.blank(positives.n_queries, k)
+    ranking.tie_dependent[query[1:][mixed]] = True
+    first = rank < k
+    ranking.tiles[query[first], rank[first]] = tile[first]
+    runs = np.bincount(query[opens], minlength=positives.n_queries)
+    ranking.drop_flat(np.flatnonzero((counts == n_tiles) & (runs == 1)), positives, n_tiles)
+    return ranking
+
 
 # --- ranked lists ---
-
-
-def _rank_lists(ranked: RankedIds, truth: RetrievalTruth, k: int, depth: int) -> Rank:
-    """Return the function that ranks some queries by their lists."""
-
-    def rank(rows: NDArray[np.intp], names: NDArray[np.str_], positives: Positives) -> Ranking:
-        ids, scores, width = ranked.ids[rows], None, k
-        if ranked.scores is not None:  # the ties that go on beyond rank k matter too
-            scores = ranked.scores[rows]
-            on = (scores[:, k:] == scores[:, k - 1 : -1]) & (ids[:, k:] != "")
-            width = k + int(np.logical_and.accumulate(on, axis=1).sum(axis=1).max(initial=0)) + 1
-            scores = scores[:, :width]
-        tiles = _tile_rows(truth, ids[:, :width], names)
-        return rank_by_ids(tiles, scores, positives, n_tiles=len(truth.tiles), k=k, depth=depth)
-
-    return rank
 
 
 def rank_by_ids(
@@ -147,7 +155,7 @@ def rank_by_ids(
     *,
     n_tiles: int,
     k: int,
-    depth: int,
+    tie_ranks: int,
 ) -> Ranking:
     """Take lists (Q, K) of tiles as given, and reorder runs of equal scores.
 
@@ -167,36 +175,48 @@ def rank_by_ids(
     row, column = np.nonzero(listed >= 0)
     pairs, lost = [(row, listed[row, column], begins[row, column])], np.zeros(len(some), np.bool_)
     for one in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
-        given, start = listed[one, : length[one]], last[one]
-        others = _left_out(given, right.of_query(one), n_tiles, k)
+        tiles, answers, start = listed[one, : length[one]], right.of_query(one), last[one]
+        # Of those left out, k that are not positive are enough to fill the ranks.
+        others = np.arange(min(n_tiles, k + len(tiles) + len(answers)))
+        others = np.setdiff1d(others, np.concatenate([tiles, answers]), assume_unique=True)[:k]
         pairs.append((np.full(len(others), one), others, np.full(len(others), start)))
         # Positives that are left out are not found, whatever the order of the tie.
-        is_mixed = len(others) > 0 or not np.isin(given[start:], right.of_query(one)).all()
-        lost[one] = start < depth and is_mixed and not np.isin(right.of_query(one), given).all()
+        is_mixed = len(others) > 0 or not np.isin(tiles[start:], answers).all()
+        lost[one] = start < tie_ranks and is_mixed and not np.isin(answers, tiles).all()
     query, tile, level = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
-    found = _in_order((query, tile, level), right, n_tiles, k, depth)
+    found = order_pairs((query, tile, level), right, n_tiles, k, tie_ranks)
     found.tie_dependent[lost] = True
     found.drop_flat(np.flatnonzero((last == 0) & (length > 1)), right, n_tiles)
     ranking.put(some, found)
     return ranking
 
 
-def _left_out(given: Ints, positives: NDArray[np.int32], n_tiles: int, k: int) -> Ints:
-    """Return the first k tiles that a list leaves out and that are not positive."""
-    others = np.arange(min(n_tiles, k + len(given) + len(positives)))
-    return np.setdiff1d(others, np.concatenate([given, positives]), assume_unique=True)[:k]
+def _list_ranker(ranked: RankedIds, truth: RetrievalTruth, k: int, tie_ranks: int) -> Ranker:
+    """Return the function that ranks some queries by their lists."""
+    known = truth.tiles["id"].to_numpy(str)
+
+    def rank(rows: NDArray[np.intp], names: NDArray[np.str_], positives: Positives) -> Ranking:
+        ids, scores, width = ranked.ids[rows], None, k
+        if ranked.scores is not None:  # the ties that go on beyond rank k matter too
+            scores = ranked.scores[rows]
+            on = (scores[:, k:] == scores[:, k - 1 : -1]) & (ids[:, k:] != "")
+            width = k + int(np.logical_and.accumulate(on, axis=1).sum(axis=1).max(initial=0)) + 1
+            scores = scores[:, :width]
+        ids = ids[:, :width]
+        tiles = rows_among(ids.ravel(), known).reshape(ids.shape)
+        strange = (tiles < 0) & (ids != "")
+        if strange.any():
+            named = names[strange.any(axis=1)]
+            raise _strange_tile(str(ids[strange][0]), named, len(names), truth)
+        return rank_by_ids(tiles, scores, positives, n_tiles=len(known), k=k, tie_ranks=tie_ranks)
+
+    return rank
 
 
-def _tile_rows(
-    truth: RetrievalTruth, ids: NDArray[np.str_], names: NDArray[np.str_]
-) -> NDArray[np.intp]:
-    """Return the rows of ranked tiles in the gallery table, -1 beyond the end of a list."""
-    found = rows_among(ids.ravel(), truth.tiles["id"].to_numpy(str)).reshape(ids.shape)
-    strange = (found < 0) & (ids != "")
-    rows = np.flatnonzero(strange.any(axis=1))
-    if not rows.size:
-        return found
-    tile = str(ids[rows[0]][strange[rows[0]]][0])
+def _strange_tile(
+    tile: str, queries: NDArray[np.str_], total: int, truth: RetrievalTruth
+) -> PredictionError:
+    """Return the error for a ranked tile that is not in the scene's gallery."""
     scene = str(scene_of(np.array([tile]))[0])
     fix = "cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet"
     if "/" not in tile:
@@ -205,9 +225,9 @@ def _tile_rows(
         fix = f"rank each query against its own scene only; this tile is of scene {scene!r}"
     elif with_endings(np.array([tile])):
         fix = "leave out the file's ending: ids are names without it"
-    raise PredictionError(
+    return PredictionError(
         f"tiles that are not in the gallery of scene {truth.scene}, ranked for "
-        f"{first_of(names[rows], len(names), noun='query')}; the first is {tile!r}"
+        f"{first_of(queries, total, noun='query')}; the first is {tile!r}"
         + suggestion(tile, truth.tiles["id"].tolist(), 1),
         where="field 'ranked_ids'",
         expected=f"ids such as {truth.tiles['id'].iloc[0]}",
@@ -218,9 +238,14 @@ def _tile_rows(
 # --- descriptors ---
 
 
-def _rank_descriptors(
-    described: Descriptors, truth: RetrievalTruth, k: int, depth: int, metric: Metric, run: Run
-) -> Rank:
+def _descriptor_ranker(
+    described: Descriptors,
+    truth: RetrievalTruth,
+    k: int,
+    tie_ranks: int,
+    metric: Metric,
+    run: Run,
+) -> Ranker:
     """Return the function that ranks some queries by their descriptors."""
     gallery = _scene_gallery(described, truth, run.memory_bytes)
 
@@ -231,13 +256,66 @@ def _rank_descriptors(
             k=k,
             metric=metric,
             positives=positives,
-            depth=depth,
+            tie_ranks=tie_ranks,
             run=run,
             names=names,
             tile_names=truth.tiles["id"].to_numpy(),
         )
 
     return rank
+
+
+def rank_by_descriptors(
+    queries: NDArray[Any],
+    gallery: NDArray[Any],
+    *,
+    k: int,
+    metric: Metric,
+    positives: Positives,
+    tie_ranks: int,
+    run: Run = Run(),  # noqa: B008 - frozen
+    names: Names | None = None,
+    tile_names: Names | None = None,
+) -> Ranking:
+    """Rank the gallery by descriptors, exactly as float64 has it."""
+    n_tiles, ranking = len(gallery), Ranking.blank(len(queries), k)
+    names = np.arange(len(queries)) if names is None else np.asarray(names)
+    tile_names = range(n_tiles) if tile_names is None else tile_names
+    flat: Bools = (queries == 0).all(axis=1)  # zeros are taken to tie with every tile
+    asked = queries[~flat] if flat.any() else queries
+    check_descriptors(asked, metric, "query_descriptors", names[~flat])
+    longest = check_descriptors(gallery, metric, "gallery_descriptors", tile_names)
+    if n_tiles > 1 and all((rows == gallery[0]).all() for _, rows in blocks(gallery, 1 << 20)):
+        flat[:] = True
+    some, blank = np.flatnonzero(~flat), np.flatnonzero(flat)
+    sought = min(max(k, tie_ranks), n_tiles)
+    search = Search(gallery, longest, metric, sought, run.memory_bytes, run.jobs)
+    step = int(np.clip(run.memory_bytes // (32 * queries.shape[1] + 1), 64, _MOST_QUERIES))
+    parts = split(len(some), min(step, _SENT_QUERIES) if run.engine.distributed else step)
+    found = run.engine.map(
+        _rank_part,
+        [(asked[part], positives.take(some[part])) for part in parts],
+        shared=(search, k, tie_ranks),
+        stage="queries ranked",
+        name=lambda _: "some queries",
+    )
+    for part, ranked in zip(parts, found, strict=True):
+        ranking.put(some[part], ranked)
+    ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
+    ranking.drop_flat(blank, positives, n_tiles)
+    return ranking
+
+
+def _rank_part(shared: tuple[Search, int, int], item: tuple[NDArray[Any], Positives]) -> Ranking:
+    (search, k, tie_ranks), (queries, positives) = shared, item
+    pairs = find_nearest(search, queries)
+    if pairs is not None:
+        return order_pairs(pairs, positives, len(search.gallery), k, tie_ranks)
+    ranking = Ranking.blank(len(queries), k)  # nearly everything ties: half of the queries each
+    for half in split(len(queries), (len(queries) + 1) // 2):
+        rows = np.arange(half.start, half.stop)
+        ranking.put(rows, _rank_part(shared, (queries[half], positives.take(rows))))
+    return ranking
 
 
 def _scene_gallery(
@@ -269,73 +347,3 @@ def _scene_gallery(
             fix="save the rows in the order of tiles.parquet, or raise --max-memory",
         )
     return np.asarray(gallery[rows])
-
-
-def rank_by_descriptors(
-    queries: NDArray[Any],
-    gallery: NDArray[Any],
-    *,
-    k: int,
-    metric: Metric,
-    positives: Positives,
-    depth: int,
-    run: Run = Run(),  # noqa: B008 - frozen
-    names: Names | None = None,
-    tile_names: Names | None = None,
-) -> Ranking:
-    """Rank the gallery by descriptors, exactly as float64 has it."""
-    n_tiles, ranking = len(gallery), Ranking.blank(len(queries), k)
-    flat: Bools = (queries == 0).all(axis=1)  # zeros are taken to tie with every tile
-    some = np.flatnonzero(~flat)
-    asked = queries[some] if flat.any() else queries
-    called = np.arange(len(queries)) if names is None else np.asarray(names)
-    check_descriptors(asked, rounded(asked)[1], metric, "query_descriptors", called[some])
-    if all_equal(gallery):
-        flat[:], some = True, some[:0]
-    sought = min(max(k, depth), max(n_tiles, 1))
-    tiles = range(n_tiles) if tile_names is None else tile_names
-    search = Search(gallery, metric, sought, run.memory_bytes, run.jobs, tiles)
-    step = search.queries_at_a_time()
-    parts = split(len(some), min(step, _SENT_QUERIES) if run.engine.distributed else step)
-    found = run.engine.map(
-        _rank_part,
-        [(asked[part], positives.take(some[part])) for part in parts],
-        shared=(search, k, depth),
-        stage="queries ranked",
-        name=lambda _: "some queries",
-    )
-    for part, ranked in zip(parts, found, strict=True):
-        ranking.put(some[part], ranked)
-    blank = np.flatnonzero(flat)
-    ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
-    ranking.drop_flat(blank, positives, n_tiles)
-    return ranking
-
-
-def _rank_part(shared: tuple[Search, int, int], item: tuple[NDArray[Any], Positives]) -> Ranking:
-    (search, k, depth), (queries, positives) = shared, item
-    ranking, n_tiles = Ranking.blank(positives.n_queries, k), len(search.gallery)
-    for some, pairs in nearest(search, queries):
-        ranking.put(some, _in_order(pairs, positives.take(some), n_tiles, k, depth))
-    return ranking
-
-
-def _in_order(pairs: Pairs, positives: Positives, n_tiles: int, k: int, depth: int) -> Ranking:
-    """Rank queries by their pairs (query, tile, level), by the tie rule."""
-    query, tile, level = pairs
-    positive = positives.holds(query, tile, n_tiles)
-    order = np.lexsort((tile, positive, level, query))
-    query, tile, level, positive = query[order], tile[order], level[order], positive[order]
-    place, counts = np.arange(len(order)), np.bincount(query, minlength=positives.n_queries)
-    rank = place - offsets_of(counts)[query]
-    tied = (np.diff(query) == 0) & (np.diff(level) == 0)
-    opens = np.concatenate([[True], ~tied])[: len(order)]
-    begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
-    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depth)
-    ranking = Ranking.blank(positives.n_queries, k)
-    ranking.tie_dependent[query[1:][mixed]] = True
-    first = rank < k
-    ranking.tiles[query[first], rank[first]] = tile[first]
-    runs = np.bincount(query[opens], minlength=positives.n_queries)
-    ranking.drop_flat(np.flatnonzero((counts == n_tiles) & (runs == 1)), positives, n_tiles)
-    return ranking

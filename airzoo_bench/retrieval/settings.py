@@ -101,18 +101,18 @@ class TileScores(Strict):
 
     @model_validator(mode="after")
     def _check_ranks_kept(self) -> TileScores:
-        if self.ranks_kept < self.deepest:
-            raise ValueError(f"ranks_kept must reach the deepest score, {self.deepest}")
+        if self.ranks_kept < self.ranks_scored:
+            raise ValueError(f"ranks_kept must reach the deepest score, {self.ranks_scored}")
         return self
 
     @property
-    def deepest(self) -> int:
-        """The deepest rank that any score names."""
-        return max(self.depth, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
+    def ranks_scored(self) -> int:
+        """How many ranks the scores that name one read."""
+        return max(self.tie_ranks, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
 
     @property
-    def depth(self) -> int:
-        """The deepest rank that recall or AP reads: a tie beyond it decides nothing."""
+    def tie_ranks(self) -> int:
+        """How many ranks recall and AP read: a tie that begins beyond decides nothing."""
         return max(*self.recall_at, self.ap_at)
 
 
@@ -146,8 +146,8 @@ class ImageScores(Strict):
         return self
 
     @property
-    def depth(self) -> int:
-        """The deepest rank that a recall reads; average precision reads the whole list."""
+    def tie_ranks(self) -> int:
+        """How many ranks the recalls read; average precision reads the whole list."""
         return max(self.recall_at)
 
 

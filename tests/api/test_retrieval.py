@@ -62,7 +62,7 @@ def test_matrices_of_similarities_score_as_descriptors_in_the_track(
     if metric == "cosine":  # lengths that are exact, so that products tie as cosines do
         queries, gallery = (np.sign(rows - 1) * 0.5 for rows in (queries, gallery))
     ranking = rank_by_descriptors(
-        queries, gallery, k=100, metric=metric, positives=truth.positives, depth=5
+        queries, gallery, k=100, metric=metric, positives=truth.positives, tie_ranks=5
     )
     records = score_scene(truth, ranking, np.ones(len(queries), bool), settings)
     assert records["tie_dependent"].any()

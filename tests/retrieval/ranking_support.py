@@ -31,7 +31,7 @@ def similarities(queries, gallery, metric):
     return (queries[:, None] * gallery).sum(axis=2)
 
 
-def naive(scores, positives, k, depth):
+def naive(scores, positives, k, tie_ranks):
     """Sort whole rows by the tie rule; look at whole runs of equal scores."""
     n_queries, n_tiles = scores.shape
     tiles, tied = np.full((n_queries, k), -1), np.zeros(n_queries, bool)
@@ -39,7 +39,7 @@ def naive(scores, positives, k, depth):
         positive = np.isin(np.arange(n_tiles), positives.of_query(query))
         order = np.lexsort((np.arange(n_tiles), positive, -row))
         tiles[query, : min(k, n_tiles)] = order[:k]
-        for tile in order[:depth]:
+        for tile in order[:tie_ranks]:
             run = positive[row == row[tile]]
             tied[query] |= run.any() and not run.all()
         if n_tiles > 1 and (row == row[0]).all() and not positive.all():

@@ -19,17 +19,17 @@ from tests.retrieval.ranking_support import (
 def test_ties_go_against_the_submitter():
     ranked = np.array([[3, 1, 2, 0]])
     scores = np.array([[1.0, 1, 1, 0.5]])
-    ranking = rank_by_ids(ranked, scores, positives_of([1, 3]), n_tiles=4, k=4, depth=1)
+    ranking = rank_by_ids(ranked, scores, positives_of([1, 3]), n_tiles=4, k=4, tie_ranks=1)
     assert_is(ranking, (np.array([[2, 1, 3, 0]]), np.array([True])))
     # The same scores as distances.
-    again = rank_by_ids(ranked, -scores, positives_of([1, 3]), n_tiles=4, k=4, depth=1)
+    again = rank_by_ids(ranked, -scores, positives_of([1, 3]), n_tiles=4, k=4, tie_ranks=1)
     assert again.tiles.tolist() == ranking.tiles.tolist()
 
 
 @pytest.mark.parametrize(("depth", "tied"), [(1, False), (2, True), (3, True)])
 def test_tie_counts_when_it_begins_before_the_depth(depth, tied):
     ranked, scores = np.array([[5, 4, 3, 2, 1, 0]]), np.array([[9.0, 8, 8, 8, 7, 6]])
-    ranking = rank_by_ids(ranked, scores, positives_of([2]), n_tiles=6, k=6, depth=depth)
+    ranking = rank_by_ids(ranked, scores, positives_of([2]), n_tiles=6, k=6, tie_ranks=depth)
     assert ranking.tiles.tolist() == [[5, 3, 4, 2, 1, 0]]
     assert ranking.tie_dependent.tolist() == [tied]
 
@@ -65,7 +65,7 @@ def test_a_tie_at_the_end_of_a_list_takes_in_what_was_left_out(seed, n_tiles, li
     ranked = np.stack([rng.permutation(n_tiles)[:listed] for _ in range(4)])
     scores = -np.sort(rng.integers(0, 3, ranked.shape), axis=1).astype(float)
     given_scores = scores if falling else -scores
-    found = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=k, depth=1)
+    found = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=k, tie_ranks=1)
     for query, row in enumerate(completed(ranked, scores, positives, n_tiles)):
         positive = np.isin(np.arange(n_tiles), positives.of_query(query))
         order = np.lexsort((np.arange(n_tiles), positive, -row))
@@ -80,10 +80,10 @@ def test_a_tie_at_the_end_of_a_list_takes_in_what_was_left_out(seed, n_tiles, li
 def test_a_tie_with_a_positive_that_was_left_out_counts_as_one():
     ranked, scores = np.array([[4, 1, 2]]), np.array([[2.0, 1, 1]])
     for positives, tied in (([0], True), ([1], True), ([4], False), ([0, 1, 2, 3, 5], False)):
-        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, depth=5)
+        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, tie_ranks=5)
         assert found.tie_dependent.tolist() == [tied]
         # It begins at the second rank, which a depth of one does not look at.
-        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, depth=1)
+        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, tie_ranks=1)
         assert found.tie_dependent.tolist() == [False]
 
 
@@ -95,7 +95,9 @@ def test_ranked_ids_agree_with_a_plain_sort(seed, n_tiles, depth, distances):
     positives = random_positives(rng, 3, n_tiles)
     ranked = np.argsort(-scores + rng.random(scores.shape) / 2, axis=1)
     given_scores = np.take_along_axis(scores, ranked, axis=1) * (-1 if distances else 1)
-    ranking = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=n_tiles, depth=depth)
+    ranking = rank_by_ids(
+        ranked, given_scores, positives, n_tiles=n_tiles, k=n_tiles, tie_ranks=depth
+    )
     assert_is(ranking, naive(scores, positives, n_tiles, depth))
 
 
