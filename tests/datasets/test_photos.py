@@ -18,7 +18,7 @@ from airzoo_bench.formats.clouds.las import shards_in
 from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from tests.datasets.parts import hold_crops, hold_tiles
-from tests.reconstruction.cloud_support import write_laz
+from tests.reconstruction.support import write_laz
 from tests.support import (
     NORTH_WEST,
     PLACE_CRS,

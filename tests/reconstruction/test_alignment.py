@@ -1,4 +1,4 @@
-"""Alignment by cameras: exact ones, half of them bad, strips, and refusals; ICP."""
+"""Alignment by cameras: fits, exact ones, half of them bad, strips, and refusals; ICP."""
 
 from __future__ import annotations
 
@@ -8,52 +8,126 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.reconstruction.alignment import (
+    Alignment,
     AlignmentError,
     PosedCameras,
     Similarity,
     align,
+    fit_many,
     partners,
+    umeyama,
 )
 from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import draw_points, refine
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.posed_cameras import (
-    UTM,
-    assert_same,
-    cameras,
-    grid,
-    made_by,
-    moved,
-    ransac,
-    seen_from,
-    sim3,
-    strip,
+from tests.reconstruction.support import UTM, cameras, moved, ransac, seen_from, similarity
+
+LINE = np.arange(6.0)[:, None] * (1.0, 2.0, 3.0)
+PLANE = np.random.default_rng(5).normal(size=(6, 3))
+
+
+def sim3(predicted: PosedCameras, truth: PosedCameras, **changes: Any) -> Alignment:
+    return align(predicted, truth, ransac(**changes))
+
+
+def assert_same(found: Similarity, made: Similarity, points: np.ndarray, atol: float) -> None:
+    np.testing.assert_allclose(found.apply(points), made.apply(points), rtol=0, atol=atol)
+
+
+def grid(rng: np.random.Generator) -> PosedCameras:
+    x, y = np.meshgrid(np.arange(6.0) * 30, np.arange(4.0) * 40)
+    return cameras(np.stack((x.ravel(), y.ravel(), rng.normal(60, 1, 24)), axis=1), rng)
+
+
+def strip(rng: np.random.Generator) -> PosedCameras:
+    along = np.arange(12.0)[:, None] * (20.0, 11.0, 0.5)
+    return cameras(along + rng.normal(0, 0.05, (12, 3)), rng)
+
+
+# --- least squares ---
+
+
+def test_a_quarter_turn_by_hand() -> None:
+    quarter = np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    transform = Similarity(2.0, quarter, np.array((10.0, 20.0, 30.0)), np.array((1.0, 1.0, 1.0)))
+    # (3, 1, 0) is (2, 0, -1) from the origin, turned (0, 2, -1), doubled (0, 4, -2).
+    np.testing.assert_array_equal(transform.apply(np.array((3.0, 1.0, 0.0))), (10.0, 24.0, 28.0))
+
+
+@quick
+@given(seeds, st.floats(1e-3, 1e3), st.booleans())
+def test_umeyama_finds_the_transform(seed: int, scale: float, with_scale: bool) -> None:
+    rng = np.random.default_rng(seed)
+    made = similarity(rng, scale if with_scale else 1.0)
+    made = replace(made, translation=made.translation - UTM)
+    source = rng.normal(size=(7, 3))
+    found = umeyama(source, made.apply(source), with_scale=with_scale)
+    assert found.scale == pytest.approx(made.scale, rel=1e-10)
+    np.testing.assert_allclose(found.rotation, made.rotation, atol=1e-10)
+
+
+def test_a_mirror_image_is_turned_not_mirrored() -> None:
+    source = np.random.default_rng(3).normal(size=(40, 3)) * (5.0, 3.0, 1.0)
+    found = umeyama(source, source * (1.0, 1.0, -1.0), with_scale=True)
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    # Least squares: scale (25 + 9 - 1) / 35 of the variances; nearly no rotation.
+    values = np.linalg.svd(source - source.mean(axis=0), compute_uv=False) ** 2
+    assert found.scale == pytest.approx((values[:2].sum() - values[2]) / values.sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("far", [0.0, 1.0], ids=["near", "projected"])
+@pytest.mark.parametrize(
+    ("source", "target"),
+    [
+        (PLANE[:2], PLANE[:2]),
+        (LINE, PLANE),
+        (PLANE, LINE),
+        (LINE.astype(np.float32) / 7, PLANE),
+        (PLANE, np.full((6, 3), 0.1)),
+    ],
 )
+def test_degenerate_points_are_refused(source: np.ndarray, target: np.ndarray, far: float) -> None:
+    source, target = (np.asarray(a, np.float64) + far * UTM for a in (source, target))
+    with pytest.raises(AlignmentError):
+        umeyama(source, target, with_scale=True)
+
+
+@pytest.mark.parametrize(("off_deg", "share"), [(0.0, 1e-10), (5.0, 1e-3)])
+def test_centres_of_a_strip_give_its_direction_and_orientations_the_turn_about_it(
+    off_deg: float, share: float
+) -> None:
+    made = Similarity(3.0, Rotation.random(rng=np.random.default_rng(7)).as_matrix(), np.ones(3))
+    wrong = Rotation.from_rotvec(np.radians(off_deg) * np.array((0.6, 0.0, 0.8))).as_matrix()
+    turns = np.tile(wrong @ made.rotation, (1, len(LINE), 1, 1))
+    (fit,), determined = fit_many(LINE[None], made.apply(LINE[None]), turns=turns, axis_share=0.02)
+    assert determined.all()
+    away = np.linalg.norm(fit.apply(LINE) - made.apply(LINE), axis=1).max()
+    assert away <= share * np.linalg.norm(LINE[-1] - LINE[0]) * 3.0
+    if off_deg == 0.0:
+        np.testing.assert_allclose(fit.matrix, made.matrix, atol=1e-10)
+
+
+# --- cameras ---
 
 
 @quick
 @given(seeds)
 def test_sim3_is_exact_and_ignores_outliers(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    truth, made = grid(rng), made_by(rng)
+    truth, made = grid(rng), similarity(rng)
     predicted = moved(seen_from(truth, made), [3, 11, 17, 20, 22], rng.uniform(2, 9, (5, 3)))
     order = rng.permutation(24)
     found = sim3(predicted.take(order), truth)
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-7)
     assert (found.cameras, found.inliers, found.cameras_missing) == (24, 19, 0)
-    assert found.robust
-    assert not found.used_orientations
-    assert found.inlier_centres is not None
-    assert found.inlier_centres["largest"] < 1e-7
-    assert found.centres is not None
-    assert found.centres["largest"] > 25.0
-    assert found.centres["median"] < 1e-7
-    # Only centres were moved.
-    assert found.rotations_deg is not None
-    assert found.rotations_deg["largest"] < 1e-8
+    assert (found.robust, found.used_orientations) == (True, False)
+    assert found.values["inlier_centres"]["largest"] < 1e-7
+    assert found.values["centres"]["largest"] > 25.0
+    assert found.values["rotations_deg"]["largest"] < 1e-8
     rows, true_rows = partners(truth.take(order[:20]), truth)
     np.testing.assert_array_equal(order[:20][rows], true_rows)
     np.testing.assert_array_equal(true_rows, np.sort(order[:20]))
@@ -72,11 +146,10 @@ def test_residuals_by_hand() -> None:
 @given(seeds)
 def test_a_strip_is_aligned_by_orientations(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    truth, made = strip(rng), made_by(rng)
+    truth, made = strip(rng), similarity(rng)
     exact = seen_from(truth, made)
     found = sim3(exact, truth)
-    assert found.used_orientations
-    assert found.inliers == 12
+    assert (found.used_orientations, found.inliers) == (True, 12)
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-6)
     predicted = moved(exact, [2, 7], 4.0)
     assert predicted.rotation is not None
@@ -85,33 +158,30 @@ def test_a_strip_is_aligned_by_orientations(seed: int) -> None:
     found = sim3(predicted, truth)
     assert found.inliers == 9  # on a line, a camera that is turned is no inlier either
     assert_same(found.transform, made, rng.normal(size=(9, 3)), 1e-6)
-    assert found.rotations_deg is not None
-    assert found.rotations_deg["largest"] == pytest.approx(90.0)
 
 
 @pytest.mark.parametrize("fault", ["truth", "prediction", "two cameras", "one point"])
 def test_cameras_that_determine_nothing_are_refused(fault: str) -> None:
     rng = np.random.default_rng(4)
     truth = grid(rng) if fault == "two cameras" else strip(rng)
-    predicted, said = seen_from(truth, made_by(rng)), "orientations are missing"
+    predicted = seen_from(truth, similarity(rng))
     if fault == "truth":
         truth = replace(truth, rotation=None)
     elif fault == "prediction":
         predicted = replace(predicted, rotation=None)
     elif fault == "one point":
-        predicted, said = replace(predicted, centres=np.zeros((12, 3))), "at one point"
+        predicted = replace(predicted, centres=np.zeros((12, 3)))
     else:
-        predicted, said = predicted.take(np.arange(2)), "needs 3 cameras, and 2"
-    with pytest.raises(AlignmentError, match=said):
+        predicted = predicted.take(np.arange(2))
+    with pytest.raises(AlignmentError):
         sim3(predicted, truth)
 
 
 def flight(count: int, width: float, rng: np.random.Generator) -> PosedCameras:
     """Cameras along 600 m, as wide as so many metres, 80 m above ground."""
-    along = np.linspace(0, 600, count)
     across = rng.uniform(-width / 2, width / 2, count)
-    centres = np.stack((along, across, 80 + rng.normal(0, width / 20, count)), axis=1)
-    return cameras(centres + UTM, rng)
+    high = 80 + rng.normal(0, width / 20, count)
+    return cameras(np.stack((np.linspace(0, 600, count), across, high), axis=1), rng)
 
 
 def half_bad(truth: PosedCameras, rng: np.random.Generator) -> PosedCameras:
@@ -129,7 +199,6 @@ def half_bad(truth: PosedCameras, rng: np.random.Generator) -> PosedCameras:
 
 
 SHIPPED = {"inlier_below_m": 5.0, "line_ratio": 0.1, "min_trials": 1000, "max_trials": 100_000}
-WIDTHS = (5.0, 40.0, 300.0)  # a line, nearly one, a block of strips
 RUNS = [
     (18, 5, 5),
     (60, 5, 5),
@@ -138,42 +207,27 @@ RUNS = [
 
 
 @pytest.mark.parametrize(("count", "runs", "least"), RUNS)
-@pytest.mark.parametrize("width", WIDTHS)
-def test_half_of_the_cameras_may_be_bad(count: int, width: float, runs: int, least: int) -> None:
+@pytest.mark.parametrize("width", [5.0, 40.0, 300.0])  # a line, nearly one, a block of strips
+def test_half_of_the_cameras_may_be_bad_in_any_order(
+    count: int, width: float, runs: int, least: int
+) -> None:
     survived = 0
     for seed in range(runs):
         rng = np.random.default_rng((seed, count, int(width)))
-        truth, made = flight(count, width, rng), made_by(rng)
-        found = sim3(seen_from(half_bad(truth, rng), made), truth, **SHIPPED, seed=seed)
-        ground = truth.centres * (1, 1, 0)
-        away = found.transform.apply(made.inverse().apply(ground)) - ground
+        truth, made = flight(count, width, rng), similarity(rng)
+        predicted = seen_from(half_bad(truth, rng), made)
+        found = sim3(predicted, truth, **SHIPPED, seed=seed).transform
+        flat = truth.centres * (1, 1, 0)
+        away = found.apply(made.inverse().apply(flat)) - flat
         survived += bool(np.sqrt((away * away).sum(axis=1)).max() < 3.0)
+        if seed == 0:
+            other = predicted.take(rng.permutation(count))
+            again = sim3(other, truth, **SHIPPED, seed=seed).transform
+            assert again.matrix.tobytes() == found.matrix.tobytes()
     assert survived >= least
 
 
-def test_the_order_of_cameras_does_not_matter() -> None:
-    rng = np.random.default_rng(1)
-    truth, made = flight(60, 40.0, rng), made_by(rng)
-    predicted = seen_from(half_bad(truth, rng), made)
-    one = sim3(predicted, truth, **SHIPPED).transform.matrix
-    other = sim3(predicted.take(rng.permutation(60)), truth, **SHIPPED).transform.matrix
-    assert one.tobytes() == other.tobytes()
-
-
 # --- iterated closest points ---
-
-
-def terrain(count: int) -> np.ndarray:
-    x, y = np.random.default_rng(12).uniform(0, 60, (2, count))
-    return np.stack((x, y, 4 * np.sin(x / 6) * np.cos(y / 9)), axis=1)
-
-
-def icp(
-    predicted: np.ndarray, truth: np.ndarray, held: int = 1 << 20, **changes: Any
-) -> tuple[Similarity, dict[str, Any]]:
-    settings = ransac(icp_points=2000, icp_iterations=60, **changes)
-    return refine(cloud_of(predicted), cloud_of(truth), settings, memory_points=held)
-
 
 OFF = Similarity(
     1.01,
@@ -183,8 +237,19 @@ OFF = Similarity(
 )
 
 
+def terrain(step: float = 0.0) -> np.ndarray:
+    x, y = np.random.default_rng(12).uniform(0, 60, (2, 20_000))
+    points = np.stack((x, y, 4 * np.sin(x / 6) * np.cos(y / 9)), axis=1)
+    return (np.rint(points / step) * step if step else points) + UTM
+
+
+def icp(predicted: np.ndarray, truth: np.ndarray, held: int = 1 << 20, **changes: Any) -> Any:
+    settings = ransac(icp_points=2000, icp_iterations=60, **changes)
+    return refine(cloud_of(predicted), cloud_of(truth), settings, memory_points=held)
+
+
 def test_icp_refines_far_from_the_origin() -> None:
-    cloud = terrain(20000) + UTM
+    cloud = terrain()
     predicted = OFF.apply(cloud[:8000])
     found, report = icp(predicted, cloud)
     assert_same(found, OFF.inverse(), predicted[::50], 1e-3)
@@ -197,7 +262,7 @@ def test_icp_refines_far_from_the_origin() -> None:
 
 
 def test_icp_is_the_same_whatever_memory_holds() -> None:
-    cloud = np.rint(terrain(20000) * 4) / 4 + UTM  # many ties
+    cloud = terrain(0.25)  # many ties
     one, other = (icp(OFF.apply(cloud[:8000]), cloud, held=held)[0] for held in (1, 1 << 20))
     assert one.matrix.tobytes() == other.matrix.tobytes()
 
@@ -208,7 +273,7 @@ def test_icp_figures_by_hand() -> None:
     _, report = icp(predicted, truth)
     assert (report["before"]["fitness"], report["before"]["rmse"]) == (0.75, 1.0)
     assert report["before"]["cost"] == pytest.approx(((3 * 1 + 4) / 4) ** 0.5)
-    with pytest.raises(AlignmentError, match="fewer than 3"):
+    with pytest.raises(AlignmentError):
         icp(predicted + 100.0, truth)
 
 

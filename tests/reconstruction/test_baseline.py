@@ -18,7 +18,7 @@ from airzoo_bench.reconstruction.baseline import Model, photo_pairs, sparse_reco
 from airzoo_bench.reconstruction.info import SfmSettings
 from tests.engines.scattered import Scattered
 from tests.geometry.support import looking_down
-from tests.reconstruction.posed_cameras import ransac
+from tests.reconstruction.support import ransac
 
 UTM = np.array((576600.0, 5188100.0, 160.0))
 SIZE = (320, 240)

@@ -23,8 +23,7 @@ from airzoo_bench.reconstruction.checks import (
     check_names,
     check_resolution,
 )
-from tests.formats.cloud_support import refused
-from tests.reconstruction.depth_maps import poses
+from tests.reconstruction.support import poses
 from tests.reconstruction.world import World, notes_of, save
 
 TRUTH = np.array([[576_661.0, 5_188_114.0, 156.0], [576_768.0, 5_188_211.0, 169.0]])
@@ -64,7 +63,7 @@ def test_heights_of_another_datum(up: float, noted: bool) -> None:
 
 
 SCENE = TRUTH[0] + np.random.default_rng(0).uniform(0, 90, (500, 3))
-OWN_FRAME = SCENE - TRUTH[0]
+OWN = SCENE - TRUTH[0]
 
 
 def rounded(points: np.ndarray, digits: int) -> np.ndarray:
@@ -72,41 +71,34 @@ def rounded(points: np.ndarray, digits: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("points", "stored", "kept"),
+    ("points", "stored", "scale", "kept"),
     [
-        (SCENE.astype("f4"), "f4", "float32"),
-        (SCENE.astype("f4"), "f8", "float32"),  # it went through float32
-        (rounded(SCENE, 6), "f8", "6 digits"),
-        (rounded(SCENE, 7), "f8", "7 digits"),
-        (rounded(SCENE, 6).astype("f4"), "f4", "6 digits"),
-    ],
-)
-def test_digits_that_were_lost(points: np.ndarray, stored: str, kept: str) -> None:
-    found = str(check_digits(points.astype("f8"), np.dtype(stored), 1.0, 0.01))
-    assert kept in found
-    # The error that is stated is that of the rounding.
-    stated = float(found.partition("an error of ")[2].partition(" m ")[0])
-    rms = np.sqrt(((points - SCENE) ** 2).sum(axis=1).mean())
-    assert stated == pytest.approx(rms, rel=0.2)
-
-
-@pytest.mark.parametrize(
-    ("points", "stored", "scale", "noted"),
-    [
-        (SCENE, "f8", 1.0, False),
-        (SCENE, "i4", 1.0, False),
-        (np.round(SCENE, 2), "f8", 1.0, False),
-        (OWN_FRAME.astype("f4"), "f4", 1.0, False),
-        (rounded(OWN_FRAME, 6), "f8", 1.0, False),
+        (SCENE.astype("f4"), "f4", 1.0, "float32"),
+        (SCENE.astype("f4"), "f8", 1.0, "float32"),  # it went through float32
+        (rounded(SCENE, 6), "f8", 1.0, "6 digits"),
+        (rounded(SCENE, 7), "f8", 1.0, "7 digits"),
+        (rounded(SCENE, 6).astype("f4"), "f4", 1.0, "6 digits"),
+        (SCENE, "f8", 1.0, None),
+        (SCENE, "i4", 1.0, None),
+        (np.round(SCENE, 2), "f8", 1.0, None),
+        (OWN.astype("f4"), "f4", 1.0, None),
+        (rounded(OWN, 6), "f8", 1.0, None),
         # A cloud in a frame of its own: 1e-7 of a unit of 200 m.
-        ((OWN_FRAME / 200).astype("f4"), "f4", 200.0, False),
-        ((OWN_FRAME / 200 + 50).astype("f4"), "f4", 20_000.0, True),
-        (np.zeros((0, 3)), "f8", 1.0, False),
+        ((OWN / 200).astype("f4"), "f4", 200.0, None),
+        ((OWN / 200 + 50).astype("f4"), "f4", 20_000.0, "float32"),
+        (np.zeros((0, 3)), "f8", 1.0, None),
     ],
 )
-def test_digits_that_suffice(points: np.ndarray, stored: str, scale: float, noted: bool) -> None:
+def test_digits_that_were_lost(
+    points: np.ndarray, stored: str, scale: float, kept: str | None
+) -> None:
     found = check_digits(points.astype("f8"), np.dtype(stored), scale, 0.01)
-    assert (found is not None) == noted
+    assert (found is None) if kept is None else (kept in str(found))
+    if found and scale == 1.0:
+        # The error that is stated is that of the rounding.
+        stated = float(found.partition("an error of ")[2].partition(" m ")[0])
+        rms = np.sqrt(((points - SCENE) ** 2).sum(axis=1).mean())
+        assert stated == pytest.approx(rms, rel=0.2)
 
 
 HILLS = np.random.default_rng(1).uniform(0, 100, (4000, 3))
@@ -131,7 +123,7 @@ def test_a_cloud_that_is_mirrored_in_its_own_frame(
 ) -> None:
     own, limits = Similarity(3.0, TURN, TRUTH[0]), [1.0, 10.0]
     truth, wrong = own.apply(scene / 3), own.apply(scene[:, order] * signs / 3)
-    assert f"{words} for (+x, +y, +z)" in str(check_mirror(wrong, truth, own, limits))
+    assert words in str(check_mirror(wrong, truth, own, limits))
     # A cloud that fits, or is merely elsewhere, is not mirrored.
     for shift in (0.0, 4.0, 60.0):
         assert check_mirror(truth + np.array((0, 0, shift)), truth, own, limits) is None
@@ -141,7 +133,7 @@ def test_a_cloud_that_is_mirrored_in_its_own_frame(
 def test_intrinsics_of_photos_that_are_little_larger_or_smaller(width: int, height: int) -> None:
     """Depth Anything 3 and VGGT make maps of 504 and 518 px of a photo of 640x480."""
     K = np.tile(np.array([[500.0, 0, 320.5], [0, 500, 240.5], [0, 0, 1]]), (3, 1, 1))
-    with refused("6[34][0-9] x 4[78][0-9]"):
+    with pytest.raises(PredictionError, match=r"6[34]\d x 4[78]\d"):
         check_resolution(Cameras.from_matrices(K, width, height), None, "it")
     K[1, :2, 2] = width / 2, height / 2
     check_resolution(Cameras.from_matrices(K, width, height), None, "it")
@@ -161,7 +153,10 @@ def strip(count: int = 12) -> Poses:
     return Poses.from_centres(np.tile(turn, (count, 1, 1)), centres)
 
 
-@pytest.mark.parametrize("truth", [poses(12), poses(200, 3), strip()], ids=["few", "many", "strip"])
+RANDOM = [poses(np.random.default_rng(seed), count) for seed, count in ((0, 12), (3, 200))]
+
+
+@pytest.mark.parametrize("truth", [*RANDOM, strip()], ids=["few", "many", "strip"])
 def test_camera_to_world_is_refused_and_on_a_strip_noted(truth: Poses) -> None:
     assert check_inversion(truth, truth, "yard.npz") is None
     opengl = Poses.from_centres(np.diag((1.0, -1.0, -1.0)) @ truth.rotation, truth.centres)
@@ -169,28 +164,28 @@ def test_camera_to_world_is_refused_and_on_a_strip_noted(truth: Poses) -> None:
         if len({*truth.centres[:, 1]}) == 1:
             assert "0.0 once inverted" in str(check_inversion(inverted(claimed), truth, "yard.npz"))
             continue
-        with pytest.raises(PredictionError, match=r"0\.0 once inverted") as caught:
+        with pytest.raises(PredictionError) as caught:
             check_inversion(inverted(claimed), truth, "yard.npz")
         assert fix in str(caught.value.fix)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_names_one_off(seed: int) -> None:
     rng, names = np.random.default_rng(seed), tuple(f"DJI_{n:04}.JPG" for n in range(16))
-    true = PosedCameras(names, poses(16, seed=seed).centres)
+    true = PosedCameras(names, poses(rng, 16).centres)
     spacing = float(np.median(np.linalg.norm(np.diff(true.centres, axis=0), axis=1)))
     for step in (1, -1):
         off = tuple(np.roll(names, step).tolist())
         for centres in (true.centres, 0.02 * true.centres[:, [1, 0, 2]] * (1, -1, 1)):
-            with pytest.raises(PredictionError, match="one off"):
+            with pytest.raises(PredictionError):
                 check_names(PosedCameras(off, centres), true, "yard.npz")
         rough = PosedCameras(off, true.centres + rng.normal(0, spacing / 6, (16, 3)))
         check_names(rough, true, "yard.npz")
     # Cameras that are poor, or none, are scored without a word.
     for noise in (0.0, 0.1, 0.5, 2.0):
-        shaken = true.centres + rng.normal(0, noise * spacing, (16, 3))
-        shaken[: seed % 4] = np.nan
-        check_names(PosedCameras(names, shaken), true, "yard.npz")
+        centres = true.centres + rng.normal(0, noise * spacing, (16, 3))
+        centres[: seed % 4] = np.nan
+        check_names(PosedCameras(names, centres), true, "yard.npz")
 
 
 @pytest.mark.parametrize(("units", "depth", "noted"), [(1e4, 1.0, False), (1.0, 1e3, True)])

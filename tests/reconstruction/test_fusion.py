@@ -7,25 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction import fusion
 from airzoo_bench.reconstruction.alignment import Similarity
 from airzoo_bench.reconstruction.clouds import PieceCloud
-from airzoo_bench.reconstruction.fusion import (
-    DepthMaps,
-    PointMaps,
-    depth_cloud,
-    fuse,
-    point_map_cloud,
-)
+from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps, depth_cloud, fuse
 from airzoo_bench.reconstruction.settings import Fusion
 from tests.geometry.support import looking_down
+from tests.reconstruction.support import UTM, similarity
 
-UTM = np.array((576663.25, 5188165.5, 197.0))
 STILL = Similarity.identity()
 SLOPE = np.array((0.1, -0.05, 1.0))
 ABOVE = 30.0
@@ -39,17 +33,13 @@ TSDF = Fusion(
 )
 
 
-def joined(source: PieceCloud, points: int = 1 << 20) -> np.ndarray:
+def joined(source: PieceCloud, points: int = 1 << 20) -> Floats:
     parts = [piece.points for piece in source.pieces(points)]
     assert all(0 < len(part) <= points for part in parts)
     return np.concatenate(parts)
 
 
-def cloud_of(maps: DepthMaps, transform: Similarity = STILL, **changes: Any) -> PieceCloud:
-    return depth_cloud(maps, transform, TSDF.model_copy(update=changes))
-
-
-def fused(maps: DepthMaps, **changes: Any) -> np.ndarray:
+def fused(maps: DepthMaps, **changes: Any) -> Floats:
     return joined(fuse(maps, STILL, TSDF.model_copy(update=changes)))
 
 
@@ -77,55 +67,44 @@ def slope_maps(views: int = 6, width: int = 64, height: int = 48) -> DepthMaps:
     return DepthMaps(depth, cameras, Poses(rotation=turns, centres=centres))
 
 
-def off_plane(points: np.ndarray) -> np.ndarray:
-    distances: np.ndarray = (points - UTM) @ SLOPE / np.linalg.norm(SLOPE)
-    return distances
+def off_plane(points: Floats) -> Floats:
+    return np.asarray((points - UTM) @ SLOPE / np.linalg.norm(SLOPE))
 
 
 def test_pixels_by_hand() -> None:
-    found = joined(cloud_of(one_view([[4, 8], [0, 2]])))
+    found = joined(depth_cloud(one_view([[4, 8], [0, 2]]), STILL, TSDF))
     # Through (0.5, 0.5), (1.5, 0.5) and (1.5, 1.5) of a camera with f = 2 and c = (1, 1).
     expected = UTM + np.array(((-1, -1, 4.0), (2, -2, 8), (0.5, 0.5, 2)))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-
-
-def test_depths_without_a_surface() -> None:
-    maps = one_view([[np.nan, np.inf, -1.0], [0.0, 101.0, 7.0]])
-    cloud = cloud_of(maps)
+    cloud = depth_cloud(one_view([[np.nan, np.inf, -1.0], [0.0, 101.0, 7.0]]), STILL, TSDF)
     assert cloud.count == 1
     assert joined(cloud)[0, 2] == UTM[2] + 7.0
-    assert cloud_of(maps, max_depth_m=101.0).count == 2
 
 
-def test_the_plane_comes_back_in_another_frame() -> None:
-    maps = slope_maps()
-    made = Similarity(0.01, Rotation.random(random_state=1).as_matrix(), np.ones(3), UTM)
+def test_the_plane_comes_back_in_another_frame_and_in_any_pieces(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    maps = slope_maps(2)
+    whole = joined(depth_cloud(maps, STILL, TSDF))
+    made = similarity(np.random.default_rng(1), 0.01)
     there = replace(maps, values=maps.values * 0.01, poses=made.apply_poses(maps.poses))
-    found = joined(cloud_of(there, made.inverse()))
+    found = joined(depth_cloud(there, made.inverse(), TSDF))
     assert len(found) == maps.values.size
-    assert np.abs(off_plane(found)).max() < 1e-7
-    np.testing.assert_allclose(found, joined(cloud_of(maps)), atol=1e-7)
-
-
-@pytest.mark.parametrize("points", [1, 7, 3072])
-def test_pieces_do_not_change_a_bit(points: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    maps = slope_maps(views=2, width=32, height=24)
-    whole = joined(cloud_of(maps))
+    assert np.abs(off_plane(found)).max() < 1e-5
+    np.testing.assert_allclose(found, whole, atol=1e-5)
     monkeypatch.setattr(fusion, "_BLOCK_PIXELS", 500)
-    assert joined(cloud_of(maps), points).tobytes() == whole.tobytes()
+    for points in (7, 3072):
+        assert joined(depth_cloud(maps, STILL, TSDF), points).tobytes() == whole.tobytes()
 
 
 def test_point_maps() -> None:
     points = np.arange(24.0).reshape(2, 2, 2, 3)
-    points[0, 0, 1, 2] = np.nan
-    points[1, 1, 1, 0] = np.inf
+    points[0, 0, 1, 2], points[1, 1, 1, 0] = np.nan, np.inf
     confidence = np.full((2, 2, 2), 2.0)
     confidence[1, 0, 0] = 1.0
-    maps, doubled = (
-        PointMaps(points.astype(np.float32), confidence),
-        Similarity(2.0, np.eye(3), UTM),
-    )
-    cloud = point_map_cloud(maps, doubled, TSDF.model_copy(update={"confidence_above": 1.0}))
+    maps = PointMaps(points.astype(np.float32), confidence)
+    used = TSDF.model_copy(update={"confidence_above": 1.0})
+    cloud = fusion.point_map_cloud(maps, Similarity(2.0, np.eye(3), UTM), used)
     assert cloud.count == 6  # one of too little confidence
     expected = 2 * points.reshape(-1, 3)[[0, 2, 3, 5, 6]] + UTM
     np.testing.assert_array_equal(joined(cloud, 2), expected)
@@ -142,19 +121,16 @@ def test_tsdf_gives_the_plane_back() -> None:
     assert np.median(np.abs(away)) < 0.05
     assert np.abs(away).max() < 0.5
     # Half a pixel off would be 0.25 m at 30 m, seen by the border of the surface.
-    seen, reach = joined(cloud_of(maps)), TSDF.tsdf_truncation_m
+    seen, reach = joined(depth_cloud(maps, STILL, TSDF)), TSDF.tsdf_truncation_m
     assert (found > seen.min(axis=0) - reach).all()
     assert (found < seen.max(axis=0) + reach).all()
-
-
-FINE = {"tsdf_voxel_m": 0.1, "tsdf_truncation_m": 0.4}
 
 
 def test_tsdf_pixel_centres_and_a_ground_at_a_round_height() -> None:
     # A step in depth, between columns 31 and 32, seen from straight above: it lies at u = 32.
     depth = np.full((48, 64), 30.0)
     depth[:, 32:] = 33.0
-    found = fused(one_view(depth, 60.0, ABOVE), **FINE) - UTM
+    found = fused(one_view(depth, 60.0, ABOVE), tsdf_voxel_m=0.1, tsdf_truncation_m=0.4) - UTM
     high, low = found[found[:, 2] > -0.2], found[found[:, 2] < -2.8]
     # The pixel right of the step ends at (31.5 + 0.5 - 33) / 60 * 30 = -0.5 m.
     assert high[:, 0].max() == pytest.approx(-0.5, abs=0.11)
@@ -172,5 +148,5 @@ def test_tsdf_outliers_do_not_allocate_the_world() -> None:
     maps.values[:, ::7, ::7] = 1e9
     maps.values[:, 1::7, ::7] = 99.0
     assert len(fused(maps)) > 1000
-    with pytest.raises(PredictionError, match="more than 50,000 voxels"):
+    with pytest.raises(PredictionError):
         fused(maps, tsdf_max_voxels=50_000)

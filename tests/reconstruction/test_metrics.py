@@ -1,26 +1,39 @@
+"""Scores of clouds from distances, and of camera poses, by hand and by their properties."""
+
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction import metrics as metrics_module
+from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction import metrics
 from airzoo_bench.reconstruction.metrics import (
     CloudScores,
+    auc_of_depth_anything_3,
+    centre_errors,
     counts_below,
     curve,
     exact_mean,
+    pair_errors,
+    pose_auc,
+    rms_of_placed,
     score_distances,
+    step_errors,
 )
 from tests.geometry.support import quick, seeds
+from tests.reconstruction.support import poses, shaken, similarity
 
 INF = math.inf
-CUBE = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+SAME = np.tile(np.eye(3), (4, 1, 1))
+CORNER = np.array(((0.0, 0, 0), (10, 0, 0), (0, 10, 0)))
 
 distances = hnp.arrays(
     np.float64,
@@ -31,95 +44,207 @@ distances = hnp.arrays(
 )
 
 
-def scored(
-    to_truth: list[float] | Floats, to_prediction: list[float] | Floats, most: float | None = None
-) -> CloudScores:
+def scored(to_truth: Any, to_prediction: Any, most: float | None = None) -> CloudScores:
     there, back, limits = (np.array(one) for one in (to_truth, to_prediction, (1.0, 10.0)))
     return score_distances(there, back, thresholds=limits, max_distance=most)
-
-
-def test_by_hand() -> None:
-    scores = scored([0.0, 2.0, 9.0, 10.0], [0.5, 20.0])
-    # 10 is not below 10.
-    assert scores.curve.precision.tolist() == [0.25, 0.75]
-    assert scores.curve.recall.tolist() == [0.5, 0.5]
-    assert scores.curve.f1.tolist() == pytest.approx([2 * 0.25 * 0.5 / 0.75, 0.6], rel=1e-15)
-    assert (scores.accuracy, scores.completeness, scores.chamfer) == (5.25, 10.25, 7.75)
-    assert (scores.accuracy_median, scores.completeness_median) == (5.5, 10.25)
-    assert scored([7.0, 1.0, 2.0], [3.0]).accuracy_median == 2.0
-
-
-@pytest.mark.parametrize(
-    ("there", "back", "share", "mean"),
-    [([0.0], [0.0, 0.0], 1.0, 0.0), ([50.0], [50.0, 50.0], 0.0, 50.0), ([], [INF, INF], 0.0, INF)],
-    ids=["perfect", "nothing near", "nothing predicted"],
-)
-def test_the_best_and_the_worst(
-    there: list[float], back: list[float], share: float, mean: float
-) -> None:
-    scores = scored(there, back)
-    for shares in (scores.curve.precision, scores.curve.recall, scores.curve.f1):
-        assert shares.tolist() == [share, share]
-    assert {scores.accuracy, scores.completeness, scores.chamfer} == {mean}
-    assert scores.accuracy_median == scores.completeness_median == mean
-
-
-def test_clipping_by_name_changes_means_only() -> None:
-    clipped, plain = (scored([1.0, 50.0], [3.0, 30.0], most) for most in (20.0, None))
-    assert (clipped.accuracy, clipped.completeness, clipped.chamfer) == (10.5, 11.5, 11.0)
-    assert plain.chamfer == (25.5 + 16.5) / 2
-    assert clipped.curve.f1.tolist() == plain.curve.f1.tolist()
-    assert clipped.accuracy_median == plain.accuracy_median
-    empty = scored([], [INF], 20.0)
-    assert (empty.accuracy, empty.completeness, empty.chamfer) == (INF, INF, INF)
-
-
-@given(distances, distances, seeds)
-@quick
-def test_no_bit_depends_on_order(to_truth: Floats, to_prediction: Floats, seed: int) -> None:
-    random = np.random.default_rng(seed)
-    shuffled = random.permutation(to_truth), random.permutation(to_prediction)
-    assert values(scored(*shuffled)) == values(scored(to_truth, to_prediction))
 
 
 def values(scores: CloudScores) -> list[object]:
     single = (scores.accuracy, scores.completeness, scores.chamfer)
     medians = (scores.accuracy_median, scores.completeness_median)
-    return [*single, *medians, scores.curve.precision.tolist(), scores.curve.recall.tolist()]
+    shares = (scores.curve.precision, scores.curve.recall, scores.curve.f1)
+    return [*single, *medians, *(share.tolist() for share in shares)]
 
 
-@given(distances)
+# Accuracy, completeness, Chamfer, both medians; precision, recall and F1 below 1 and 10.
+BY_HAND: dict[str, tuple[list[float], list[float], float | None, list[object]]] = {
+    "10 is not below 10": (
+        *([0.0, 2.0, 9.0, 10.0], [0.5, 20.0], None),
+        [5.25, 10.25, 7.75, 5.5, 10.25, [0.25, 0.75], [0.5, 0.5], [0.25 / 0.75, 0.6]],
+    ),
+    "perfect": ([0.0], [0.0, 0.0], None, [0.0] * 5 + [[1.0, 1.0]] * 3),
+    "nothing near": ([50.0], [50.0, 50.0], None, [50.0] * 5 + [[0.0, 0.0]] * 3),
+    "nothing predicted": ([], [INF, INF], 20.0, [INF] * 5 + [[0.0, 0.0]] * 3),
+    "clipping changes means only": (
+        *([1.0, 50.0], [3.0, 30.0], 20.0),
+        [10.5, 11.5, 11.0, 25.5, 16.5, [0.0, 0.5], [0.0, 0.5], [0.0, 0.5]],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BY_HAND)
+def test_scores_by_hand(case: str) -> None:
+    there, back, most, expected = BY_HAND[case]
+    assert values(scored(there, back, most)) == expected
+
+
+@given(distances, distances, seeds)
 @quick
-def test_mean_median_and_counts_against_a_sorted_list(found: Floats) -> None:
+def test_no_bit_depends_on_order_and_a_sorted_list_agrees(
+    found: Floats, other: Floats, seed: int
+) -> None:
+    random, scores = np.random.default_rng(seed), scored(found, other)
+    assert values(scored(random.permutation(found), random.permutation(other))) == values(scores)
     ordered, count = sorted(found.tolist()), len(found)
-    scores = scored(found, [1.0])
     assert scores.accuracy == math.fsum(ordered) / count
     assert scores.accuracy_median == (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
     thresholds = np.array((0.1, 1.0, 1.5, 10.0, 1e16))
-    assert counts_below(found, thresholds).dtype == np.int64
     assert counts_below(found, thresholds).tolist() == (found[:, None] < thresholds).sum(0).tolist()
 
 
-def test_several_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = np.random.default_rng(0).random(1000)
-    counted, mean = counts_below(found, np.array([0.2, 0.7])), exact_mean(found)
-    monkeypatch.setattr(metrics_module, "_CHUNK", 7)
-    assert counts_below(found, np.array([0.2, 0.7])).tolist() == counted.tolist()
-    assert exact_mean(found) == mean
-
-
-def test_sums_beyond_single_precision_and_roundings() -> None:
+def test_chunks_and_sums_beyond_single_precision(monkeypatch: pytest.MonkeyPatch) -> None:
     # A float32 sum of ones stays at 16,777,216.
     assert counts_below(np.zeros(16_777_220), np.array([1.0])).tolist() == [16_777_220]
     found = np.array([1e16, 1.0, 1.0, 0.0])
     assert exact_mean(found) == (1e16 + 2) / 4
-    assert np.cumsum(found)[-1] == 1e16
+    some = np.random.default_rng(0).random(1000)
+    counted, mean = counts_below(some, np.array([0.2, 0.7])).tolist(), exact_mean(some)
+    monkeypatch.setattr(metrics, "_CHUNK", 7)
+    assert counts_below(some, np.array([0.2, 0.7])).tolist() == counted
+    assert exact_mean(some) == mean
 
 
 def test_curve_by_hand() -> None:
     steps = np.array([1.0, 2.0, 3.0, 4.0])
     curves = curve(np.array([0.5, 1.5]), np.array([1.0, 2.0, 3.0, INF]), steps)
-    assert curves.thresholds.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert curves.precision.tolist() == [0.5, 1.0, 1.0, 1.0]
     assert curves.recall.tolist() == [0.0, 0.25, 0.5, 0.75]
     assert curves.f1.tolist() == pytest.approx([0.0, 0.4, 2 / 3, 6 / 7])
+
+
+# --- camera poses ---
+
+
+def level(centres: Any, rotation: Floats = SAME) -> Poses:
+    """Return cameras of one orientation, unless rotations are given."""
+    return Poses(rotation=rotation[: len(centres)], centres=np.asarray(centres, np.float64))
+
+
+def without(given: Poses, *rows: int) -> Poses:
+    """Return poses without the centres of some."""
+    centres = given.centres.copy()
+    centres[[*rows]] = np.nan
+    return Poses(rotation=given.rotation, centres=centres)
+
+
+def turned(axis: str, degrees: float) -> Floats:
+    return np.asarray(Rotation.from_euler(axis, degrees, degrees=True).as_matrix())
+
+
+def errors(predicted: Poses, truth: Poses, least_baseline: float = 1e-3) -> Floats:
+    """Return degrees of rotation, and of direction, by pair."""
+    return np.stack(pair_errors(predicted, truth, least_baseline=least_baseline))
+
+
+def test_three_cameras_by_hand() -> None:
+    # Camera 0 is turned about z by 10 degrees; camera 2 is 45 degrees off, as seen from 0.
+    rotation = np.stack((turned("z", 10), np.eye(3), np.eye(3)))
+    predicted = level(((0.0, 0, 0), (10, 0, 0), (10, 10, 0)), rotation)
+    # Pairs 01, 02, 10, 12, 20, 21.
+    turns, directions = errors(predicted, level(CORNER))
+    assert turns.tolist() == pytest.approx([10, 10, 10, 0, 10, 0])
+    # 0 looks 10 degrees past 1. 2 is seen at 45 instead of 90 degrees, turned by 10: 55 or 35.
+    assert directions.tolist() == pytest.approx([10, 35, 0, 45, 45, 45])
+
+
+def test_auc_by_hand() -> None:
+    found = np.array(((0.0, 3.0, 1.0, 9.0), (0.0, 1.0, 4.0, np.inf)))
+    # Shares of 5 degrees beyond 0, 3, 4 and infinity.
+    assert pose_auc(*found, 5.0) == pytest.approx((1 + 0.4 + 0.2 + 0) / 4)
+
+
+@quick
+@given(seeds)
+def test_neither_the_frame_nor_the_order_nor_the_scale_matters(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth = poses(rng, 7)
+    predicted, order = shaken(truth, rng, 4.0, 3.0), rng.permutation(7)
+    usual = np.sort(errors(predicted, truth).max(axis=0))
+    world = similarity(rng, 0.01)
+    for one, other in (
+        (world.apply_poses(predicted), truth),
+        (predicted.take(order), truth.take(order)),
+        (Poses(rotation=predicted.rotation, centres=predicted.centres * 2.0**-60), truth),
+    ):
+        np.testing.assert_allclose(np.sort(errors(one, other).max(axis=0)), usual, atol=1e-5)
+    mirrored = Poses(rotation=truth.rotation, centres=-truth.centres)
+    np.testing.assert_allclose(errors(mirrored, truth)[1], 180.0)
+
+
+def test_a_missing_camera_fails_all_its_pairs() -> None:
+    truth = poses(np.random.default_rng(1), 5)
+    rotation = truth.rotation.copy()
+    rotation[3] = np.nan
+    found = errors(Poses(rotation=rotation, centres=without(truth, 1).centres), truth)
+    # 3 cameras are left, 6 of 20 pairs.
+    assert np.isinf(found.max(axis=0)).sum() == 14
+    assert pose_auc(*found, 3.0) == pytest.approx(6 / 20)
+    assert pose_auc(*errors(without(truth, 0, 1, 2, 3, 4), truth), 30.0) == 0.0
+
+
+def test_pairs_without_baseline() -> None:
+    truth = level(np.eye(3) * (0, 0, 5.0))
+    # Cameras 0 and 1 share a place, 2 is elsewhere; the prediction moves 1, or has no motion.
+    assert errors(level(truth.centres + np.eye(3)[1][:, None] * 9), truth)[1, 0] == 0.0
+    # No motion: at one point, or up to the rounding far from it.
+    for place in (0.1, 1e6 + 1e-9 * np.arange(9.0).reshape(3, 3)):
+        still = level(np.zeros((3, 3)) + place)
+        rotation, direction = errors(still, truth)
+        assert np.isinf(direction).tolist() == [False, True, False, True, True, True]
+        assert rotation.max() == 0.0
+    # At most so far apart: 5 is not above 5.
+    assert errors(still, truth, least_baseline=5.0)[1].max() == 0.0
+
+
+def test_absolute_and_step_errors_by_hand() -> None:
+    truth = level(np.arange(4.0)[:, None] * (10.0, 0.0, 0.0))
+    rotation = SAME.copy()
+    rotation[2] = turned("x", 30)
+    off = truth.centres + np.array(((0, 3, 0), (0, 0, 4), (0, 0, 4), (np.nan, 0, 0)))
+    predicted = level(off, rotation)
+    np.testing.assert_array_equal(centre_errors(predicted, truth), (3.0, 4.0, 4.0, np.inf))
+    assert rms_of_placed(centre_errors(predicted, truth)) == pytest.approx((41 / 3) ** 0.5)
+    translation, rotation_deg = step_errors(predicted, truth)
+    np.testing.assert_allclose(translation, (5.0, 0.0, np.inf), atol=1e-12)
+    np.testing.assert_allclose(rotation_deg, (0.0, 30.0, np.inf), atol=1e-12)
+    assert rms_of_placed(np.full(3, np.inf)) == np.inf
+
+
+# --- the rule of Depth Anything 3 ---
+
+
+def test_the_area_of_depth_anything_3_by_hand() -> None:
+    truth = level(CORNER)
+    # The last camera is turned by 4.5 degrees: two of three pairs are right from 5 degrees on.
+    predicted = level(CORNER, np.stack((np.eye(3), np.eye(3), turned("z", 4.5))))
+    found = auc_of_depth_anything_3(predicted, truth, [3, 10])
+    assert found == pytest.approx([1 / 3, (4 * 1 + 6 * 3) / 3 / 10])
+    # One camera less: one pair is left, and the others have failed; and then none.
+    found = auc_of_depth_anything_3(without(predicted, 2), truth, [10])
+    assert found == pytest.approx([1 / 3])
+    assert auc_of_depth_anything_3(without(predicted, 1, 2), truth, [10]) == [0.0]
+
+
+def test_depth_anything_3_folds_directions_and_counts_whole_degrees() -> None:
+    centres = np.array(((0.0, 0, 0), (10, 0, 0), (0, 20, 0), (0, 20, 0)))
+    truth = level(centres)
+    # Of 6 pairs, 1 has cameras that share a place: 90 degrees off, even without an error.
+    assert auc_of_depth_anything_3(truth, truth, [3]) == pytest.approx([5 / 6])
+    # A claim without a baseline: of 0 and 1. 02 and 03 are right; 12 and 13 are seen at 26.6
+    # degrees from where they are; 01 and 23 are at 90 degrees, which is below 91 alone.
+    found = auc_of_depth_anything_3(level(centres * (0, 1, 0)), truth, [89, 91])
+    assert found == pytest.approx([(2 * 89 + 2 * 63) / 89 / 6, (2 * 91 + 2 * 65 + 2 * 1) / 91 / 6])
+    # Opposite directions are one.
+    assert auc_of_depth_anything_3(level(-centres), truth, [3]) == pytest.approx([5 / 6])
+    # The last bin of a histogram has both its borders: 90 degrees are right below 91, and at 90.
+    assert auc_of_depth_anything_3(truth, truth, [90]) == pytest.approx([(5 * 90 + 1) / 90 / 6])
+
+
+def test_the_first_camera_that_is_there_is_the_frame_of_depth_anything_3() -> None:
+    rng = np.random.default_rng(4)
+    truth = poses(rng, 6)
+    predicted, limits = shaken(truth, rng, 4.0, 3.0), [5, 15, 30]
+    rest = auc_of_depth_anything_3(predicted.take(range(1, 6)), truth.take(range(1, 6)), limits)
+    # 10 of 15 pairs are left, and score as if the lost camera had never been there.
+    found = auc_of_depth_anything_3(without(predicted, 0), truth, limits)
+    assert found == pytest.approx([area * 10 / 15 for area in rest])

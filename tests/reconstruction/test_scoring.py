@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import scoring
 from airzoo_bench.reconstruction.clouds import box_of, cloud_of, observed_cells
@@ -16,7 +17,7 @@ from airzoo_bench.reconstruction.scoring import Comparison, compare, pose_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import open_true_cloud
 from tests.formats.cloud_support import LIMIT, SAMPLING
-from tests.reconstruction.cloud_support import in_shards, opened, points_in, surface, write_laz
+from tests.reconstruction.support import surface, write_laz
 from tests.reconstruction.world import (
     ORIGIN,
     SIDE,
@@ -109,6 +110,13 @@ def test_the_same_for_any_blocks_threads_and_order(
         assert str(compared(*shuffled, used)[0]) == str(one)
 
 
+def in_shards(folder: Path, points: Array, count: int) -> CloudSource:
+    folder.mkdir(parents=True)
+    for number, part in enumerate(np.array_split(points, count)):
+        write_laz(folder / f"tile-{number:02}.laz", part)
+    return open_true_cloud(folder, LIMIT, SAMPLING)
+
+
 PREPARATIONS: list[dict[str, Any]] = [
     {"crop": "covered", "voxel_m": "none"},
     {"crop": "box", "voxel_m": "none", "region": "observed", "observed_cell_m": 2.0},
@@ -124,13 +132,12 @@ def test_shards_score_as_one_cloud_does(
     first, second = (one + ORIGIN - 50.0 for one in (surface(2000, 0, far=0.05), surface(1500, 1)))
     first = np.vstack((first, first[::3] + 0.01, first[::7] + 0.003))  # shards share voxels
     used = protocol(alignment={"method": "none", "cameras": "optional"}, preparation=steps)
-    shards = in_shards(tmp_path / "shards", first, 6)
-    write_laz(shards / "tile-021.laz", np.zeros((0, 3)))
-    truth = in_shards(tmp_path / "truth", second, 4)
-    whole, there = compared(points_in(opened(shards)), points_in(opened(truth)), used)
+    both = [in_shards(tmp_path / "one", first, 6), in_shards(tmp_path / "two", second, 4)]
+    write_laz(tmp_path / "one" / "tile-021.laz", np.zeros((0, 3)))
+    joined = [np.concatenate([piece.points for piece in one.pieces(50)]) for one in both]
+    whole, there = compared(*joined, used)
     assert (whole["thinned"] > 500) == (steps["voxel_m"] == 0.1)
-    true_cloud = open_true_cloud(truth, LIMIT, SAMPLING)
-    record, found = compared(opened(shards), true_cloud, used, block=0)
+    record, found = compared(*both, used, block=0)
     assert str(record) == str(whole)
     for expected, measured in zip(there.distances, found.distances, strict=True):
         np.testing.assert_array_equal(measured, expected)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,36 +40,29 @@ FOCAL = 80.0  # of the maps, px
 MEMORY = 1 << 30
 
 
-def ground(step: float = STEP, height: float = 0.0) -> Array:
+def ground() -> Array:
     """Points of level ground, with the made world's origin as (0, 0, 0)."""
-    along = np.arange(step / 2, SIDE, step)
+    along = np.arange(STEP / 2, SIDE, STEP)
     x, y = np.meshgrid(along, along, indexing="ij")
-    return np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def box_sides(step: float = STEP) -> Array:
-    """Points of the box's top and of its four walls."""
-    points = ground(step)
-    inside = ((points >= BOX_LOW) & (points <= BOX_HIGH))[:, :2].all(axis=1)
-    top = points[inside] + (0.0, 0.0, BOX_HIGH[2])
-    up = np.arange(step / 2, BOX_HIGH[2], step)
-    along = [np.arange(BOX_LOW[axis] + step / 2, BOX_HIGH[axis], step) for axis in (0, 1)]
+def true_points(scene: str) -> Array:
+    """The true cloud: ground and a box, its top and walls, in the yard; ground only in the lot."""
+    points = ground()
+    if scene == "lot":
+        return points + ORIGIN
+    inside = ((points > BOX_LOW) & (points < BOX_HIGH))[:, :2].all(axis=1)
+    up = np.arange(STEP / 2, BOX_HIGH[2], STEP)
+    along = [np.arange(BOX_LOW[axis] + STEP / 2, BOX_HIGH[axis], STEP) for axis in (0, 1)]
     x, z = (grid.ravel() for grid in np.meshgrid(along[0], up))
     y, w = (grid.ravel() for grid in np.meshgrid(along[1], up))
     walls = []
     for corner in (BOX_LOW, BOX_HIGH):
         walls.append(np.stack([x, np.full(x.size, corner[1]), z], axis=1))
         walls.append(np.stack([np.full(y.size, corner[0]), y, w], axis=1))
-    return np.concatenate([top, *walls])
-
-
-def true_points(scene: str) -> Array:
-    """The true cloud: ground and box in the yard, ground only in the lot."""
-    points = ground()
-    if scene == "lot":
-        return points + ORIGIN
-    covered = ((points > BOX_LOW) & (points < BOX_HIGH))[:, :2].all(axis=1)
-    return np.concatenate([points[~covered], box_sides()]) + ORIGIN
+    top = points[inside] + (0.0, 0.0, BOX_HIGH[2])
+    return np.concatenate([points[~inside], top, *walls]) + ORIGIN
 
 
 def camera_poses(scene: str) -> Poses:
@@ -79,6 +73,10 @@ def camera_poses(scene: str) -> Poses:
     east, north = 22 + 7 * (rows % 3) + rows, 22 + 9 * (rows // 3) + 0.7 * rows
     centres = np.stack([east, north, 28 + 2.0 * rows], axis=1) + ORIGIN
     return Poses(rotation=rotation, centres=centres)
+
+
+def extrinsics_of(rotation: Array, centres: Array) -> Array:
+    return np.concatenate([rotation, -(rotation @ centres[..., None])], axis=2)
 
 
 def matrix_of_maps() -> Array:
@@ -142,9 +140,8 @@ class World:
 
     def cameras(self, scene: str, **changes: Any) -> dict[str, Any]:
         """Return the fields of a file of true cameras."""
-        poses = camera_poses(scene)
-        extrinsics = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
-        fields = {"image_names": np.array(self.images(scene)), "extrinsics": extrinsics}
+        poses, names = camera_poses(scene), np.array(self.images(scene))
+        fields = {"image_names": names, "extrinsics": extrinsics_of(poses.rotation, poses.centres)}
         return _changed(fields, changes)
 
     def views(self, scene: str, **changes: Any) -> dict[str, Any]:
@@ -198,8 +195,6 @@ def make_world(root: Path) -> World:
 
 def replace_cloud(world: World, scene: str, points: Array) -> None:
     """Give a scene another true cloud, as if it had been prepared with it."""
-    import tomllib
-
     path = world.folder / "data" / scene / "cloud.ply"
     write_ply(path, Cloud(points))
     file = world.folder / "benchmark.toml"
