@@ -11,11 +11,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError, readable
+from airzoo_bench.core.errors import UnreadableError, readable
 from airzoo_bench.core.files import temporary_folder
 
 ARCHIVE_SUFFIXES = (".zip",)
-_PACKED = (".zip", ".tar", ".tgz", ".gz", ".xz", ".bz2", ".7z")
 _MOST_FILES = 10_000
 
 
@@ -41,15 +40,9 @@ class Bundle:
             yield self.path / member.name
             return
         with temporary_folder(Path(tempfile.gettempdir()), "airzoo-bench") as folder:
-            target = folder / PurePosixPath(member.name).name
-            if shutil.disk_usage(folder).free < member.size:
-                raise PredictionError(
-                    f"no room on disk to unpack {member.name!r} of {member.size:,} bytes",
-                    where=self.path,
-                    fix="set TMPDIR to a folder on a larger disk",
-                )
+            target, what = folder / PurePosixPath(member.name).name, f"{member.name!r}"
             with (
-                readable(self.path, f"{member.name!r} cannot be unpacked"),
+                readable(self.path, f"{what} cannot be unpacked into {folder.parent}"),
                 zipfile.ZipFile(self.path) as archive,
                 target.open("wb") as out,
             ):
@@ -64,7 +57,7 @@ class Bundle:
 
 def open_bundle(path: Path, limit_bytes: int) -> Bundle:
     """List the files of a folder or a zip archive, without unpacking any."""
-    packed = path.is_file() and path.suffix.lower() == ".zip"
+    packed = path.is_file() and path.suffix.lower() in ARCHIVE_SUFFIXES
     if not path.is_dir() and not packed:
         raise UnreadableError(
             "no folder and no archive of predictions" if path.exists() else "no such predictions",
@@ -75,7 +68,7 @@ def open_bundle(path: Path, limit_bytes: int) -> Bundle:
     what, expected = "cannot be read", "plain files only, such as school.ply, each name once"
     with readable(path, what, kind=UnreadableError, expected=expected):
         members = _zip_members(path) if packed else _folder_members(path)
-        _check_names(members, packed=packed)
+        _check_names(members)
         total = sum(member.size for member in members)
         if total > limit_bytes and packed:
             raise ValueError(f"unpacks to {total:,} bytes, more than {limit_bytes:,}")
@@ -88,12 +81,11 @@ def _folder_members(path: Path) -> list[Member]:
     root, members = path.resolve(), []
     for one in path.rglob("*"):
         name = one.relative_to(path).as_posix()
-        if one.is_symlink() and not one.resolve().is_relative_to(root):
-            raise ValueError(f"{name[:80]!r} is a link that leads out of the folder")
+        outside = one.is_symlink() and not one.resolve().is_relative_to(root)
+        if outside or not (one.is_file() or one.is_dir()):
+            raise ValueError(f"{name[:80]!r} is a link out of the folder, a pipe or a device")
         if one.is_file():
             members.append(Member(name, one.stat().st_size))
-        elif not one.is_dir():
-            raise ValueError(f"{name[:80]!r} is a pipe, a device or a link to nothing")
     return members
 
 
@@ -106,7 +98,7 @@ def _zip_members(path: Path) -> list[Member]:
     return [Member(info.filename, info.file_size) for info in infos]
 
 
-def _check_names(members: list[Member], *, packed: bool) -> None:
+def _check_names(members: list[Member]) -> None:
     if len(members) > _MOST_FILES:
         raise ValueError(f"holds more than {_MOST_FILES:,} files")
     seen: set[str] = set()
@@ -115,7 +107,5 @@ def _check_names(members: list[Member], *, packed: bool) -> None:
         if not plain or {"", ".", ".."} & set(name.split("/")):
             raise ValueError(f"the name {name[:80]!r} leads out of it or is no plain path")
         if name.casefold() in seen:
-            raise ValueError(f"{name[:80]!r} stands in it more than once")
-        if packed and name.lower().endswith(_PACKED):
-            raise ValueError(f"{name[:80]!r} is an archive inside")
+            raise ValueError(f"{name[:80]!r} is there more than once")
         seen.add(name.casefold())

@@ -14,9 +14,9 @@ from airzoo_bench.core.registry import resolve
 from airzoo_bench.formats.npz import Budget, NpzFile
 
 _PARQUET = "airzoo_bench.formats.parquet:ParquetFile"  # pyarrow takes a while to import
+_TEMPLATE = "`airzoo-bench template` writes an example"
 _LONGEST_ID = 256
 _LONGEST_NAME = 64
-_BYTES_OF_DOUBLE = 8
 _COPIES_OF_TEXT = 4  # that a run makes while it splits, sorts and compares ids
 _BLOCK_ROWS = 1 << 14
 
@@ -39,19 +39,16 @@ class Arrays(Protocol):
 
 def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> Arrays:
     """Open a prediction file."""
-    kinds = ".npz or .parquet" if columns else ".npz"
-    if path.is_dir():
-        raise UnreadableError("a folder, not a prediction file", where=path, expected=kinds)
-    if path.suffix == ".npz":
+    if path.suffix == ".npz" and not path.is_dir():
         return NpzFile(path, limit_bytes)
-    if path.suffix == ".parquet" and columns:
+    if path.suffix == ".parquet" and columns and not path.is_dir():
         opened: Arrays = resolve(_PARQUET)(path, limit_bytes, columns)
         return opened
     raise UnreadableError(
-        f"unknown kind of prediction file {path.suffix!r}",
+        "a folder" if path.is_dir() else f"unknown kind of prediction file {path.suffix!r}",
         where=path,
-        expected=kinds,
-        fix="`airzoo-bench template` writes an example",
+        expected=".npz or .parquet" if columns else ".npz",
+        fix=_TEMPLATE,
     )
 
 
@@ -63,12 +60,9 @@ def check_fields(
     missing = sorted(set(needed) - names)
     if missing:
         there = _listed(names, allowed) or "none"
-        raise PredictionError(
-            f"lacks the field{'s' * (len(missing) > 1)} {', '.join(missing)} (it has: {there})",
-            where=arrays.path,
-            expected=expected,
-            fix="`airzoo-bench template` writes an example",
-        )
+        fields = "field" if len(missing) == 1 else "fields"
+        what = f"lacks the {fields} {', '.join(missing)} (it has: {there})"
+        raise PredictionError(what, where=arrays.path, expected=expected, fix=_TEMPLATE)
     unknown = {name for name in names if name not in allowed}
     if unknown:
         raise PredictionError(
@@ -88,19 +82,13 @@ def protocol_name(arrays: Arrays) -> str | None:
     if "protocol" not in arrays.names():
         return None
     value = arrays.read("protocol")
-    if value.dtype.kind != "U" or value.size != 1:
-        raise PredictionError(
-            f"field 'protocol' is {value.dtype} of shape {value.shape}",
-            where=arrays.path,
-            expected="one text, such as protocol='uav-visloc-retrieval'",
-        )
-    name = str(value.reshape(-1)[0])
-    if len(name) > _LONGEST_NAME or "/" in name or "\\" in name or name.endswith(".toml"):
+    name = str(value.reshape(-1)[0]) if value.dtype.kind == "U" and value.size == 1 else "/"
+    if len(name) > _LONGEST_NAME or {"/", "\\"} & set(name) or name.endswith(".toml"):
         # A file from a stranger must not choose which file of this computer is read.
         raise PredictionError(
-            f"field 'protocol' is {name[:80]!r}, which is no protocol's name",
+            f"field 'protocol' is {str(value)[:80]!r}, which is no protocol's name",
             where=arrays.path,
-            expected="a name, such as 'uav-visloc-retrieval'",
+            expected="one text, such as protocol='uav-visloc-retrieval'",
             fix="name a protocol's file with --protocol",
         )
     return name
@@ -114,7 +102,7 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
             arrays.path,
             name,
             values,
-            expected=f"text with {ndim} dimension{'s'[: ndim - 1]}",
+            expected=f"text with {counted(ndim, 'dimension')}",
             fix=f"np.array({name}, dtype=str), with ids such as `airzoo-bench template` writes",
         )
     copies = f"field '{name}' while its ids are compared"
@@ -125,18 +113,16 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
 
 def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
     """Refuse ids that could forge a line of a message, steer a terminal, or fill a screen."""
-    rows: list[int] = []
     for start in range(0, len(ids), _BLOCK_ROWS):
         block = ids[start : start + _BLOCK_ROWS]
         some = block.reshape(-1).tolist()
-        if not ("".join(some).isprintable() and max(map(len, some), default=0) <= _LONGEST_ID):
-            a_row = len(some) // len(block)
-            wrong = [not one.isprintable() or len(one) > _LONGEST_ID for one in some]
-            rows += (start + np.unique(np.flatnonzero(wrong) // a_row)).tolist()
-    if rows:
+        if "".join(some).isprintable() and max(map(len, some), default=0) <= _LONGEST_ID:
+            continue
+        wrong = [not one.isprintable() or len(one) > _LONGEST_ID for one in some]
+        rows = start + np.unique(np.flatnonzero(wrong) // (len(some) // len(block)))
         raise PredictionError(
             f"ids that are longer than {_LONGEST_ID} characters or hold some that do not print "
-            f"in {first_of(rows, len(ids), noun='row')}, counted from 0",
+            f"in {first_of(rows.tolist(), len(ids), noun='row')}, counted from 0",
             where=f"{path}, field '{name}'",
             expected=f"at most {_LONGEST_ID} printable characters",
             fix="take the ids from the benchmark; `airzoo-bench template` writes them",
@@ -155,17 +141,14 @@ def numbers(
     )
     if not (is_number and fits):
         sides = ", ".join("any" if want is None else str(want) for want in shape)
-        raise wrong_type(
-            arrays.path,
-            name,
-            values,
-            expected=f"numbers of at most 64 bits, of shape ({sides})",
-            fix=f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape",
-        )
-    if not mapped and values.dtype != np.float64:
-        what = f"field '{name}' in double precision"
-        arrays.budget.hold(arrays.path, what, values.size * _BYTES_OF_DOUBLE)
-    return values if mapped else as_floating(values)
+        expected = f"numbers of at most 64 bits, of shape ({sides})"
+        fix = f"np.asarray({name}, dtype=np.float64), or np.float32, of that shape"
+        raise wrong_type(arrays.path, name, values, expected=expected, fix=fix)
+    if mapped:
+        return values
+    if values.dtype != np.float64:
+        arrays.budget.hold(arrays.path, f"field '{name}' in double precision", values.size * 8)
+    return as_floating(values)
 
 
 def as_floating(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
@@ -179,12 +162,8 @@ def wrong_type(
     path: Path, name: str, values: NDArray[Any], *, expected: str, fix: str
 ) -> PredictionError:
     """Make the error of a field of another type or shape."""
-    return PredictionError(
-        f"field '{name}' is {values.dtype} of shape {values.shape}",
-        where=path,
-        expected=expected,
-        fix=fix,
-    )
+    what = f"field '{name}' is {values.dtype} of shape {values.shape}"
+    return PredictionError(what, where=path, expected=expected, fix=fix)
 
 
 def check_length(arrays: Arrays, name: str, values: NDArray[Any], rows: int) -> None:

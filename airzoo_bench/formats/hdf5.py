@@ -51,38 +51,27 @@ class Hdf5File:
 
     def read(self, name: str) -> NDArray[Any]:
         """Read a dataset of numbers into memory."""
+        what = f"dataset {name[:200]!r}"
         if name not in self._datasets:
-            raise PredictionError(f"has no dataset {name[:200]!r}", where=self.path)
-        dataset, what = self._datasets[name], f"dataset {name[:200]!r}"
+            raise PredictionError(f"has no {what}", where=self.path)
+        dataset, size = self._datasets[name], self.path.stat().st_size
         with _readable(self.path):
             dtype, shape = np.dtype(dataset.dtype), tuple(map(int, dataset.shape))
+            nbytes, layout = math.prod(shape) * dtype.itemsize, dataset.id.layout_class
+            start = dataset.id.data_offset if layout == _CONTIGUOUS and nbytes else 0
             if dtype.kind not in "biuf":
-                raise PredictionError(f"{what} holds no numbers but {dtype}", where=self.path)
-            nbytes, size = math.prod(shape) * dtype.itemsize, self.path.stat().st_size
-            contiguous = dataset.id.layout_class == _CONTIGUOUS
-            start = dataset.id.data_offset if contiguous and nbytes else 0
+                raise TypeError(f"{what} holds no numbers but {dtype}")
             if dataset.id.filter_pipeline:
-                raise self._elsewhere(f"{what} is compressed")
-            if dataset.id.layout_class == _VIRTUAL or start == _NOWHERE:
-                why = "it is virtual, has external storage, or was never written"
-                raise self._elsewhere(f"the numbers of {what} are not in the file: {why}")
+                raise TypeError(f"{what} is compressed: h5repack -f NONE OLD.h5 NEW.h5 undoes it")
+            if layout == _VIRTUAL or start == _NOWHERE:
+                raise TypeError(f"{what} is virtual, has external storage, or was never written")
             if min(shape, default=0) < 0 or nbytes > size:
                 raise ValueError(f"{what} states {nbytes:,} bytes, the file has {size:,}")
             self.budget.hold(self.path, what, nbytes)
-            if contiguous:
-                flat = np.fromfile(self.path, dtype, math.prod(shape), offset=start)
-                values = flat.reshape(shape)
-            else:
-                values = np.array(dataset[...])
-            return np.asarray(values, dtype.newbyteorder("="))
-
-    def _elsewhere(self, what: str) -> PredictionError:
-        return PredictionError(
-            what,
-            where=self.path,
-            expected="datasets as h5py writes them by default, whose numbers the file holds itself",
-            fix="write them anew: h5repack -f NONE OLD.h5 NEW.h5, or new[name] = old[name][...]",
-        )
+            if layout != _CONTIGUOUS:
+                return np.asarray(np.array(dataset[...]), dtype.newbyteorder("="))
+            flat = np.fromfile(self.path, dtype, math.prod(shape), offset=start)
+            return np.asarray(flat.reshape(shape), dtype.newbyteorder("="))
 
 
 def dataset_names(path: Path, most: int) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UnreadableError, readable
+from airzoo_bench.core.errors import readable
 from airzoo_bench.formats.npz import Budget
 
 _MAGIC = b"MATLAB 5.0 MAT-file"
@@ -22,14 +22,9 @@ class MatFile:
     def __init__(self, path: Path, limit_bytes: int) -> None:
         self.path = path
         self.budget = Budget(limit_bytes)
-        with path.open("rb") as stream:
+        with self._readable(), path.open("rb") as stream:
             if stream.read(len(_MAGIC)) != _MAGIC:
-                raise UnreadableError(
-                    "no MATLAB 5 file",
-                    where=path,
-                    expected="what scipy.io.savemat writes; version 7.3 is HDF5",
-                )
-        with self._readable():
+                raise ValueError("no MATLAB 5 file; version 7.3 is HDF5")
             self._names = {name for name, _, _ in scipy.io.whosmat(path)}
 
     def names(self) -> set[str]:
@@ -55,8 +50,6 @@ class MatFile:
         return values
 
     def _readable(self) -> AbstractContextManager[None]:
-        return readable(
-            self.path,
-            "damaged or cut off, or of a kind that is not read here",
-            expected="arrays of numbers and text, as scipy.io.savemat writes them",
-        )
+        what = "damaged or cut off, or of a kind that is not read here"
+        expected = "arrays of numbers and text, as scipy.io.savemat writes them"
+        return readable(self.path, what, expected=expected)

@@ -10,6 +10,7 @@ import math
 import struct
 import zipfile
 from collections.abc import Collection
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -24,7 +25,6 @@ _NUMBERS, _KINDS = "biuf", "biufUS"
 _LOCAL_HEADER_BYTES = 30
 _PIECE_BYTES = 1 << 22
 _MAX_CODE_POINT, _SURROGATES = 0x10FFFF, (0xD800, 0xDFFF)
-_DAMAGED = "field '{}' is damaged or cut off"
 _FIX_LARGE = "save arrays of numbers by numpy.savez, uncompressed, to have them read in pieces"
 
 
@@ -41,73 +41,62 @@ class Budget:
     def hold(self, path: Path, part: str, nbytes: int, fix: str | None = None) -> None:
         """Count a part; one that is named again counts once, with its larger size."""
         self.taken[part] = max(nbytes, self.taken.get(part, 0))
-        others = sum(self.taken.values()) - self.taken[part]
-        if self.taken[part] + others > self.limit_bytes:
-            rest = f" besides {others:,} bytes of others" if others else ""
+        total = sum(self.taken.values())
+        if total > self.limit_bytes:
             raise PredictionError(
-                f"{part}: {self.taken[part]:,} bytes of memory{rest}, more than the limit",
+                f"{part}: {self.taken[part]:,} bytes of memory, with others {total:,}, more than "
+                "the limit",
                 where=path,
                 expected=f"at most {self.limit_bytes:,} bytes, all together",
                 fix="raise --max-memory" + (f", or {fix}" if fix else ""),
             )
 
 
-class NpyHeader(NamedTuple):
-    """The content of a header, which is not checked against the data."""
+class Entry(NamedTuple):
+    """An array of an archive: its header, its member, and where in it the data begin."""
 
     shape: tuple[int, ...]
     fortran_order: bool
     dtype: np.dtype[Any]
+    member: zipfile.ZipInfo
+    start: int
 
     @property
     def nbytes(self) -> int:
         """Size of the data in bytes, in exact integers."""
         return math.prod(self.shape) * self.dtype.itemsize
 
-    def fits(self, size: int) -> bool:
-        """Tell whether its array takes this many bytes."""
-        plain = min(self.shape, default=0) >= 0 and self.dtype.itemsize > 0
-        return plain and max(self.shape, default=0) < 1 << 62 and self.nbytes == size
 
-
-class Entry(NamedTuple):
-    """One member of an archive: its header, and how many bytes of the member that takes."""
-
-    header: NpyHeader
-    member: zipfile.ZipInfo
-    header_bytes: int
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The array's shape."""
-        return self.header.shape
-
-
-def read_header(stream: IO[bytes]) -> NpyHeader:
-    """Read the header of an npy stream up to its data."""
+def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Read shape, order and type of an npy stream up to its data, which are not looked at."""
     readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     version = npy.read_magic(stream)
     if version not in readers:
         raise ValueError(f"version {version} of the npy format is not for plain arrays")
     try:
-        return NpyHeader(*readers[version](stream))
+        shape, fortran_order, dtype = readers[version](stream)
     except Exception as error:  # of NumPy over a text: SyntaxError, RecursionError, TokenError
         raise ValueError(str(error) or type(error).__name__) from error
+    return shape, fortran_order, dtype
+
+
+def _check_size(shape: tuple[int, ...], dtype: np.dtype[Any], size: int) -> None:
+    plain = all(0 <= side < 1 << 62 for side in shape) and dtype.itemsize > 0
+    if not plain or math.prod(shape) * dtype.itemsize != size:
+        stated = f"{str(shape)[:80]} of {dtype.str[:20]}"
+        raise ValueError(f"its header states {stated}, and it holds {size:,} bytes")
 
 
 def map_numbers(path: Path) -> NDArray[Any]:
     """Map the numbers that ``numpy.save`` wrote without reading them."""
-    what = "no array of numbers, or a damaged one"
-    expected = "a file as numpy.save writes it"
+    what, expected = "no array of numbers, or a damaged one", "a file as numpy.save writes it"
     with readable(path, what, expected=expected), path.open("rb") as stream:
-        header = read_header(stream)
-        shape, fortran_order, dtype = header
+        shape, fortran_order, dtype = read_header(stream)
         if dtype.kind not in _NUMBERS or not dtype.isnative:
             objects = "pickled Python objects, never loaded"
             raise ValueError(objects if dtype.hasobject else f"{dtype.str} data")
         size = path.stat().st_size - stream.tell()
-        if not header.fits(size):
-            raise ValueError(f"it states the shape {str(shape)[:80]}, and holds {size:,} bytes")
+        _check_size(shape, dtype, size)
         if not size:
             return np.empty(shape, dtype)
         return np.memmap(path, dtype, "r", stream.tell(), shape, "F" if fortran_order else "C")
@@ -133,10 +122,8 @@ class NpzFile:
         ):
             names = archive.namelist()
             wrong = next((name for name in names if not name.endswith(".npy")), None)
-            if wrong is not None:
-                raise ValueError(f"it holds {wrong[:80]!r}, which is no array")
-            if len(set(names)) < len(names):
-                raise ValueError("it holds a member twice")
+            if wrong is not None or len(set(names)) < len(names):
+                raise ValueError(f"it holds {(wrong or 'a member twice')[:80]!r}")
             self.entries = {
                 name: self._entry(archive, member, name)
                 for member in archive.infolist()
@@ -144,23 +131,18 @@ class NpzFile:
             }
 
     def _entry(self, archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> Entry:
-        with readable(self.path, _DAMAGED.format(name)), archive.open(member) as stream:
-            header = read_header(stream)
-            header_bytes, dtype = stream.tell(), header.dtype
-            size = member.file_size - header_bytes
-            if dtype.kind in _KINDS and not header.fits(size):
-                stated = f"{str(header.shape)[:80]} of {dtype.str[:20]}"
-                raise ValueError(f"its header states {stated}, the archive {size:,} bytes")
-        if dtype.kind not in _KINDS:
-            raise PredictionError(
-                f"field '{name}' holds pickled Python objects, which are never loaded"
-                if dtype.hasobject
-                else f"field '{name}' has dtype {dtype}",
-                where=self.path,
-                expected="arrays of numbers or of fixed-width text",
-                fix=f"save it as text, np.array({name}, dtype=str), or each part by itself",
-            )
-        return Entry(header, member, header_bytes)
+        with self._readable(name), archive.open(member) as stream:
+            entry = Entry(*read_header(stream), member, stream.tell())
+            if entry.dtype.kind in _KINDS:
+                _check_size(entry.shape, entry.dtype, member.file_size - entry.start)
+                return entry
+        holds = "holds pickled Python objects, which are never loaded"
+        raise PredictionError(
+            f"field '{name}' {holds if entry.dtype.hasobject else f'has dtype {entry.dtype}'}",
+            where=self.path,
+            expected="arrays of numbers or of fixed-width text",
+            fix=f"save it as text, np.array({name}, dtype=str), or each part by itself",
+        )
 
     def names(self) -> set[str]:
         """Return the names of the arrays."""
@@ -168,18 +150,18 @@ class NpzFile:
 
     def read(self, name: str) -> NDArray[Any]:
         """Read one array into memory."""
-        header, member, header_bytes = self.entries[name]
-        what = f"field '{name}' (shape {header.shape}, {header.dtype})"
+        entry = self.entries[name]
+        what = f"field '{name}' (shape {entry.shape}, {entry.dtype})"
         # Bytes become text when they are read, which takes four more bytes a character.
-        copies = 5 if header.dtype.kind == "S" else 1
-        self.budget.hold(self.path, what, header.nbytes * copies, _FIX_LARGE)
-        flat = np.empty(math.prod(header.shape), header.dtype)
+        copies = 5 if entry.dtype.kind == "S" else 1
+        self.budget.hold(self.path, what, entry.nbytes * copies, _FIX_LARGE)
+        flat = np.empty(math.prod(entry.shape), entry.dtype)
         with (
-            readable(self.path, _DAMAGED.format(name)),
+            self._readable(name),
             zipfile.ZipFile(self.path) as archive,
-            archive.open(member) as stream,
+            archive.open(entry.member) as stream,
         ):
-            stream.read(header_bytes)
+            stream.read(entry.start)
             view = memoryview(flat.view(np.uint8).data if flat.nbytes else b"")
             while view:
                 count = stream.readinto(view[:_PIECE_BYTES])  # type: ignore[attr-defined]
@@ -187,23 +169,25 @@ class NpzFile:
                     raise EOFError("the data ends early")
                 view = view[count:]
             stream.read(1)  # at its end, zipfile compares the checksum
-            array = flat.reshape(header.shape, order="F" if header.fortran_order else "C")
+            array = flat.reshape(entry.shape, order="F" if entry.fortran_order else "C")
             return _checked_text(array)
 
     def map(self, name: str) -> NDArray[Any]:
         """Map one array from disk where it is stored plainly, else read it."""
-        header, member, header_bytes = self.entries[name]
-        stored = member.compress_type == zipfile.ZIP_STORED and not header.fortran_order
-        dtype = header.dtype
-        if not (stored and dtype.kind in _NUMBERS and dtype.isnative and header.nbytes):
+        entry, dtype = self.entries[name], self.entries[name].dtype
+        stored = entry.member.compress_type == zipfile.ZIP_STORED and not entry.fortran_order
+        if not (stored and dtype.kind in _NUMBERS and dtype.isnative and entry.nbytes):
             return self.read(name)
-        with readable(self.path, _DAMAGED.format(name)), self.path.open("rb") as stream:
-            stream.seek(member.header_offset)
+        with self._readable(name), self.path.open("rb") as stream:
+            stream.seek(entry.member.header_offset)
             local = stream.read(_LOCAL_HEADER_BYTES)
-            start = stream.tell() + sum(struct.unpack("<HH", local[26:])) + header_bytes
-            if local[:4] != b"PK\x03\x04" or start + header.nbytes > self.path.stat().st_size:
+            start = stream.tell() + sum(struct.unpack("<HH", local[26:])) + entry.start
+            if local[:4] != b"PK\x03\x04" or start + entry.nbytes > self.path.stat().st_size:
                 raise EOFError("the file ends before its data does")
-        return np.memmap(self.path, dtype, "r", start, header.shape)
+        return np.memmap(self.path, dtype, "r", start, entry.shape)
+
+    def _readable(self, name: str) -> AbstractContextManager[None]:
+        return readable(self.path, f"field '{name}' is damaged or cut off")
 
 
 def _checked_text(array: NDArray[Any]) -> NDArray[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,18 +33,11 @@ class ParquetFile:
         return set(self._arrays)
 
     def read(self, name: str) -> NDArray[Any]:
-        """Return a column; that of the protocol as one text."""
+        """Return a column; that of the protocol as its one text."""
         array = self._arrays[name]
         if name != "protocol":
             return array
-        named = np.unique(array)
-        if named.size > 1:
-            raise PredictionError(
-                f"column 'protocol' names {first_of([repr(str(one)[:80]) for one in named])}",
-                where=self.path,
-                expected="the same protocol in every row",
-            )
-        return np.array(named[0] if named.size else "")
+        return np.unique(array) if array.size else np.array([""])
 
     map = read
 
@@ -75,54 +69,41 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> dict[str, NDArray[Any]
 
 def _read_column(path: Path, name: str, column: Any) -> NDArray[Any]:
     """Return a column: a vector, or a matrix where its rows are lists."""
+    refusal = partial(_refusal, path, name)
     column.validate(full=True)
-    _check_nulls(path, name, column, 1)
     shape: tuple[int, ...] = (len(column),)
-    if any(is_list(column.type) for is_list in _LISTS):
+    if any(is_list(column.type) for is_list in _LISTS) and not column.null_count:
         lengths = np.unique(pc.list_value_length(column).to_numpy())
         if lengths.size > 1:
-            raise PredictionError(
-                f"column '{name}' has lists of {lengths[0]} to {lengths[-1]} entries",
-                where=path,
-                expected="lists of one length",
-                fix="fill shorter ones with '' (scores: with 0) at the end",
-            )
+            raise refusal(f"lists of {lengths[0]} to {lengths[-1]} entries")
         column, shape = pc.list_flatten(column), (len(column), *map(int, lengths))
-        _check_nulls(path, name, column, shape[-1])
-    vectors = [_as_vector(path, name, chunk) for chunk in column.chunks]
+    if column.null_count:
+        row = int(np.argmax(pc.is_null(column).to_numpy())) // max(*shape[1:], 1, 1)
+        raise refusal(f"nulls, first in row {row:,}, counted from 0")
+    vectors = [_as_vector(refusal, chunk) for chunk in column.chunks]
     return np.concatenate(vectors or [np.array([], str)]).reshape(shape)
 
 
-def _as_vector(path: Path, name: str, values: Any) -> NDArray[Any]:
+def _as_vector(refusal: Any, values: Any) -> NDArray[Any]:
     if pa.types.is_dictionary(values.type):
-        texts = _as_vector(path, name, values.dictionary)
+        texts = _as_vector(refusal, values.dictionary)
         found: NDArray[Any] = texts[values.indices.to_numpy(zero_copy_only=False)]
         return found
     if pa.types.is_string(values.type) or pa.types.is_large_string(values.type):
         # NumPy gives every entry the width of the longest: one huge text would take all memory.
         longest = pc.max(pc.utf8_length(values)).as_py() or 0
         if longest > _LONGEST_TEXT:
-            raise PredictionError(
-                f"column '{name}' has a text of {longest:,} characters",
-                where=path,
-                expected=f"at most {_LONGEST_TEXT} characters",
-            )
+            raise refusal(f"a text of {longest:,} characters, more than {_LONGEST_TEXT}")
         return np.array(values.to_pylist(), dtype=str)
     if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
         return np.asarray(values.to_numpy(zero_copy_only=False))
-    raise PredictionError(
-        f"column '{name}' has values of type {values.type}",
+    raise refusal(f"values of type {values.type}")
+
+
+def _refusal(path: Path, name: str, what: str) -> PredictionError:
+    return PredictionError(
+        f"column '{name}' has {what}",
         where=path,
-        expected="text, numbers, or lists of them",
+        expected="text, numbers, or lists of them of one length, a value in every place",
+        fix="fill shorter lists with '' (scores: with 0) at the end",
     )
-
-
-def _check_nulls(path: Path, name: str, values: Any, a_row: int) -> None:
-    if values.null_count:
-        row = int(np.argmax(pc.is_null(values).to_numpy())) // max(a_row, 1)
-        raise PredictionError(
-            f"column '{name}' has nulls, first in row {row:,}, counted from 0",
-            where=path,
-            expected="a value in every place",
-            fix="leave such rows out; fill the end of a shorter list with ''",
-        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,6 @@ from airzoo_bench.core.files import write_npz
 from airzoo_bench.formats.npz import NpzFile
 
 LIMIT = 1 << 24
-
-
-def opened(path: Path, limit: int = LIMIT, **arrays: Any) -> NpzFile:
-    np.savez(path, **arrays)
-    return NpzFile(path, limit)
 
 
 def npy(header: str, data: bytes = b"", version: bytes = b"\x01\x00", pad: int = 0) -> bytes:
@@ -65,49 +59,33 @@ def test_reads_what_numpy_wrote(array: Any, compress: bool, tmp_path: Path) -> N
         np.testing.assert_array_equal(read, array)
 
 
-def test_bytes_become_text(tmp_path: Path) -> None:
-    read = opened(tmp_path / "x.npz", a=np.array(["east/ü".encode()])).read("a")
-    assert read.tolist() == ["east/ü"]
-
-
-def test_only_plain_members_are_mapped(tmp_path: Path) -> None:
-    array = np.arange(6, dtype=np.float32).reshape(2, 3)
-    file = opened(
-        tmp_path / "x.npz", plain=array, fortran=np.asfortranarray(array), big=array.astype(">f4")
+def test_only_plain_members_are_mapped_and_these_beyond_the_limit(tmp_path: Path) -> None:
+    array, path = np.arange(1000.0), tmp_path / "x.npz"
+    np.savez(
+        path,
+        plain=array,
+        fortran=np.asfortranarray(array.reshape(10, 100)),
+        big=array.astype(">f8"),
+        text=np.array([b"\xc3\xbc" + b"x" * 1599]),
     )
+    file = NpzFile(path, 7999)
     assert isinstance(file.map("plain"), np.memmap)
-    assert not isinstance(file.map("fortran"), np.memmap)
-    assert not isinstance(file.map("big"), np.memmap)
+    np.testing.assert_array_equal(file.map("plain"), array)
+    for name in ("fortran", "big", "text"):  # a byte becomes a character of four bytes more
+        with pytest.raises(PredictionError, match=f"field '{name}'"):
+            NpzFile(path, 7999).map(name)
+        assert not isinstance(NpzFile(path, 8005).map(name), np.memmap)
+    assert NpzFile(path, 8005).read("text")[0].startswith("üx")
 
 
-def test_a_mapped_array_may_be_larger_than_the_limit(tmp_path: Path) -> None:
-    array = np.arange(1000.0)
-    file = opened(tmp_path / "x.npz", limit=7999, a=array)
-    np.testing.assert_array_equal(file.map("a"), array)
-    with pytest.raises(PredictionError, match=r"8,000 bytes .*\n.*at most 7,999 bytes"):
-        file.read("a")
-    np.testing.assert_array_equal(NpzFile(file.path, 8000).read("a"), array)
-
-
-def test_bytes_count_as_the_text_that_they_become(tmp_path: Path) -> None:
-    file = opened(tmp_path / "x.npz", limit=4999, a=np.array([b"x" * 1000]))
-    with pytest.raises(PredictionError, match="5,000 bytes"):
-        file.read("a")
-
-
-def test_a_zip_bomb_is_never_unpacked(tmp_path: Path) -> None:
-    # 64 MB of zeros in 64 kB; the header says so, and the limit stops it.
-    content = npy("{'descr': '<f8', 'fortran_order': False, 'shape': (8388608,)}", bytes(1 << 26))
+@pytest.mark.parametrize("stated", [2, 8_388_608])
+def test_a_bomb_is_never_unpacked(stated: int, tmp_path: Path) -> None:
+    # 64 MB of zeros in 64 kB; the header says so, and the limit stops it, or lies.
+    content = npy(SHAPE % f"({stated},)", bytes(1 << 26))
     path = member(tmp_path / "x.npz", content, compress=True)
     assert path.stat().st_size < 1 << 17
-    with pytest.raises(PredictionError, match="more than the limit"):
+    with pytest.raises(PredictionError, match="67,108,864 bytes"):
         NpzFile(path, LIMIT).read("a")
-
-
-def test_a_member_that_holds_more_than_it_says(tmp_path: Path) -> None:
-    content = npy("{'descr': '<f8', 'fortran_order': False, 'shape': (2,)}", bytes(1 << 20))
-    with pytest.raises(PredictionError, match="the archive 1,048,576 bytes"):
-        NpzFile(member(tmp_path / "x.npz", content, compress=True), LIMIT)
 
 
 def test_pickles_are_refused_and_never_loaded(tmp_path: Path) -> None:
@@ -116,7 +94,7 @@ def test_pickles_are_refused_and_never_loaded(tmp_path: Path) -> None:
             return (Path.touch, (tmp_path / "sprung",))
 
     np.savez(tmp_path / "x.npz", a=np.array([Trap()], dtype=object))
-    with pytest.raises(PredictionError, match="pickled Python objects, which are never loaded"):
+    with pytest.raises(PredictionError, match="never loaded"):
         NpzFile(tmp_path / "x.npz", LIMIT)
     assert not (tmp_path / "sprung").exists()
 
@@ -161,12 +139,12 @@ def test_malformed_headers(content: bytes, tmp_path: Path) -> None:
         NpzFile(path, LIMIT)
 
 
-def test_a_member_twice_and_an_encrypted_one(tmp_path: Path) -> None:
+def test_members_twice_and_encrypted(tmp_path: Path) -> None:
     path, good = tmp_path / "x.npz", npy(SHAPE % "(1,)", bytes(8))
-    with warnings.catch_warnings(), zipfile.ZipFile(path, "w") as archive:
-        warnings.simplefilter("ignore")
+    with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.npy", good)
-        archive.writestr("a.npy", good)
+        with pytest.warns(UserWarning, match="Duplicate"):
+            archive.writestr("a.npy", good)
     with pytest.raises(PredictionError, match="twice"):
         NpzFile(path, LIMIT)
     content = bytearray(member(path, good).read_bytes())
@@ -177,21 +155,17 @@ def test_a_member_twice_and_an_encrypted_one(tmp_path: Path) -> None:
         NpzFile(path, LIMIT)
 
 
-def test_a_flipped_bit_is_found_by_the_checksum(tmp_path: Path) -> None:
-    path = tmp_path / "x.npz"
-    write_npz(path, {"a": np.arange(100.0)})
-    content = bytearray(path.read_bytes())
-    content[content.index(np.arange(100.0)[50].tobytes()) + 6] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(PredictionError, match="field 'a' is damaged or cut off: Bad CRC-32"):
-        NpzFile(path, LIMIT).read("a")
-
-
 @pytest.mark.parametrize("compress", [False, True])
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.95])
-def test_a_file_that_is_cut_off_is_refused(compress: bool, share: float, tmp_path: Path) -> None:
+def test_damage_is_found(compress: bool, tmp_path: Path) -> None:
     path = tmp_path / "x.npz"
     write_npz(path, {"a": np.arange(100.0)}, compress=compress)
-    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
-    with pytest.raises(UnreadableError):
-        NpzFile(path, LIMIT)
+    whole = path.read_bytes()
+    for share in (0.1, 0.5, 0.95):
+        path.write_bytes(whole[: int(len(whole) * share)])
+        with pytest.raises(UnreadableError):
+            NpzFile(path, LIMIT)
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 1
+    path.write_bytes(flipped)
+    with pytest.raises(PredictionError, match="field 'a' is damaged or cut off"):
+        NpzFile(path, LIMIT).read("a")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -62,22 +63,18 @@ class FileCloud:
 
     def stored(self, folder: Path) -> FileCloud:
         """Return the cloud with its points in plain files of a folder."""
-        points = np.lib.format.open_memmap(folder / "points.npy", "w+", np.float64, (self.count, 3))
+        make = partial(np.lib.format.open_memmap, mode="w+")
+        points = make(folder / "points.npy", dtype=np.float64, shape=(self.count, 3))
         confidence, done = None, 0
         for piece in self.pieces(_STORED_POINTS):
             part = slice(done, done + len(piece))
-            done += len(piece)
-            if done > self.count:
-                break
             points[part] = piece.points
             if piece.confidence is not None:
                 if confidence is None:
-                    confidence = np.lib.format.open_memmap(
-                        folder / "confidence.npy", "w+", np.float32, (self.count,)
-                    )
+                    path = folder / "confidence.npy"
+                    confidence = make(path, dtype=np.float32, shape=(self.count,))
                 confidence[part] = piece.confidence
-        if done != self.count:
-            raise refusal(self.path, f"holds {done:,} points, not {self.count:,}")
+            done += len(piece)
         return replace(self, read=ArrayPieces(points, confidence))
 
 

@@ -25,12 +25,9 @@ _LOOKS: tuple[tuple[bytes, str, tuple[str, ...], str], ...] = (
     (_COMMENTS + rb"(VERSION|FIELDS)\s", "PCD", (".pcd",), "pcd:open_pcd"),
     (rb"version https://git-lfs", "a Git LFS pointer, not the file itself", (), ""),
     (rb"\x1f\x8b", "a gzip file, which is to be unpacked", (), ""),
-    (rb"\x89HDF", "an HDF5 file", (), ""),
-    (rb"ASTM-E57", "an E57 file", (), ""),
     (rb"\s*<", "HTML or XML", (), ""),
     (rb"\s*\{", "glTF or JSON", (".gltf",), "mesh_files:open_gltf"),
-    (rb"\s*solid\s.*facet", "STL", (), ""),
-    (_COMMENTS + rb"C?N?OFF\s", "OFF", (), ""),
+    (rb"(\s*solid\s.*facet|C?N?OFF\s|\x89HDF|ASTM-E57)", "STL, OFF, HDF5 or E57", (), ""),
     (_COMMENTS + rb"(v[nt]?|f|[og]|s|mtllib|usemtl)\s", "OBJ", (".obj",), "mesh_files:open_obj"),
     (rb".*\d", "text", TEXT_SUFFIXES, "text:open_text"),
 )
@@ -39,9 +36,8 @@ _LOOKS: tuple[tuple[bytes, str, tuple[str, ...], str], ...] = (
 def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -> FileCloud:
     """Open a cloud, or a mesh as points on its surface."""
     read = resolve(f"{__package__}.{_reader_of(path)}")
-    opened: FileCloud | Mesh = (
-        read(path, limit_bytes) if path.suffix.lower() == ".npz" else read(path)
-    )
+    limits = (limit_bytes,) if path.suffix.lower() == ".npz" else ()
+    opened: FileCloud | Mesh = read(path, *limits)
     if isinstance(opened, FileCloud):
         return opened
     if not len(opened.faces):
@@ -49,12 +45,9 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
         count = len(opened.vertices)
         return FileCloud(path, kind, count, pieces, opened.precision, opened.notes)
     if sampling is None:
-        raise refusal(
-            path,
-            "is a mesh, and the protocol does not say how meshes are sampled",
-            expected="points",
-            fix="sample the mesh and give the points",
-        )
+        what = "is a mesh, and the protocol does not say how meshes are sampled"
+        fix = "sample the mesh and give the points"
+        raise refusal(path, what, expected="points", fix=fix)
     return sampled(opened, sampling)
 
 
@@ -67,21 +60,16 @@ def _reader_of(path: Path) -> str:
         head = stream.read(_HEAD_BYTES)
     if not head:
         raise refusal(path, "is empty", fix=FIX_COPY)
-    suffix = path.suffix.lower()
-    found, suffixes, reader = _look(head)
-    if suffix not in suffixes:
+    looks = [one[1:] for one in _LOOKS if re.match(one[0], head, re.DOTALL)]
+    if _BINARY.search(head):
+        looks = [one for one in looks[:1] if one[0] not in ("text", "OBJ")]
+    found, suffixes, reader = looks[0] if looks else ("", (), "")
+    if path.suffix.lower() not in suffixes:
+        unknown = f"no cloud: it begins with the bytes {head[:8].hex(' ')}"
         raise refusal(
             path,
-            f"is named {path.suffix[:20]!r}, and its content is that of "
-            + (found or f"no cloud: it begins with the bytes {head[:8].hex(' ')}"),
+            f"is named {path.suffix[:20]!r}, and its content is that of {found or unknown}",
             expected=f"the content of one of {KINDS}, named as what it is",
             fix="give it the ending of what it is, or write the points as PLY, LAZ or npz",
         )
     return reader
-
-
-def _look(head: bytes) -> tuple[str, tuple[str, ...], str]:
-    looks = [one[1:] for one in _LOOKS if re.match(one[0], head, re.DOTALL)]
-    if _BINARY.search(head):
-        looks = [one for one in looks[:1] if one[0] not in ("text", "OBJ")]
-    return looks[0] if looks else ("", (), "")

@@ -1,12 +1,11 @@
 """LAS and LAZ by laspy, and folders of such files as one cloud.
 
-What headers count is held against the file first: laspy takes a number of records as it is
-stated, and lazrs decodes points that are not there: it reads on behind the last one.
+What headers count is held against the file first: laspy takes a number of records as it is stated,
+and lazrs decodes points that are not there.
 """
 
 from __future__ import annotations
 
-import io
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -20,13 +19,12 @@ import numpy as np
 
 from airzoo_bench.core.errors import counted, readable
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, cloud_of_columns, refusal
-from airzoo_bench.formats.clouds.rows import too_few, uncounted
+from airzoo_bench.formats.clouds.rows import check_left, too_few
 
 SHARD_SUFFIXES = (".las", ".laz")
 """Endings of files that can be shards."""
 _SHORTEST, _VLR_BYTES = 227, 54
 _LAYERED = 3  # the compressor of point formats 6 and above, which counts the points of each chunk
-_LAST_BYTES = 16  # that an encoder may write behind the last point
 
 
 def open_las(path: Path) -> FileCloud:
@@ -39,10 +37,9 @@ def open_las(path: Path) -> FileCloud:
         if not (np.isfinite(numbers).all() and (header.scales != 0).all()):
             raise ValueError(f"its scale and offset are {numbers.tolist()}")
         compressed, count = header.are_points_compressed, header.point_count
-        left, what = (_beyond_laz if compressed else _beyond_las)(path, header)
-    if left < 0:
-        raise too_few(path, count)
-    kind, notes = "LAZ" if compressed else "LAS", uncounted(left, what, count)
+        left = (_points_beyond if compressed else _bytes_beyond)(path, header)
+    notes = check_left(path, count, left, "points" if compressed else "bytes")
+    kind = "LAZ" if compressed else "LAS"
     return FileCloud(path, kind, count, partial(_read, path, count), np.dtype(np.float64), notes)
 
 
@@ -68,7 +65,7 @@ def open_shards(folder: Path, paths: Sequence[Path]) -> FileCloud:
     if twice is not None:
         raise refusal(
             twice,
-            "stands there as LAS and as LAZ, and its points would count twice",
+            "is there as LAS and as LAZ, and its points would count twice",
             expected="each part of the cloud in one shard",
             fix="take one of the two away, or rename it if their points are others",
         )
@@ -119,19 +116,20 @@ def _check_room(path: Path) -> None:
         raise ValueError(f"its header contradicts itself: points from byte {start:,}")
 
 
-def _beyond_las(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
+def _bytes_beyond(path: Path, header: laspy.LasHeader) -> int:
     """Return how many bytes follow the points that the header counts, before other records."""
     size, start = path.stat().st_size, header.offset_to_point_data
     end = start + header.point_count * header.point_format.size
     marks = header.start_of_first_evlr, header.start_of_waveform_data_packet_record
     last = min((mark for mark in marks if mark and start < mark < size), default=size)
-    if size < end:
-        return -1, "bytes"
-    return (last - end if last - end >= header.point_format.size else 0), "bytes"
+    return size - end if size < end or last - end >= header.point_format.size else 0
 
 
-def _beyond_laz(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
-    """Return how much the chunks hold beyond the points that the header counts; below 0 if less."""
+def _points_beyond(path: Path, header: laspy.LasHeader) -> int:
+    """Return how many points the chunks hold beyond those that the header counts.
+
+    Old compressors do not count the points of the last chunk: any number that fits is then right.
+    """
     start, size, count = header.offset_to_point_data, header.point_format.size, header.point_count
     laszip = header.vlrs.get("LasZipVlr")[0].record_data
     vlr = lazrs.LazVlr(laszip)
@@ -139,27 +137,17 @@ def _beyond_laz(path: Path, header: laspy.LasHeader) -> tuple[int, str]:
         raise ValueError(f"points of {size} bytes are compressed as {vlr.item_size()} bytes")
     with path.open("rb") as stream:
         chunks = _chunks(stream, start, path.stat().st_size, vlr)
-        end = start + 8 + sum(nbytes for _, nbytes in chunks)
-        if end > path.stat().st_size:
-            return -1, "points"
+        place, total = start + 8, 0
+        if place + sum(nbytes for _, nbytes in chunks) > path.stat().st_size:
+            return -1
         if struct.unpack_from("<H", laszip)[0] == _LAYERED:
-            place, total = start + 8, 0
             for _, nbytes in chunks:
                 stream.seek(place + size)
                 total += int.from_bytes(stream.read(4), "little")
                 place += nbytes
-            return total - count, "points"
-    before = sum(points for points, _ in chunks[:-1])
-    if not chunks or not before < count <= before + chunks[-1][0]:
-        return (-1 if count else 0), "points"
-    with _Dripping(path) as stream:  # whose place shows what the points of the last chunk took
-        stream.seek(start)
-        decompressor = lazrs.LasZipDecompressor(stream, laszip)
-        decompressor.seek(before)
-        decompressor.decompress_many(np.empty((count - before) * size, np.uint8))
-        left = end - stream.tell()
-    # A decoder asks for bytes before it needs them.
-    return (left if not -2 * _LAST_BYTES <= left <= _LAST_BYTES else 0), "compressed bytes"
+            return total - count
+    most = sum(points for points, _ in chunks)
+    return max(most - chunks[-1][0] - count + 1, 0) if count <= most and chunks else most - count
 
 
 def _chunks(stream: IO[bytes], start: int, size: int, vlr: Any) -> list[tuple[int, int]]:
@@ -178,13 +166,3 @@ def _chunks(stream: IO[bytes], start: int, size: int, vlr: Any) -> list[tuple[in
     stream.seek(start)
     # Writers of chunks of any size may end with one of nothing.
     return [some for some in lazrs.read_chunk_table(stream, vlr) if any(some)]
-
-
-class _Dripping(io.FileIO):
-    """A file that gives few bytes at a time, so that its place shows what a decoder took."""
-
-    def readinto(self, buffer: Any, /) -> int:
-        return super().readinto(memoryview(buffer)[:_LAST_BYTES]) or 0
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        return super().read(min(size or 0, _LAST_BYTES) if (size or 0) >= 0 else _LAST_BYTES) or b""

@@ -14,7 +14,7 @@ from typing import Any, Never
 import numpy as np
 import trimesh
 
-from airzoo_bench.core.errors import PredictionError, readable
+from airzoo_bench.core.errors import readable
 from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
 from airzoo_bench.formats.clouds.rows import opened_lines, quoted
@@ -25,59 +25,42 @@ _AXES = "axes as in the file: glTF takes y as up, and many exporters turn and ce
 _COMPRESSED = (b"KHR_draco_mesh_compression", b"EXT_meshopt_compression", b"KHR_meshopt")
 
 
-def open_gltf(path: Path) -> Mesh:
-    """Read a GLB or glTF file: all triangles, else all points, each moved by its nodes."""
-    raw = path.read_bytes()
-    if any(name in raw for name in _COMPRESSED):
-        raise refusal(
-            path,
-            "is compressed by an extension (Draco or meshopt), which is not read here",
-            expected="GLB without compression of meshes",
-            fix="export it again without compression, or as PLY",
-        )
-    is_binary = raw.startswith(b"glTF")
-    with readable(path, "the glTF file is damaged or cut off"):
-        # trimesh takes NaN among the transforms of nodes for none.
-        text = raw[20 : 20 + int.from_bytes(raw[12:16], "little")] if is_binary else raw
-        json.loads(text, parse_constant=int)  # which NaN is none of
-    vertices, faces = _load(path, raw, "glb" if is_binary else "gltf")
-    return Mesh(path, "GLB mesh", vertices, faces, (_AXES,), _SINGLE)
-
-
 class _NoFiles:
     """Refuses to open what a mesh names, instead of a resolver."""
 
     def __getitem__(self, name: object) -> Never:
-        raise PredictionError(
-            "its data lie in another file or address (uri), which is never opened",
-            expected="a GLB file that holds everything itself",
-            fix="export it as one binary file",
-        )
+        raise ValueError("its data are in another file or address (uri), which is never opened")
 
     get = __getitem__
 
 
-def _load(path: Path, raw: bytes, kind: str) -> tuple[Floats, Ints]:
-    """Return the vertices and triangles of a file, by trimesh."""
-    try:
-        with readable(path, f"the {kind.upper()} file is damaged or cut off"):
-            scene = trimesh.load_scene(
-                io.BytesIO(raw),
-                file_type=kind,
-                resolver=_NoFiles(),  # type: ignore[arg-type]
-                process=False,
-                maintain_order=True,
-                skip_materials=True,
-            )
-            parts = [_part(scene, node) for node in scene.graph.nodes_geometry]
-    except PredictionError as error:
-        raise error if error.where is not None else error.inside(path) from error
-    parts = [part for part in parts if len(part[1])] or [part for part in parts if len(part[0])]
-    if not parts:
-        raise refusal(path, "holds neither triangles nor points", expected="a mesh in its scene")
+def open_gltf(path: Path) -> Mesh:
+    """Read a GLB or glTF file: all triangles, else all points, each moved by its nodes."""
+    raw = path.read_bytes()
+    is_binary = raw.startswith(b"glTF")
+    expected = "GLB that holds everything itself, without compression of meshes"
+    with readable(path, "the glTF file cannot be read", expected=expected):
+        if any(name in raw for name in _COMPRESSED):
+            raise ValueError("it is compressed by an extension (Draco or meshopt)")
+        # trimesh takes NaN among the transforms of nodes for none.
+        text = raw[20 : 20 + int.from_bytes(raw[12:16], "little")] if is_binary else raw
+        json.loads(text, parse_constant=int)  # which NaN is none of
+        scene = trimesh.load_scene(
+            io.BytesIO(raw),
+            file_type="glb" if is_binary else "gltf",
+            resolver=_NoFiles(),  # type: ignore[arg-type]
+            process=False,
+            maintain_order=True,
+            skip_materials=True,
+        )
+        parts = [_part(scene, node) for node in scene.graph.nodes_geometry]
+        parts = [part for part in parts if len(part[1])] or [one for one in parts if len(one[0])]
+        if not parts:
+            raise ValueError("its scene holds neither triangles nor points")
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
     faces = [faces + start for (_, faces), start in zip(parts, starts[:-1], strict=True)]
-    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
+    vertices = np.concatenate([vertices for vertices, _ in parts])
+    return Mesh(path, "GLB mesh", vertices, np.concatenate(faces), (_AXES,), _SINGLE)
 
 
 def _part(scene: Any, node: str) -> tuple[Floats, Ints]:

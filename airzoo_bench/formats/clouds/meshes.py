@@ -73,8 +73,7 @@ def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
             mesh.path,
             f"its surface of {total:.4g} square units would take {wanted:.4g} points",
             expected=f"at most {sampling.max_points:,}",
-            fix="check its unit: a mesh in millimetres has a million times the area; or give "
-            "points instead of a mesh",
+            fix="check its unit: a mesh in millimetres has a million times the area",
         )
     read = partial(_pieces, mesh, ends, wanted, sampling.seed)
     notes = (
@@ -98,29 +97,22 @@ def _face_areas(vertices: Floats, faces: Ints) -> Floats:
 
 
 def _checked_ends(mesh: Mesh) -> Floats:
+    """Return the areas of faces, added up, once every face has one."""
+    expected = f"finite corners, and indices below {len(mesh.vertices):,}, the number of vertices"
+
+    def refuse(what: str, wrong: NDArray[np.bool_]) -> None:
+        if wrong.any():
+            rows = first_of(np.flatnonzero(wrong).tolist(), len(wrong))
+            raise refusal(mesh.path, f"{what}: {rows}, counted from 0", expected=expected)
+
     outside = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
-    if outside.any():
-        raise refusal(
-            mesh.path,
-            f"faces with a vertex that is not there: "
-            f"{first_of(np.flatnonzero(outside).tolist(), len(mesh.faces))}, counted from 0",
-            expected=f"indices below {len(mesh.vertices):,}, the number of vertices",
-        )
+    refuse("faces with a vertex that is not there", outside)
     areas = _face_areas(mesh.vertices, mesh.faces)
-    endless = ~np.isfinite(areas)
-    if endless.any():
-        raise refusal(
-            mesh.path,
-            f"faces with a corner that is NaN, infinite or absurdly far: "
-            f"{first_of(np.flatnonzero(endless).tolist(), len(areas))}, counted from 0",
-            expected="finite corners",
-            fix="leave these faces out",
-        )
+    refuse("faces with a corner that is NaN, infinite or absurdly far", ~np.isfinite(areas))
     with np.errstate(over="ignore"):
         ends: Floats = np.cumsum(areas)
     if not (ends.size and 0.0 < ends[-1] < np.inf):
-        total = ends[-1] if ends.size else 0.0
-        raise refusal(mesh.path, f"the mesh has an area of {total}", expected="faces with an area")
+        raise refusal(mesh.path, "the mesh has no area", expected="faces with an area")
     return ends
 
 

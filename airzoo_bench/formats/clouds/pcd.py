@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,34 +20,27 @@ _LITERAL = 32  # control bytes below it are of bytes to be copied
 _LONG = 7  # a length that goes on in the next byte
 
 
-class _Header(NamedTuple):
-    """A row's type, the number of rows, how they are stored, and where they begin."""
-
-    record: np.dtype[Any]
-    points: int
-    data: str
-    size: int
-
-
 def open_pcd(path: Path) -> FileCloud:
     """Open a PCD file."""
-    record, points, data, size = _read_header(path)
-    if not {*"xyz"} <= {*(record.names or ())}:
+    rows, data = _read_header(path)
+    if not {*"xyz"} <= {*(rows.record.names or ())}:
         raise refusal(path, "its FIELDS lack x, y or z", expected="FIELDS x y z, and others")
     kind = f"PCD ({data})"
     if data != "binary_compressed":
-        return Rows(path, record, points, size, data == "ascii").open(kind)
+        return rows.open(kind)
     with path.open("rb") as stream:
-        stream.seek(size)
+        stream.seek(rows.start)
         packed, plain = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4").tolist()
-    if plain != points * record.itemsize or path.stat().st_size < size + 8 + packed:
-        raise too_few(path, points)
-    precision = np.result_type(*(record[axis].base for axis in "xyz"))
-    read = partial(_read_compressed, path, record, points, size + 8, packed, plain)
-    return FileCloud(path, kind, points, read, precision)
+    whole = path.stat().st_size >= rows.start + 8 + packed
+    if plain != rows.count * rows.record.itemsize or not whole:
+        raise too_few(path, rows.count)
+    precision = np.result_type(*(rows.record[axis].base for axis in "xyz"))
+    read = partial(_read_compressed, rows, packed, plain)
+    return FileCloud(path, kind, rows.count, read, precision)
 
 
-def _read_header(path: Path) -> _Header:
+def _read_header(path: Path) -> tuple[Rows, str]:
+    """Return the rows, and how they are stored."""
     values: dict[str, list[str]] = {}
     with path.open("rb") as stream:
         while "DATA" not in values and stream.tell() < _LONGEST_HEADER:
@@ -58,7 +50,7 @@ def _read_header(path: Path) -> _Header:
                 break
             if words and not words[0].startswith("#"):
                 values.setdefault(words[0].upper(), words[1:])
-        size = stream.tell()
+        start = stream.tell()
     expected = "FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS and DATA that fit together"
     with readable(path, "the PCD header is wrong", expected=expected):
         (data,), (points,) = values["DATA"], map(int, values["POINTS"])
@@ -75,25 +67,23 @@ def _read_header(path: Path) -> _Header:
                 raise ValueError(f"field {name} of type {kind}, {item} bytes, {count} times")
             known = name if name != "_" else f"_ {number}"  # several fields may be padding
             fields.append((known, f"<{kind.lower()}{item}", (count,)))
-        return _Header(np.dtype(fields), points, data, size)
+        return Rows(path, np.dtype(fields), points, start, data == "ascii"), data
 
 
-def _read_compressed(
-    path: Path, record: np.dtype[Any], count: int, start: int, packed: int, plain: int, points: int
-) -> Iterator[Cloud]:
-    with readable(path, "its compressed points are damaged"), path.open("rb") as stream:
-        stream.seek(start)
-        body = _unpack_lzf(stream.read(packed), plain)
+def _read_compressed(rows: Rows, packed: int, plain: int, points: int) -> Iterator[Cloud]:
+    with readable(rows.path, "its compressed points are damaged"), rows.path.open("rb") as stream:
+        stream.seek(rows.start + 8)
+        body = unpack_lzf(stream.read(packed), plain)
     columns, place = {}, 0
-    for name in record.names or ():  # a column after the other
-        columns[name] = np.frombuffer(body, record[name], count, place)[:, 0]
-        place += count * record[name].itemsize
-    for done in range(0, count, points):
+    for name in rows.record.names or ():  # a column after the other
+        columns[name] = np.frombuffer(body, rows.record[name], rows.count, place)[:, 0]
+        place += rows.count * rows.record[name].itemsize
+    for done in range(0, rows.count, points):
         part = slice(done, done + points)
         yield cloud_of_columns({name: column[part] for name, column in columns.items()})
 
 
-def _unpack_lzf(data: bytes, size: int) -> bytearray:
+def unpack_lzf(data: bytes, size: int) -> bytearray:
     """Undo Marc Lehmann's LZF."""
     out, place = bytearray(), 0
     while place < len(data) and len(out) <= size:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import FIX_COPY, PredictionError
+from airzoo_bench.core.errors import FIX_COPY, PredictionError, readable
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
@@ -57,27 +57,31 @@ class _Header(NamedTuple):
     def record(self, element: _Element) -> np.dtype[Any]:
         return np.dtype([(name, self.order + kind) for name, (kind, _) in element.columns.items()])
 
+    def cut_off(self, element: _Element) -> PredictionError:
+        what = f"the file ends within its element {quoted(element.name)}, or a list in it is absurd"
+        expected = f"{element.rows:,} rows, as its header says"
+        return refusal(self.path, what, expected=expected, fix=FIX_COPY)
+
 
 def open_ply(path: Path) -> FileCloud | Mesh:
     """Open a PLY file: a mesh where it has faces, else a cloud."""
     header = _read_header(path)
     vertex, faces = header.elements.get("vertex"), header.elements.get("face")
     if vertex is None or vertex.has_lists or not {*"xyz"} <= vertex.columns.keys():
-        raise refusal(
-            path,
-            "has no vertices with x, y and z that are numbers",
-            expected="element vertex with properties x, y, z",
-        )
-    cloud = _open_vertices(header, vertex)
+        expected = "element vertex with properties x, y, z that are numbers"
+        raise refusal(path, "has no vertices with x, y and z", expected=expected)
+    start = _start_of(header, vertex)
+    place = (start,) if header.order else (header.size, True, start)
+    notes = (_SPLAT_NOTE,) if vertex.columns.keys() >= _SPLATS else ()
+    are_last = next(reversed(header.elements.values())) is vertex
+    rows = Rows(path, header.record(vertex), vertex.rows, *place)
+    cloud = rows.open(f"PLY ({'binary' if header.order else 'text'})", notes, are_last=are_last)
     if faces is None or not faces.rows:
         return cloud
     found = [name for name in _FACE_LISTS if faces.columns.get(name, ("", ""))[1]]
     if not found:
-        raise refusal(
-            path,
-            "its faces have no list of vertices",
-            expected="property list uchar int vertex_indices",
-        )
+        expected = "property list uchar int vertex_indices"
+        raise refusal(path, "its faces have no list of vertices", expected=expected)
     piece = next(cloud.pieces(max(cloud.count, 1)), Cloud(np.empty((0, 3))))
     read = _read_faces if header.order else _read_text_faces
     triangles = read(header, faces, found[0])
@@ -89,30 +93,28 @@ def _read_header(path: Path) -> _Header:
         text = stream.read(_LONGEST_HEADER)
     size = text.find(b"\n", text.find(b"end_header")) + 1
     lines = text[:size].decode("latin-1").split("\n")[:-1]
-    if not lines or lines[-1].strip() != "end_header":
-        raise refusal(path, "the PLY header has no line end_header", fix=FIX_COPY)
     order, elements, columns = None, dict[str, _Element](), dict[str, tuple[str, str]]()
-    for number, line in enumerate(lines[1:-1], start=2):
-        match line.split():
-            case [] | ["comment" | "obj_info", *_]:
-                continue
-            case ["format", kind, "1.0"] if kind in _ORDERS:
-                order = _ORDERS[kind]
-            case ["element", name, count] if re.fullmatch("[0-9]+", count) and name not in elements:
-                columns = {}
-                elements[name] = _Element(name, int(count), columns)
-            case ["property", *words] if elements and _add_column(columns, words):
-                continue
-            case _:
-                raise refusal(
-                    path,
-                    f"line {number} of the header is {quoted(line)}",
-                    expected=f"format {', '.join(_ORDERS)} 1.0; element, name, count; property, "
-                    "type, name; or property list, two types, name; each name once",
-                )
-    if order is None:
-        raise refusal(path, "the header has no format line", fix=FIX_COPY)
-    return _Header(path, order, elements, size)
+    with readable(path, "the PLY header is wrong", expected="a header as the PLY format has it"):
+        if not lines or lines[-1].strip() != "end_header":
+            raise ValueError("it has no line end_header")
+        for line in lines[1:-1]:
+            match line.split():
+                case [] | ["comment" | "obj_info", *_]:
+                    continue
+                case ["format", kind, "1.0"] if kind in _ORDERS:
+                    order = _ORDERS[kind]
+                case ["element", name, count] if re.fullmatch("[0-9]+", count):
+                    if name in elements:
+                        raise ValueError(f"the element {quoted(name)} is there twice")
+                    columns = {}
+                    elements[name] = _Element(name, int(count), columns)
+                case ["property", *words] if elements and _add_column(columns, words):
+                    continue
+                case _:
+                    raise ValueError(f"a line is {quoted(line)}")
+        if order is None:
+            raise ValueError("it has no line of the format")
+    return _Header(path, order or "", elements, size)
 
 
 def _add_column(columns: dict[str, tuple[str, str]], words: list[str]) -> bool:
@@ -128,26 +130,14 @@ def _add_column(columns: dict[str, tuple[str, str]], words: list[str]) -> bool:
     return True
 
 
-def _open_vertices(header: _Header, vertex: _Element) -> FileCloud:
-    start = _start_of(header, vertex)
-    is_text = not header.order
-    place = (header.size, True, start) if is_text else (start,)
-    notes = (_SPLAT_NOTE,) if vertex.columns.keys() >= _SPLATS else ()
-    are_last = next(reversed(header.elements.values())) is vertex
-    rows = Rows(header.path, header.record(vertex), vertex.rows, *place)
-    return rows.open("PLY (text)" if is_text else "PLY (binary)", notes, are_last=are_last)
-
-
 def _start_of(header: _Header, element: _Element) -> int:
     """Return the byte, or in text the line of the body, that an element begins at."""
     start = header.size if header.order else 0
     for before in takewhile(lambda one: one is not element, header.elements.values()):
         if not header.order:
             start += before.rows
-        elif before.has_lists:
-            start = max((end for _, end in _runs(header, before, start)), default=start)
         else:
-            start += before.rows * header.record(before).itemsize
+            start = max((end for _, end in _runs(header, before, start)), default=start)
     return start
 
 
@@ -162,22 +152,19 @@ def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
     """Read the faces of a text file, whose first list is that of vertices."""
     skip, triangles, found = _start_of(header, faces), array("q"), 0
     place = list(faces.columns).index(name)
-    if any(counter for _, counter in list(faces.columns.values())[:place]):
-        raise refusal(header.path, f"its faces have a list before {name}, as text")
-    with opened_lines(header.path, header.size) as lines:
-        for line in islice(lines, skip, skip + faces.rows):
-            words, found = line.split()[place:], found + 1
-            try:
+    with readable(header.path, f"its {name} are wrong"):
+        if any(counter for _, counter in list(faces.columns.values())[:place]):
+            raise ValueError("another list is before them, as text")
+        with opened_lines(header.path, header.size) as lines:
+            for line in islice(lines, skip, skip + faces.rows):
+                found += 1
+                words = line.split()[place:]
                 corners = list(map(int, words[1 : int(words[0]) + 1]))
                 if len(corners) != int(words[0]) or not all(0 <= one < 1 << 62 for one in corners):
-                    raise ValueError("another number of vertices")
-            except (ValueError, IndexError) as error:
-                expected = "a face: how many vertices, and their indices"
-                what = f"a line of its {name} is {quoted(line)}"
-                raise refusal(header.path, what, expected=expected) from error
-            add_fan(triangles, corners)
+                    raise ValueError(f"a line is {quoted(line)}")
+                add_fan(triangles, corners)
     if found < faces.rows:
-        raise _cut_off(header, faces)
+        raise header.cut_off(faces)
     return np.array(triangles).reshape(-1, 3)
 
 
@@ -185,11 +172,11 @@ def _runs(header: _Header, element: _Element, start: int) -> Iterator[tuple[NDAr
     """Yield runs of rows whose lists have the same lengths, and the byte that each ends at."""
     raw = np.memmap(header.path, np.uint8, "r")
     left, ask = element.rows, _FEWEST
-    while left:
+    while left and element.columns:
         record = _record_at(header, raw, start, element)
         room = min(left, ask, (len(raw) - start) // record.itemsize)
-        if not room:
-            raise _cut_off(header, element)
+        if room <= 0:
+            raise header.cut_off(element)
         rows = np.frombuffer(raw, record, room, start)
         same = np.ones(room, np.bool_)
         for name, (_, counter) in element.columns.items():
@@ -217,19 +204,9 @@ def _record_at(
         stated = raw[at : at + length_type.itemsize].tobytes().ljust(8, b"\0")
         length = int(np.frombuffer(stated, length_type, 1)[0])
         if not 0 <= length <= len(raw):
-            raise _cut_off(header, element)
+            raise header.cut_off(element)
         fields += [(f"{name} count", length_type), (name, header.order + kind, (length,))]
     return np.dtype(fields)
-
-
-def _cut_off(header: _Header, element: _Element) -> PredictionError:
-    return refusal(
-        header.path,
-        f"the file ends within its element {quoted(element.name)}, or a list in it states an "
-        "absurd length",
-        expected=f"{element.rows:,} rows, as its header says",
-        fix=FIX_COPY,
-    )
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:

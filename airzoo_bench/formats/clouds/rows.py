@@ -1,4 +1,4 @@
-"""Rows of points in files: lines of numbers, or records of a type."""
+"""Rows of points in files: a count of lines or records from a byte on, held against the file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import FIX_COPY, PredictionError, counted
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, cloud_of_columns, refusal
@@ -43,59 +42,50 @@ class Rows:
         else:
             end = self.start + self.count * self.record.itemsize
             left, what = self.path.stat().st_size - end, "bytes"
-        if left < 0:
-            raise too_few(self.path, self.count)
-        notes += uncounted(left if are_last else 0, what, self.count)
+        notes += check_left(self.path, self.count, left if are_last else min(left, 0), what)
         precision = np.result_type(*(self.record[axis].base for axis in "xyz"))
         return FileCloud(self.path, kind, self.count, self.pieces, precision, notes)
 
     def pieces(self, points: int) -> Iterator[Cloud]:
         """Yield all points, at most that many at a time."""
-        names = self.record.names or ()
-        if not self.is_text:
-            with self.path.open("rb", buffering=0) as stream:
-                stream.seek(self.start)
-                for done in range(0, self.count, points):
-                    block = np.fromfile(stream, self.record, min(points, self.count - done))
-                    if len(block) < min(points, self.count - done):
-                        raise too_few(self.path, self.count)
-                    yield cloud_of_columns({name: _first(block[name]) for name in names})
-            return
-        sizes = [int(np.prod(self.record[name].shape)) for name in names]
-        places = np.cumsum([0, *sizes]).tolist()
-        for lines in self._lines(points, places[-1]):
-            # Text of a float property may have more digits than float32: all are kept.
-            yield cloud_of_columns({n: lines[:, p] for n, p in zip(names, places, strict=False)})
+        blocks = self._lines(points) if self.is_text else self._records(points)
+        for done, columns in zip(range(0, self.count, points), blocks, strict=True):
+            if len(columns["x"]) < min(points, self.count - done):
+                raise too_few(self.path, self.count)
+            yield cloud_of_columns(columns)
 
-    def _lines(self, size: int, width: int) -> Iterator[Floats]:
+    def _records(self, points: int) -> Iterator[dict[str, Any]]:
+        with self.path.open("rb", buffering=0) as stream:
+            stream.seek(self.start)
+            for done in range(0, self.count, points):
+                block = np.fromfile(stream, self.record, min(points, self.count - done))
+                columns = {name: block[name] for name in self.record.names or ()}
+                yield {n: c if c.ndim == 1 else c[:, 0] for n, c in columns.items()}
+
+    def _lines(self, points: int) -> Iterator[dict[str, Floats]]:
+        names = self.record.names or ()
+        places = np.cumsum([0, *(int(np.prod(self.record[name].shape)) for name in names)]).tolist()
         with opened_lines(self.path, self.start) as lines:
             rest = islice(lines, self.skip, None)
-            for done in range(0, self.count, size):
-                some = list(islice(rest, min(size, self.count - done)))
-                if len(some) < min(size, self.count - done):
-                    raise too_few(self.path, self.count)
-                yield read_lines(self.path, some, self.separator, width)
+            for done in range(0, self.count, points):
+                some = list(islice(rest, min(points, self.count - done)))
+                # Text of a float property may have more digits than float32: all are kept.
+                block = read_lines(self.path, some, self.separator, places[-1])
+                yield {n: block[:, p] for n, p in zip(names, places, strict=False)}
 
 
-def _first(column: NDArray[Any]) -> NDArray[Any]:
-    return column if column.ndim == 1 else column[:, 0]
+def check_left(path: Path, count: int, left: int, what: str) -> tuple[str, ...]:
+    """Refuse a file that ends before its points do; say so where more follows."""
+    if left < 0:
+        raise too_few(path, count)
+    more = f"{left:,} {what} follow the {count:,} points that its header promises: not read"
+    return (more,) if left else ()
 
 
 def too_few(path: Path, count: int) -> PredictionError:
     """Make the error of a file that ends before the points that its header counts."""
-    return refusal(
-        path,
-        f"its header promises {counted(count, 'point')}, and the file holds fewer",
-        expected="all points that the header promises",
-        fix=FIX_COPY,
-    )
-
-
-def uncounted(left: int, what: str, count: int) -> tuple[str, ...]:
-    """Say that more follows the points than the header of a file counts, if it does."""
-    if left <= 0:
-        return ()
-    return (f"{left:,} {what} follow the {count:,} points that its header promises: not read",)
+    what = f"its header promises {counted(count, 'point')}, and the file holds fewer"
+    return refusal(path, what, expected="all points that the header promises", fix=FIX_COPY)
 
 
 @contextmanager
@@ -117,23 +107,22 @@ def count_lines(path: Path, offset: int) -> int:
 def read_lines(path: Path, lines: list[str], separator: str, width: int) -> Floats:
     """Return lines as rows of numbers, or name the first that is none."""
     numbers = [line.replace(separator, " ") for line in lines] if separator else lines
+    if not lines:
+        return np.empty((0, width))
     try:
         rows = np.loadtxt(numbers, np.float64, comments=None, ndmin=2)
         if rows.shape != (len(lines), width):
             raise ValueError("rows of another width")
     except ValueError as error:
-        raise _wrong_row(path, lines, separator, width) from error
+        words = (line.split() for line in numbers)
+        sound = (len(row) == width and all(map(is_number, row)) for row in words)
+        pairs = zip(lines, sound, strict=True)
+        wrong = next((line for line, is_sound in pairs if not is_sound), "")
+        with path.open(encoding="latin-1") as stream:
+            number = next((place for place, line in enumerate(stream, 1) if line == wrong), 0)
+        what = f"line {number:,} is {quoted(wrong)}"
+        raise refusal(path, what, expected=f"{width} numbers") from error
     return rows
-
-
-def _wrong_row(path: Path, lines: list[str], separator: str, width: int) -> PredictionError:
-    """Name the first line that is not as many numbers as it should be."""
-    words = (line.replace(separator or " ", " ").split() for line in lines)
-    sound = (len(row) == width and all(map(is_number, row)) for row in words)
-    wrong = next((line for line, is_sound in zip(lines, sound, strict=False) if not is_sound), "")
-    with path.open(encoding="latin-1") as stream:
-        number = next((place for place, line in enumerate(stream, 1) if line == wrong), 0)
-    return refusal(path, f"line {number:,} is {quoted(wrong)}", expected=f"{width} numbers")
 
 
 def is_number(word: str) -> bool:
@@ -146,5 +135,5 @@ def is_number(word: str) -> bool:
 
 
 def quoted(line: str) -> str:
-    """Return a line as it may stand in a message: short, and only characters that print."""
+    """Return a line for a message: short, and only characters that print."""
     return repr(line.strip()[:_SHOWN])

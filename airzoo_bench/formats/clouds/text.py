@@ -1,8 +1,8 @@
 """Clouds as text: a point a line, in ``.xyz``, ``.txt``, ``.csv``, ``.asc`` and ``.pts`` files.
 
 There is no standard. Separators are blanks, commas or semicolons; there may be comments, a line
-with the number of points (``.pts``) and a line of names before the points. Notes say what was
-taken to be what; what could be two things is refused.
+with the number of points (``.pts``) and a line of names before the points. Notes say which columns
+were taken; a file that could mean two things is refused.
 """
 
 from __future__ import annotations
@@ -46,12 +46,8 @@ def open_text(path: Path) -> FileCloud:
     offset, names, promised = _find_start(path)
     count = count_lines(path, offset)
     if promised is not None and count != promised:
-        raise refusal(
-            path,
-            f"says that it holds {counted(promised, 'point')}, and holds {count:,}",
-            expected="as many lines as its first line says",
-            fix=FIX_COPY,
-        )
+        what = f"says that it holds {counted(promised, 'point')}, and holds {count:,}"
+        raise refusal(path, what, expected="as many lines as its first line says", fix=FIX_COPY)
     separator, width = _find_separator(path, offset)
     places = _find_columns(path, names, width)
     columns = {place: name for name, place in places.items()}
@@ -87,7 +83,7 @@ def _find_start(path: Path) -> tuple[int, str | None, int | None]:
 
 
 def _find_separator(path: Path, offset: int) -> tuple[str, int]:
-    """Return what separates columns, and their number."""
+    """Return the separator of columns, and their number."""
     with opened_lines(path, offset) as lines:
         first = list(islice(lines, _SAMPLE))
     if not first:
@@ -96,12 +92,8 @@ def _find_separator(path: Path, offset: int) -> tuple[str, int]:
     for line in first:  # 1,5 2,5 3,5 and 1,5;2,5;3,5 would be read as twice as many columns
         words = re.split(r"[\s;]+", line.strip())
         if len(words) > 1 and any(_NUMBER_WITH_COMMA.fullmatch(word) for word in words):
-            raise refusal(
-                path,
-                f"a line has decimal commas: {quoted(line)}",
-                expected="decimal points",
-                fix="export it with decimal points",
-            )
+            fix = "export it with decimal points"
+            raise refusal(path, f"a line has decimal commas: {quoted(line)}", fix=fix)
     width = len(first[0].replace(separator or " ", " ").split())
     if width < 3:
         raise refusal(path, f"a line has {width} columns: {quoted(first[0])}", expected=_EXPECTED)
@@ -129,5 +121,5 @@ def _find_columns(path: Path, header: str | None, width: int) -> dict[str, int]:
         path,
         f"its columns are {quoted(header)}, and none is called x, y or z",
         expected="columns x, y and z (or easting, northing, height), in metres",
-        fix="name the columns, or leave the names out where x y z stand first",
+        fix="name the columns, or leave the names out where x y z are first",
     )

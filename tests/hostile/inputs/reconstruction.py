@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.formats import cloud_support as clouds
-from tests.formats import mesh_support as meshes
+from tests.formats import test_meshes as meshes
 from tests.hostile.inputs.case import Input
 from tests.hostile.mutations import spoil_arrays, spoil_bytes, spoil_text
 from tests.readers.samples import (
@@ -56,14 +56,15 @@ def files(home: Path) -> list[Input]:
     (given / "mesh.obj").write_text(
         "".join(f"v {x} {y} {z}\n" for x, y, z in corners.tolist()) + faces + "f -1 -2 -3\n"
     )
-    (given / "mesh.ply").write_bytes(meshes.quads())
-    meshes.write_glb(given / "mesh.glb", *meshes.cube_document())
-    meshes.write_gltf(given / "text.gltf")
-    rows = clouds.text_rows(columns)
+    quads = {"faces_header": meshes.QUAD_HEADER, "faces": meshes.BINARY_QUADS["<"]}
+    clouds.write_ply(given / "mesh.ply", meshes.COLUMNS, **quads)
+    meshes.write_glb(given / "mesh.glb", meshes.DOCUMENT)
+    coloured = {name: columns[name] for name in ("x", "y", "z", *clouds.COLOURS)}
+    rows = clouds.text_rows(coloured)
     (given / "ascii.xyz").write_text(rows)
-    (given / "ascii.csv").write_text("x,y,z,r,g,b\n" + clouds.text_rows(columns, ","))
+    (given / "ascii.csv").write_text("x,y,z,r,g,b\n" + clouds.text_rows(coloured, ","))
     (given / "ascii.pts").write_text("40\n" + rows)
-    np.save(given / "six.npy", np.hstack((clouds.points_of(columns), clouds.colours_of(columns))))
+    np.save(given / "six.npy", np.stack(list(coloured.values()), axis=-1))
     views = world.views("yard")
     small = views | {"depth": views["depth"][:, ::6, ::6]}
     small["intrinsics"] = views["intrinsics"] * np.array([[1 / 6], [1 / 6], [1.0]])
