@@ -130,7 +130,8 @@ def _points_beyond(path: Path, header: laspy.LasHeader) -> int:
 
     Old compressors do not count the points of the last chunk: any number that fits is then right.
     """
-    start, size, count = header.offset_to_point_data, header.point_format.size, header.point_count
+    start, size = header.offset_to_point_data, header.point_format.size
+    count = int(header.point_count)
     laszip = header.vlrs.get("LasZipVlr")[0].record_data
     vlr = lazrs.LazVlr(laszip)
     if vlr.item_size() != size:

@@ -100,7 +100,7 @@ def _checked_ends(mesh: Mesh) -> Floats:
     """Return the areas of faces, added up, once every face has one."""
     expected = f"finite corners, and indices below {len(mesh.vertices):,}, the number of vertices"
 
-    def refuse(what: str, wrong: NDArray[np.bool_]) -> None:
+    def refuse(what: str, wrong: Any) -> None:
         if wrong.any():
             rows = first_of(np.flatnonzero(wrong).tolist(), len(wrong))
             raise refusal(mesh.path, f"{what}: {rows}, counted from 0", expected=expected)
