@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-from fractions import Fraction
 from pathlib import Path
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.audit.findings import Audit, Finding
-from airzoo_bench.audit.values import decimal_text
+from airzoo_bench.audit.findings import Audit
 from airzoo_bench.tables.published import Published, read_published
 
 Rows = list[dict[str, object]]
@@ -32,20 +30,16 @@ def row(**scores: str) -> Rows:
 
 
 def rows_of_wide(text: str) -> Rows:
-    """Return rows from lines a method, such as `A,East,**50.0**` below `method,scene,R@1 [%]`."""
+    """Return rows of lines such as `method,scene,R@1; A,East,**50.0** (+1.0)`, bold and a gain."""
     rows: Rows = []
-    for line in csv.DictReader(io.StringIO(text)):
-        beside = {name: line[name] for name in ("table", "n") if name in line}
-        names = {"method": line["method"], "scene": line.get("scene", "overall")}
-        for head, value in line.items():
-            if head in names or head in beside:
-                continue
-            metric, _, unit = head.rstrip("]").partition(" [")
-            number = value.strip("*")
-            bold = {"bold": int(number != value)} if "**" in text else {}
-            rows.append(
-                {**beside, **names, "metric": metric, "unit": unit, "value": number, **bold}
-            )
+    lines = [line.strip() for line in text.split(";")]
+    for line in csv.DictReader(lines):
+        names = {name: line[name] for name in ("table", "method", "scene", "n") if name in line}
+        for metric in [name for name in line if name not in names]:
+            number, _, gain = line[metric].rstrip(")").partition(" (")
+            beside = {"gain": gain} if "(" in text else {}
+            beside |= {"bold": str(int("*" in number))} if "**" in text else {}
+            rows.append({**names, "metric": metric, "value": number.strip("*"), **beside})
     return rows
 
 
@@ -75,15 +69,6 @@ def told(found: Audit, check: str | None = None) -> list[tuple[str, str, str, st
         for f in found.findings
         if check in (None, f.check)
     ]
-
-
-def only(found: Audit, check: str) -> Finding:
-    (finding,) = (f for f in found.findings if f.check == check)
-    return finding
-
-
-def percent(count: int, total: int, decimals: int = 2) -> str:
-    return decimal_text(Fraction(100 * count, total), decimals)
 
 
 SCENES = (817, 1071, 768, 738, 473, 338, 26, 1033, 444, 144, 590)

@@ -1,4 +1,4 @@
-"""Each check on tables made to fail it, and on ones made to pass."""
+"""What each check finds in tables as people type them, and what it leaves alone."""
 
 from __future__ import annotations
 
@@ -6,161 +6,118 @@ from pathlib import Path
 
 import pytest
 
+from airzoo_bench.audit.counts import parse_counts
 from airzoo_bench.core.errors import ResultError, UsageError
-from tests.audit.support import Rows, audited, only, row, rows_of, told
+from tests.audit.support import audited, rows_of_wide, told
+
+R = "method,scene,R@1"
+AVERAGE = f"{R}; A,S0,10.00; A,S1,20.00; A,S2,40.00; A,Average,"
+MEDIANS = "method,scene,median error; A,S0,2.0; A,S1,4.0; A,Average,"
+GAIN = f"{R}; C,East,1.00; X,East,26.91; X (Ours),East,28.64"
+ERROR_GAIN = "method,scene,median error; C,East,1.00; X,East,26.91; X (Ours),East,25.18"
+BEST = "method,scene,R@1,R@3,F1; A,East,10.0,30.0,20.0; B,East,20.0,25.0,40.0; Y,East,25.0 (+5.0),"
+TABLES = "table,method,scene,R@1; T0,A,East,50.00; T1,A,East,"
+OTHER_AVERAGE = "table,method,scene,R@1; T0,A,S0,10.00; T0,A,S1,20.00; T0,A,Average,15.00; T1,A,"
+ROW = (
+    "table,method,scene,R@1,R@3,R@5; T0,A,overall,10.0,20.0,30.0;"
+    "T1,A,Average,15.0,25.0,35.0; T1,B,Average,10.0,20.0,"
+)
+POOLED = "method,scene,n,R@1; A,City,10,10.00; A,Rural,90,90.00; A,Average,,50.00; A,Pooled,100,"
+ROUNDED_PARTS = f"{R}; A,S0,21.12; A,S1,4.21; A,Average,"
+PR = "method,scene,Precision,Recall,F1; A,"
+DEFINITION = """method,scene,R@1,R@3,R@5,AP@5; AnyLoc,City,3.73,8.70,9.32,2.61;
+SALAD,City,8.70,21.12,31.06,8.07; AnyLoc,Rural,5.26,10.00,11.58,3.26;
+SALAD,Rural,6.32,17.89,28.42,7.37; MegaLoc,Rural,27.37,58.42,70.00,24.74;
+MegaLoc,City,9.94,22.98,31.06,"""
+POSES = 'method,scene,"recall@(5m,1deg)","recall@(10m,1deg)"; A,East,50.0,49.0'
+BOTH = "City=161,Rural=190"
+
+# A table, the counts that are given, and the findings: grade, check, method, score.
+CASES = [
+    (f"{R}; A,East,100.01", "", "impossible range A R@1"),
+    (f"{R}; A,East,-0.01", "", "impossible range A R@1"),
+    ("method,scene,Chamfer; A,East,-0.1", "", "impossible range A Chamfer"),
+    ("method,scene,R@1,R@3,R@5; A,East,10.0,9.9,12.0", "", "impossible order A R@1"),
+    ("method,scene,R@1,R@3; A,East,10.04,10", "", ""),
+    ("method,scene,R@1,R@3; A,East,10.04,10.0", "", ""),
+    ("method,scene,R@1,R@3; A,East,10.51,10", "", "impossible order A R@1"),
+    (POSES, "", "impossible order A recall@(5m,1deg)"),
+    ("method,scene,F1@1m,F1@5m,P@5m; A,s1,50.00,40.00,60.00", "", "impossible order A F1@1m"),
+    ("method,scene,R@1,R@5; A,East,96.21,96.23", "East=264", "impossible counts A R@5"),
+    ("method,scene,R@1,R@5; A,East,3.78,96.97", "East=264", "rounding counts A R@1"),
+    ("method,scene,R@1,R@5; A,East,96.22,96.97", "East=264", "rounding counts A R@1"),
+    (f"{R}; A,City,50.00; A,Rural,25.00; A,Average,37.50", "City=4,Rural=4,Average=3", ""),
+    (DEFINITION + "8.94", "", ""),
+    (DEFINITION + "8.98", BOTH, "inconsistent AP counts MegaLoc AP@5"),
+    (AVERAGE + "23.33", "", ""),
+    # 1/10, 4/20, 28/70: 33 of 100.
+    (AVERAGE + "33.00", "S0=10,S1=20,S2=70", ""),
+    (AVERAGE + "24.00", "S0=10,S1=10,S2=10", "inconsistent average A R@1"),
+    # 24.00 may be over all queries; 41.00 is more than any scene has.
+    (AVERAGE + "24.00", "", ""),
+    (AVERAGE + "41.00", "", "inconsistent average A R@1"),
+    (MEDIANS + "2.2", "", ""),
+    (MEDIANS + "4.9", "", "inconsistent average A median error"),
+    # 34/161 and 8/190 have the mean 12.664; as printed 21.12 and 4.21 they have 12.665.
+    (ROUNDED_PARTS + "12.67", "S0=161,S1=190", "rounding average A R@1"),
+    (ROUNDED_PARTS + "12.66", "S0=161,S1=190", ""),
+    (POOLED + "82.00", "", ""),
+    (POOLED + "50.00", "", "inconsistent average A R@1"),
+    (GAIN + " (+1.73)", "", ""),
+    (GAIN + " (1.73)", "", ""),
+    (GAIN + " (+1.74)", "", "rounding gain X (Ours) R@1"),
+    (GAIN + " (+1.75)", "", "inconsistent gain X (Ours) R@1"),
+    (ERROR_GAIN + " (-1.73)", "", ""),
+    (ERROR_GAIN + " (+1.73)", "", ""),
+    (BEST + "31.0 (+1.0),42.0 (+2.0)", "", ""),
+    (BEST + "31.0 (+1.0),42.0 (+3.0)", "", "inconsistent gain Y F1"),
+    (f"{R}; A,East,10.0; B,East,20.0; C,East,20.0", "", ""),
+    (f"{R}; A,East,10.0; B,East,**20.0**; C,East,**20.0**", "", ""),
+    (f"{R}; A,East,**10.0**; B,East,**20.0**", "", "inconsistent bold A R@1"),
+    (f"{R}; A,East,**20.0**; B,East,20.0", "", "rounding bold B R@1"),
+    (TABLES + "50.01", "", "rounding agreement A R@1"),
+    (TABLES + "50.02", "", "inconsistent agreement A R@1"),
+    (TABLES + "50.0", "", ""),
+    (OTHER_AVERAGE + "overall,17.00", "S0=10,S1=10", "inconsistent average A R@1"),
+    (ROW + "30.0", "", "inconsistent row A R@1"),
+    (PR + "East,80.00,60.00,68.57", "", ""),
+    (PR + "East,80.00,60.00,70.00", "", "impossible F1 A F1"),
+    # An average F1 is bounded only.
+    (PR + "Average,80.00,60.00,45.00", "", ""),
+    (PR + "Average,80.00,60.00,68.60", "", "impossible F1 A F1"),
+    (PR + "Average,80.00,60.00,39.00", "", "impossible F1 A F1"),
+]
 
 
-class TestRange:
-    @pytest.mark.parametrize("value", ["100.01", "-0.01"])
-    def test_no_share(self, tmp_path: Path, value: str) -> None:
-        found = audited(tmp_path, row(R_1=value))
-        assert told(found, "range") == [("impossible", "range", "A", "R@1")]
-
-    def test_no_distance_is_negative(self, tmp_path: Path) -> None:
-        made = rows_of({"A": {"East": {"Chamfer": "-0.1", "R@1": "5.0"}}})
-        assert told(audited(tmp_path, made)) == [("impossible", "range", "A", "Chamfer")]
+@pytest.mark.parametrize(("text", "counts", "finding"), CASES)
+def test_what_is_found(tmp_path: Path, text: str, counts: str, finding: str) -> None:
+    found = audited(tmp_path, rows_of_wide(text), **parse_counts([counts] if counts else []))
+    # A number that another table contradicts is both tables' matter.
+    own = [one for one in told(found) if "row" not in finding or one[1] == "row"]
+    assert [" ".join(one) for one in own] == [finding] * bool(finding)
 
 
-class TestOrder:
-    def test_recall_grows(self, tmp_path: Path) -> None:
-        found = audited(tmp_path, row(R_1="10.0", R_3="9.9", R_5="12.0"))
-        assert told(found, "order") == [("impossible", "order", "A", "R@1")]
-        assert "R@1 = 10.0 > R@3 = 9.9" in only(found, "order").why
-
-    def test_fewer_digits_are_no_contradiction(self, tmp_path: Path) -> None:
-        assert not told(audited(tmp_path, row(R_1="10.04", R_3="10")), "order")
-        assert not told(audited(tmp_path, row(R_1="10.04", R_3="10.0")), "order")
-        assert told(audited(tmp_path, row(R_1="10.51", R_3="10")), "order")
-
-    def test_pairs_of_thresholds(self, tmp_path: Path) -> None:
-        scores = {"recall@(5m,1deg)": "50.0", "recall@(10m,1deg)": "49.0"}
-        found = audited(tmp_path, rows_of({"A": {"East": scores}}))
-        assert told(found, "order") == [("impossible", "order", "A", "recall@(5m,1deg)")]
+CONCLUSIONS = [
+    (AVERAGE + "33.00", "S0=10,S1=20,S2=70", "1 of 1 is a mean over all queries"),
+    (BEST + "31.0 (+1.0),42.0 (+2.0)", "", "gains are over the best of the others:"),
+    # Nothing is concluded from an impossible row.
+    (
+        "method,scene,R@1,R@5,AP@5; A,City,7.45,28.57,7.20; B,City,27.37,23.16,3.42",
+        "",
+        "it cannot be told which",
+    ),
+]
 
 
-class TestCounts:
-    def test_given(self, tmp_path: Path) -> None:
-        found = audited(tmp_path, row(R_1="96.21", R_5="96.23"), East=264)
-        assert told(found, "counts") == [("impossible", "counts", "A", "R@5")]
-        assert only(found, "counts").why.startswith(
-            "96.23 % of 264 queries is 254.05 queries, no whole number: 254/264 = 96.21, 255/264"
-        )
-
-    @pytest.mark.parametrize("printed", ["3.78", "96.22"])
-    def test_what_a_way_of_rounding_explains(self, tmp_path: Path, printed: str) -> None:
-        found = audited(tmp_path, row(R_1=printed, R_5="96.97", R_10="99.24"), East=264)
-        assert told(found) == [("rounding", "counts", "A", "R@1")]
-
-    def test_two_numbers_for_one_scene(self, tmp_path: Path) -> None:
-        made = [{**r, "n": 264} for r in row(R_1="96.22")]
-        with pytest.raises(ResultError, match=r"264 \(line 2\), 265 \(--counts\)"):
-            audited(tmp_path, made, East=265)
-
-    def test_unknown_scene(self, tmp_path: Path) -> None:
-        with pytest.raises(UsageError, match="did you mean 'East'"):
-            audited(tmp_path, row(R_1="96.22"), Eas=265)
-
-    def test_an_average_over_scenes_is_no_count(self, tmp_path: Path) -> None:
-        values = {"City": {"R@1": "50.00"}, "Rural": {"R@1": "25.00"}, "Average": {"R@1": "37.50"}}
-        found = audited(tmp_path, rows_of({"A": values}), City=4, Rural=4, Average=3)
-        assert not found.findings
+@pytest.mark.parametrize(("text", "counts", "said"), CONCLUSIONS)
+def test_what_is_concluded(tmp_path: Path, text: str, counts: str, said: str) -> None:
+    found = audited(tmp_path, rows_of_wide(text), **parse_counts([counts] if counts else []))
+    assert sum(said in conclusion for conclusion in found.conclusions) == 1
 
 
-class TestAverage:
-    def made(self, average: str, scores: tuple[str, ...] = ("10.00", "20.00", "40.00")) -> Rows:
-        scenes = {f"S{i}": {"R@1": value} for i, value in enumerate(scores)}
-        return rows_of({"A": scenes | {"Average": {"R@1": average}}})
-
-    def test_over_scenes(self, tmp_path: Path) -> None:
-        assert not audited(tmp_path, self.made("23.33")).findings
-
-    def test_over_queries(self, tmp_path: Path) -> None:
-        # 1/10, 4/20, 28/70: 33 of 100.
-        found = audited(tmp_path, self.made("33.00"), S0=10, S1=20, S2=70)
-        assert not found.findings
-        texts = [c for c in found.conclusions if c.startswith("average of")]
-        assert "1 of 1 is a mean over all queries" in texts[0]
-
-    def test_neither(self, tmp_path: Path) -> None:
-        found = audited(tmp_path, self.made("24.00"), S0=10, S1=10, S2=10)
-        assert told(found) == [("inconsistent", "average", "A", "R@1")]
-        why = found.findings[0].why
-        assert (
-            why == "the mean of 3 scenes is 23.3333, which rounds to 23.33; printed here is 24.00"
-        )
-
-    def test_over_queries_of_unknown_numbers(self, tmp_path: Path) -> None:
-        # 24.00 may be over all queries; 41.00 is more than any scene has.
-        assert not audited(tmp_path, self.made("24.00")).findings
-        found = audited(tmp_path, self.made("41.00"))
-        assert told(found) == [("inconsistent", "average", "A", "R@1")]
-        assert "whose values lie between 9.9950 and 40.0050" in found.findings[0].why
-
-    def test_a_median_of_all_queries_is_no_mean_of_medians(self, tmp_path: Path) -> None:
-        scenes = {f"S{i}": {"median error": value} for i, value in enumerate(("2.0", "4.0"))}
-        for average, wrong in (("2.2", False), ("3.0", False), ("4.2", True)):
-            made = rows_of({"A": scenes | {"Average": {"median error": average}}})
-            assert bool(told(audited(tmp_path, made))) is wrong
-
-    def test_of_rounded_values(self, tmp_path: Path) -> None:
-        # 34/161 and 8/190 have the mean 12.664; as printed 21.12 and 4.21 they have 12.665.
-        found = audited(tmp_path, self.made("12.67", ("21.12", "4.21")), S0=161, S1=190)
-        assert told(found) == [("rounding", "average", "A", "R@1")]
-        assert "values as printed have the mean 12.6650" in found.findings[0].why
-        assert not audited(tmp_path, self.made("12.66", ("21.12", "4.21")), S0=161, S1=190).findings
-
-
-class TestGain:
-    def made(self, gain: str, value: str = "28.64", metric: str = "R@1") -> Rows:
-        return rows_of(
-            {"C": {"East": {metric: "1.00"}}, "X": {"East": {metric: "26.91"}}}
-        ) + rows_of({"X (Ours)": {"East": {metric: value}}}, gain=gain)
-
-    @pytest.mark.parametrize(
-        ("gain", "grade"),
-        [("+1.73", None), ("1.73", None), ("+1.74", "rounding"), ("+1.75", "inconsistent")],
-    )
-    def test_gains(self, tmp_path: Path, gain: str, grade: str | None) -> None:
-        found = told(audited(tmp_path, self.made(gain)), "gain")
-        assert found == ([(grade, "gain", "X (Ours)", "R@1")] if grade else [])
-
-    @pytest.mark.parametrize("gain", ["-1.73", "+1.73"])
-    def test_an_error_may_go_down_as_a_gain(self, tmp_path: Path, gain: str) -> None:
-        assert not told(audited(tmp_path, self.made(gain, "25.18", "median error")), "gain")
-
-    def test_gains_over_the_best_of_the_others(self, tmp_path: Path) -> None:
-        values = {"A": ("10.0", "30.0", "20.0"), "B": ("20.0", "10.0", "40.0")}
-        scores = ("R@1", "R@3", "F1")
-        rows = rows_of({m: {"East": dict(zip(scores, v, strict=True))} for m, v in values.items()})
-        for gains, wrong in ((("+5.0", "+1.0", "+2.0"), 0), (("+5.0", "+1.0", "+3.0"), 1)):
-            own = [
-                row
-                for score, gain, value in zip(scores, gains, ("25.0", "31.0", "42.0"), strict=True)
-                for row in rows_of({"Y": {"East": {score: value}}}, gain=gain)
-            ]
-            found = audited(tmp_path, rows + own)
-            assert len(told(found, "gain")) == wrong
-            (text,) = (c for c in found.conclusions if c.startswith("gain"))
-            assert "gains are over the best of the others:" in text
-
-
-class TestBold:
-    def made(self, *values: tuple[str, int], metric: str = "R@1") -> Rows:
-        return [
-            {**r, "bold": bold}
-            for i, (value, bold) in enumerate(values)
-            for r in rows_of({f"M{i}": {"East": {metric: value}}})
-        ]
-
-    @pytest.mark.parametrize("bold", [0, 1])
-    def test_all_of_the_best_or_none(self, tmp_path: Path, bold: int) -> None:
-        made = self.made(("10.0", 0), ("20.0", bold), ("20.0", bold))
-        assert not told(audited(tmp_path, made), "bold")
-
-    def test_not_the_best(self, tmp_path: Path) -> None:
-        found = audited(tmp_path, self.made(("10.0", 1), ("20.0", 1)))
-        assert told(found, "bold") == [("inconsistent", "bold", "M0", "R@1")]
-
-    def test_a_tie_half_bold(self, tmp_path: Path) -> None:
-        found = audited(tmp_path, self.made(("20.0", 1), ("20.0", 0)))
-        assert told(found, "bold") == [("rounding", "bold", "M1", "R@1")]
+def test_two_numbers_for_one_scene_and_a_scene_that_is_not_there(tmp_path: Path) -> None:
+    rows = rows_of_wide("method,scene,n,R@1; A,East,264,96.22")
+    with pytest.raises(ResultError, match=r"264 \(line 2\), 265 \(--counts\)"):
+        audited(tmp_path, rows, East=265)
+    with pytest.raises(UsageError, match="'East'"):
+        audited(tmp_path, rows, Eas=265)
