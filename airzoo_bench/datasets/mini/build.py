@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.city import city_plan
 from airzoo_bench.datasets.mini.meshes import plan_mesh
 from airzoo_bench.datasets.mini.noise import hash_of, textures
@@ -67,9 +66,9 @@ class _Layer(NamedTuple):
     owner: NDArray[np.int32]
 
     @classmethod
-    def from_mesh(cls, mesh: Mesh, raster: Raster, material: Material) -> _Layer:
+    def of(cls, mesh: Mesh, raster: Raster, material: Material) -> _Layer:
         """Look at the triangles of a material from above."""
-        height, triangle = _look_down(mesh, raster, mesh.material == material)
+        height, triangle = _look_down(mesh, raster, material)
         owner = np.where(triangle >= 0, mesh.owner[triangle], np.int32(-1))
         return cls(height.astype(np.float32), triangle, owner)
 
@@ -79,35 +78,14 @@ class _Layer(NamedTuple):
         blank = np.float32(_NOTHING), np.int32(-1), np.int32(-1)
         return _Layer(*(np.where(hidden, b, part) for b, part in zip(blank, self, strict=True)))
 
-
-def _canopies_on_top(roofs: _Layer, canopies: _Layer) -> NDArray[np.int32]:
-    """Return triangles of canopies where no roof is above them, -1 elsewhere, (n, n)."""
-    return np.where(canopies.height > roofs.height, canopies.triangle, np.int32(-1))
-
-
-def _share_below_top(mesh: Mesh, owner: NDArray[np.int32], height: _Singles) -> _Singles:
-    """Return how far points are below the top of their canopy, as a share of its height."""
-    chosen = mesh.material == Material.CANOPY
-    owners = mesh.owner[chosen]
-    top = np.full(int(owners.max(initial=-1)) + 1, _NOTHING)
-    bottom = -top
-    for corner in range(3):
-        z = mesh.vertices[mesh.triangles[chosen, corner], 2]
-        np.maximum.at(top, owners, z)
-        np.minimum.at(bottom, owners, z)
-    share = (top[owner] - height) / np.maximum(top - bottom, 0.1)[owner]
-    return np.asarray(share.astype(np.float32))
+    def above(self, roofs: _Layer) -> NDArray[np.int32]:
+        """Return triangles where no roof is above them, -1 elsewhere, (n, n)."""
+        return np.where(self.height > roofs.height, self.triangle, np.int32(-1))
 
 
-def _surface_heights(mesh: Mesh, land: Floats, raster: Raster) -> _Singles:
-    """Return the height of the highest surface at the pixel centres, in float64 until the end."""
-    top, _ = _look_down(mesh, raster, np.isin(mesh.material, (Material.ROOF, Material.CANOPY)))
-    return np.asarray(np.maximum(top, _land_at(land, raster)).astype(np.float32))
-
-
-def _look_down(mesh: Mesh, raster: Raster, chosen: Bools) -> tuple[Floats, NDArray[np.int32]]:
-    """Return height and number of the highest of the chosen triangles at each pixel centre."""
-    numbers = np.flatnonzero(chosen)
+def _look_down(mesh: Mesh, raster: Raster, *materials: int) -> tuple[Floats, NDArray[np.int32]]:
+    """Return height and number of the highest triangle of some materials at each pixel centre."""
+    numbers = np.flatnonzero(np.isin(mesh.material, materials))
     corners = mesh.vertices[mesh.triangles[numbers]]
     normal = _normals(corners)
     up = normal[:, 2] > 1e-9
@@ -119,7 +97,10 @@ def _look_down(mesh: Mesh, raster: Raster, chosen: Bools) -> tuple[Floats, NDArr
         part = corners[start : start + _BLOCK]
         which, column, row = _pixels_in_boxes(part, raster)
         x, y = (np.asarray((at + 0.5) * raster.pixel_m, np.float64) for at in (column, row))
-        inside = _inside(part[which], x, y)
+        inside = np.ones(x.shape, np.bool_)
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            (x0, y0), (x1, y1) = (part[:, k, :2].T.take(which, axis=1) for k in (i, j))
+            inside &= (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) >= -1e-9
         which, x, y = which[inside], x[inside], y[inside]
         pixel = ((raster.size - 1 - row) * raster.size + column)[inside]
         rise, first = slope[start + which], part[which, 0]
@@ -152,64 +133,44 @@ def _pixels_in_boxes(corners: Floats, raster: Raster) -> tuple[_Indices, _Indice
     return which, first[which, 0] + east, first[which, 1] + north
 
 
-def _inside(corners: Floats, x: Floats, y: Floats) -> Bools:
-    inside = np.ones(x.shape, np.bool_)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        x0, y0 = corners[:, i, 0], corners[:, i, 1]
-        x1, y1 = corners[:, j, 0], corners[:, j, 1]
-        inside &= (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) >= -1e-9
-    return inside
+class _Land:
+    """The triangles of the land's cells: how the lower and upper ones rise east and north."""
 
+    def __init__(self, heights: Floats, raster: Raster) -> None:
+        east, north = heights[:, 1:] - heights[:, :-1], heights[1:] - heights[:-1]
+        self._rises = (east[:-1], north[:, 1:]), (east[1:], north[:, :-1])
+        self._base, self._raster = heights[:-1, :-1], raster
 
-def _rises(heights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return how land rises to the east and north in the lower, then upper triangle of cells."""
-    east, north = heights[:, 1:] - heights[:, :-1], heights[1:] - heights[:-1]
-    return east[:-1], north[:, 1:], east[1:], north[:, :-1]
+    def heights(self) -> Floats:
+        """Return heights at the pixel centres, first row in the north."""
+        per_cell = round(GRID_M / self._raster.pixel_m)
+        step = (np.arange(per_cell) + 0.5) / per_cell
+        east, north = step[None, None, None, :], step[None, :, None, None]
+        base = self._base[:, None, :, None]
+        (lower_x, lower_y), (upper_x, upper_y) = (
+            (x[:, None, :, None], y[:, None, :, None]) for x, y in self._rises
+        )
+        return self._spread(
+            base + east * lower_x + north * lower_y, base + north * upper_y + east * upper_x
+        )
 
+    def sun_cosine(self, sun: tuple[float, float, float]) -> _Singles:
+        """Return the cosine to the sun, at least 0."""
+        cosines = []
+        for rise_x, rise_y in self._rises:
+            slope_x, slope_y = rise_x / GRID_M, rise_y / GRID_M
+            along = sun[2] - slope_x * sun[0] - slope_y * sun[1]
+            length = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+            cosine = np.maximum(along / length, 0.0).astype(np.float32)
+            cosines.append(cosine[:, None, :, None])
+        return self._spread(*cosines)
 
-def _spread(lower: NDArray[Any], upper: NDArray[Any], size: int) -> NDArray[Any]:
-    """Lay values of both triangles of cells (n, k or 1, n, k or 1) out as a map (size, size)."""
-    step = np.arange(size // lower.shape[0])
-    below = (step[None, :] >= step[:, None])[None, :, None, :]
-    return np.ascontiguousarray(np.where(below, lower, upper).reshape(size, size)[::-1])
-
-
-def _land_at(heights: Floats, raster: Raster) -> Floats:
-    """Return the height of the land's triangles at the pixel centres, first row in the north."""
-    per_cell = round(GRID_M / raster.pixel_m)
-    step = (np.arange(per_cell) + 0.5) / per_cell
-    east, north = step[None, None, None, :], step[None, :, None, None]
-    base = heights[:-1, :-1][:, None, :, None]
-    lower_x, lower_y, upper_x, upper_y = (rise[:, None, :, None] for rise in _rises(heights))
-    lower, upper = base + east * lower_x + north * lower_y, base + north * upper_y + east * upper_x
-    return _spread(lower, upper, raster.size)
-
-
-def _sun_cosine(
-    mesh: Mesh, land: Floats, light: Light, raster: Raster, *on_top: NDArray[np.int32]
-) -> _Singles:
-    """Return the cosine to the sun, at least 0, of the land and of triangles (n, n) on it."""
-    lower_x, lower_y, upper_x, upper_y = _rises(land)
-    lower, upper = (
-        _slope_cosine(x, y, light.direction)[:, None, :, None]
-        for x, y in ((lower_x, lower_y), (upper_x, upper_y))
-    )
-    cosine = _spread(lower, upper, raster.size)
-    x, y, z = _normals(mesh.vertices[mesh.triangles]).T
-    length = np.sqrt(x * x + y * y + z * z)
-    along = x * light.direction[0] + y * light.direction[1] + z * light.direction[2]
-    of_triangle = np.maximum(along / np.maximum(length, 1e-12), 0.0).astype(np.float32)
-    for triangle in on_top:
-        there = triangle >= 0
-        cosine[there] = of_triangle[triangle[there]]
-    return cosine
-
-
-def _slope_cosine(rise_x: Floats, rise_y: Floats, sun: tuple[float, float, float]) -> _Singles:
-    slope_x, slope_y = rise_x / GRID_M, rise_y / GRID_M
-    along = sun[2] - slope_x * sun[0] - slope_y * sun[1]
-    length = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    return np.asarray(np.maximum(along / length, 0.0).astype(np.float32))
+    def _spread(self, lower: NDArray[Any], upper: NDArray[Any]) -> NDArray[Any]:
+        """Lay values of both triangles of cells (n, k or 1, n, k or 1) out as a map."""
+        size = self._raster.size
+        step = np.arange(size // lower.shape[0])
+        below = (step[None, :] >= step[:, None])[None, :, None, :]
+        return np.ascontiguousarray(np.where(below, lower, upper).reshape(size, size)[::-1])
 
 
 def _sunlit(heights: NDArray[np.floating], light: Light, pixel_m: float) -> NDArray[np.uint8]:
@@ -239,15 +200,15 @@ class _Maps:
         self.plan, self.mesh = plan, mesh
         self.raster = Raster(round(SIDE_M / _MAP_M), _MAP_M)
         self.textures = textures(plan.seed, self.raster.size)
-        self.land = _land_at(plan.heights, self.raster).astype(np.float32)
+        self.land = _Land(plan.heights, self.raster)
+        self.land_height = self.land.heights().astype(np.float32)
         self.roofs, self.canopies = (
-            _Layer.from_mesh(mesh, self.raster, material)
-            for material in (Material.ROOF, Material.CANOPY)
+            _Layer.of(mesh, self.raster, material) for material in (Material.ROOF, Material.CANOPY)
         )
 
     def canvas(self, season: int) -> Canvas:
         """Return the land of a season."""
-        return Canvas(self.plan, self.raster, self.textures, self.land, season)
+        return Canvas(self.plan, self.raster, self.textures, self.land_height, season)
 
     def cover(
         self,
@@ -256,24 +217,40 @@ class _Maps:
         repainted: dict[int, Colour],
         canopies: _Layer,
         albedo: _Rgb,
-    ) -> None:
-        """Paint roofs, some in another colour, and canopies of albedo (trees, 3)."""
+    ) -> _Rgb:
+        """Paint roofs, some in another colour; return colours with canopies of (trees, 3)."""
         for index, building in enumerate(self.plan.buildings):
             canvas.paint_roof(index, roofs.owner, repainted.get(index, building.roof_colour))
-        there = _canopies_on_top(roofs, canopies) >= 0
+        there = canopies.above(roofs) >= 0
         owner = canopies.owner[there]
-        leaves = self.textures.fine[there].astype(np.int32) * 40
-        leaves += self.textures.middle[there].astype(np.int32) * 14
-        below = _share_below_top(self.mesh, owner, canopies.height[there])
-        light = (leaves >> 6) - (below * 34).astype(np.int32)
+        # Leaves are darker the farther below the top of their canopy, as a share of its height.
+        chosen = self.mesh.material == Material.CANOPY
+        top = np.full(len(albedo), _NOTHING)
+        bottom = -top
+        for corner in range(3):
+            z = self.mesh.vertices[self.mesh.triangles[chosen, corner], 2]
+            np.maximum.at(top, self.mesh.owner[chosen], z)
+            np.minimum.at(bottom, self.mesh.owner[chosen], z)
+        below = (top[owner] - canopies.height[there]) / np.maximum(top - bottom, 0.1)[owner]
+        light = self.textures.fine[there].astype(np.int32) * 40
+        light += self.textures.middle[there].astype(np.int32) * 14
+        light = (light >> 6) - (below.astype(np.float32) * 34).astype(np.int32)
         values = albedo[owner].astype(np.int32) + ((light[:, None] * np.array([8, 8, 6])) >> 3)
-        canvas.rgb[there] = np.clip(values, 0, 255).astype(np.uint8)
+        rgb, _ = canvas.colours()
+        rgb[there] = np.clip(values, 0, 255).astype(np.uint8)
+        return rgb
 
     def in_light(self, albedo: _Rgb, roofs: _Layer, canopies: _Layer, light: Light) -> _Rgb:
         """Return a map (n, n, 3) of albedo in light and shadow, see `world.Light`."""
-        heights = np.maximum(np.maximum(roofs.height, canopies.height), self.land)
-        on_top = roofs.triangle, _canopies_on_top(roofs, canopies)
-        cosine = _sun_cosine(self.mesh, self.plan.heights, light, self.raster, *on_top)
+        cosine = self.land.sun_cosine(light.direction)
+        x, y, z = _normals(self.mesh.vertices[self.mesh.triangles]).T
+        length = np.sqrt(x * x + y * y + z * z)
+        along = x * light.direction[0] + y * light.direction[1] + z * light.direction[2]
+        of_triangle = np.maximum(along / np.maximum(length, 1e-12), 0.0).astype(np.float32)
+        for triangle in (roofs.triangle, canopies.above(roofs)):
+            there = triangle >= 0
+            cosine[there] = of_triangle[triangle[there]]
+        heights = np.maximum(np.maximum(roofs.height, canopies.height), self.land_height)
         visible = _sunlit(heights, light, self.raster.pixel_m).astype(np.float32)
         sun, result = cosine * (visible * np.float32(1 / 255)), np.empty_like(albedo)
         for channel in range(3):
@@ -289,25 +266,21 @@ class _Maps:
         bare, winter = _winter_trees(self.plan, albedo)
         twigs = self.textures.fine + (self.textures.middle >> 1) > -8
         roofs, canopies = self.roofs.without(absent), self.canopies.without(bare, twigs)
-        self.cover(canvas, roofs, repainted, canopies, winter)
-        picture = _fade(self.in_light(canvas.rgb, roofs, canopies, OLDER_SUN))
+        covered = self.cover(canvas, roofs, repainted, canopies, winter)
+        picture = _fade(self.in_light(covered, roofs, canopies, OLDER_SUN))
         return _resampled(picture, self.raster.pixel_m, round(SIDE_M / _MOSAIC_M))
 
 
 def build_world(region: str, seed: int) -> World:
     """Make one region of `world.REGIONS`; another seed makes another place of the same kind."""
-    if region not in _PLANS:
-        expected = f"one of {', '.join(sorted(REGIONS))}"
-        raise UsageError("unknown region", where=region, expected=expected)
-    if seed < 0:
-        raise UsageError("the seed is negative", where=f"seed {seed}", expected="0 or more")
     plan = _PLANS[region](seed)
-    mesh = plan_mesh(plan)
+    mesh, leaves = plan_mesh(plan), _tree_colours(plan)
     maps = _Maps(plan, mesh)
-    leaves = _tree_colours(plan)
     canvas = maps.canvas(SURVEY)
-    ground, water = canvas.rgb.copy(), canvas.water.copy()
-    maps.cover(canvas, maps.roofs, {}, maps.canopies, leaves)
+    ground, water = canvas.colours()
+    top = maps.cover(canvas, maps.roofs, {}, maps.canopies, leaves)
+    raster = Raster(round(SIDE_M / _DSM_M), _DSM_M)
+    highest, _ = _look_down(mesh, raster, Material.ROOF, Material.CANOPY)
     return World(
         region=REGIONS[region],
         seed=seed,
@@ -315,10 +288,11 @@ def build_world(region: str, seed: int) -> World:
         buildings=_walls(plan),
         tree_colours=leaves,
         ground_albedo=ground,
-        top_albedo=canvas.rgb,
+        top_albedo=top,
         water=water,
-        dsm=_surface_heights(mesh, plan.heights, Raster(round(SIDE_M / _DSM_M), _DSM_M)),
-        dom=maps.in_light(canvas.rgb, maps.roofs, maps.canopies, SURVEY_SUN),
+        # In float64 until the end.
+        dsm=np.maximum(highest, _Land(plan.heights, raster).heights()).astype(np.float32),
+        dom=maps.in_light(top, maps.roofs, maps.canopies, SURVEY_SUN),
         satellite=maps.older_mosaic(leaves),
     )
 

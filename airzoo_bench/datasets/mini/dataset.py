@@ -34,7 +34,7 @@ from airzoo_bench.datasets.mini.frames import (
     read_depth,
     render_frames,
 )
-from airzoo_bench.datasets.mini.noise import derived, is_keyed, keyed, noisy_priors, seed_of, words
+from airzoo_bench.datasets.mini.noise import Dice, derived, is_key, noisy_priors, seed_of
 from airzoo_bench.datasets.mini.renderer import default_camera
 from airzoo_bench.datasets.mini.weather import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world import CRS, REGIONS, Region, ensure_world, load_world
@@ -62,12 +62,17 @@ _CLOUD_VOXEL_M = 0.5
 
 def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> FrameList:
     """Plan the photos of a region, above its surface model (H, W)."""
-    own = derived(seed, f"photos of {region.name}")
+    of = partial(_seed_in, seed, region)
     camera = default_camera()
     airspace = Airspace.over(region, dsm)
-    surveyed = _survey(airspace, own)
+    flown = partial(survey, airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
+    if is_key(seed):
+        dice = Dice(of("survey"))
+        shift = tuple(dice.real(-_SURVEY_SIDE_M / 2, _SURVEY_SIDE_M / 2) for _ in range(2))
+        flown = partial(flown, turn_deg=dice.real(0.0, 360.0), shift_m=shift)
+    surveyed = flown()
     surveyed = surveyed.take(key_frames(surveyed, camera, airspace.ground_m, _SURVEY_OVERLAP))
-    rolled = barrel_roll(airspace, derived(own, "barrel roll"))
+    rolled = barrel_roll(airspace, of("barrel roll"))
     keys = key_frames(rolled, camera, airspace.ground_m, _ROLL_OVERLAP)
     number = min(len(keys), _ROLL_PHOTOS)
     flights = {SURVEY: surveyed, ROLL: rolled.take(keys[np.arange(number) * len(keys) // number])}
@@ -75,14 +80,13 @@ def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> FrameLis
     # 7 has no factor in common with 15: all come by in an order that mixes them.
     turns = [every[(7 * row + seed) % len(every)] for row in range(number)]
     names = [f"{name}_{row:04d}" for name, poses in flights.items() for row in range(len(poses))]
-    if is_keyed(own):
-        order = sorted(range(number), key=partial(seed_of, own, "conditions"))
-        turns = [turns[row] for row in order]
+    if is_key(seed):
+        turns.sort(key=partial(seed_of, of("conditions")))
         # Photos lie off the line of their flight, each by itself, as far as GPS is off.
         for name, poses in flights.items():
             places = [f"{name} {row}" for row in range(len(poses))]
-            flights[name] = noisy_priors(places, poses, derived(own, "gusts"))
-        names = [f"{seed_of(own, name):016x}" for name in names]
+            flights[name] = noisy_priors(places, poses, of("gusts"))
+        names = [f"{seed_of(of('names'), name):016x}" for name in names]
     weather, time = zip(*[("sunny", "day")] * len(surveyed), *turns, strict=True)
     return FrameList(
         names=tuple(names),
@@ -94,18 +98,13 @@ def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> FrameLis
         ).rounded(),
         weather=weather,
         time_of_day=time,
-        seed=derived(own, "noise"),
+        seed=of("noise"),
         sequence=tuple(name for name, poses in flights.items() for _ in range(len(poses))),
     )
 
 
-def _survey(airspace: Airspace, seed: int) -> Poses:
-    flown = partial(survey, airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
-    if not is_keyed(seed):
-        return flown()
-    turn, east, north = (words(derived(seed, "survey"), 3) >> np.uint64(11)) * 2.0**-53
-    shift = (float((east - 0.5) * _SURVEY_SIDE_M), float((north - 0.5) * _SURVEY_SIDE_M))
-    return flown(turn_deg=float(360.0 * turn), shift_m=shift)
+def _seed_in(seed: int, region: Region, purpose: str) -> int:
+    return derived(seed, f"{purpose} of {region.name}")
 
 
 def seen_surface(photos: FrameList, folder: Path, progress: Progress = silent) -> Cloud:
@@ -128,23 +127,10 @@ def mini_protocols(seed: int) -> BenchmarkProtocols:
 def _seeded(protocol: Protocol, seed: int) -> Protocol:
     if seed == 0:
         return protocol
-    which, said = ("sealed", "sealed edition") if is_keyed(seed) else (str(seed), f"seed {seed}")
+    which, said = ("sealed", "sealed edition") if is_key(seed) else (str(seed), f"seed {seed}")
     name = f"{protocol.benchmark}-{which}"
     changes = {"name": f"{name}-{protocol.track}", "benchmark": name}
     return protocol.model_copy(update=changes | {"title": f"{protocol.title}, {said}"})
-
-
-def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
-    """Make worlds, fly over them, take photos and work out the truth of every track."""
-    protocols = mini_protocols(seed)
-    regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
-    own = derived(seed, "worlds")
-    worlds = make_worlds(regions, settings.root, own, settings.engine, settings.progress)
-    scenes = [
-        _scene(region, world, seed, protocols, settings)
-        for region, world in zip(regions, worlds, strict=True)
-    ]
-    return write_benchmark(scenes, protocols, settings)
 
 
 def make_worlds(
@@ -163,26 +149,26 @@ def make_worlds(
 
 def _make_world(shared: tuple[Path, int], region: Region) -> Path:
     root, seed = shared
-    return ensure_world(region, seed, root, build_world)
+    return ensure_world(region, _seed_in(seed, region, "world"), root, build_world)
 
 
-def _scene(
-    region: Region,
-    world: Path,
-    seed: int,
-    protocols: BenchmarkProtocols,
-    settings: PrepareSettings,
-) -> SceneContent:
-    """Take the photos of a region, and make the truth of all tracks."""
-    photos, progress = mini_photos(region, load_world(world).dsm, seed), settings.progress
-    rendered = world.with_name(f"{world.name}-frames")
-    render_frames(photos, world, rendered, engine=settings.engine, progress=progress)
-    cloud = rendered / "cloud.ply"
-    write_ply(cloud, seen_surface(photos, rendered, progress))
-    files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
-    files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
-    make = partial(scene_content, region, photos, files, seed, protocols)
-    return with_progress(make, f"{region.name}: truth", progress)
+def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
+    """Make worlds, fly over them, take photos and work out the truth of every track."""
+    protocols, progress = mini_protocols(seed), settings.progress
+    regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
+    scenes = []
+    worlds = make_worlds(regions, settings.root, seed, settings.engine, progress)
+    for region, world in zip(regions, worlds, strict=True):
+        photos = mini_photos(region, load_world(world).dsm, seed)
+        rendered = world.with_name(f"{world.name}-frames")
+        render_frames(photos, world, rendered, engine=settings.engine, progress=progress)
+        cloud = rendered / "cloud.ply"
+        write_ply(cloud, seen_surface(photos, rendered, progress))
+        files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
+        files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
+        make = partial(scene_content, region, photos, files, seed, protocols)
+        scenes.append(with_progress(make, f"{region.name}: truth", progress))
+    return write_benchmark(scenes, protocols, settings)
 
 
 def scene_content(
@@ -206,8 +192,8 @@ def scene_inputs(
     images = tuple(f"{name}{IMAGE_SUFFIX}" for name in photos.names)
     plane = median_height(files["dsm"])
     ids = [photo_id(region.name, image) for image in images]
-    priors = noisy_priors(ids, photos.poses, derived(seed, f"priors of {region.name}"))
-    cameras = photos.camera.take(np.zeros(len(photos), dtype=np.int64))
+    priors = noisy_priors(ids, photos.poses, _seed_in(seed, region, "priors"))
+    cameras = photos.camera.take(np.zeros(len(images), dtype=np.int64))
     table = photo_table(region.name, images, cameras, photos.poses, priors, plane)
     columns = ("weather", "time_of_day", "sequence")
     conditions = {name: getattr(photos, name) for name in columns}
@@ -226,18 +212,14 @@ class MiniOptions:
     @property
     def source(self) -> int:
         """The source of all randomness: the seed, or the key."""
-        if self.seed >> 64:
-            raise UsageError("the seed is too large", where="--seed", expected="less than 2**64")
         if self.key_file is None:
             return self.seed
-        if self.seed:
-            raise UsageError("--seed and --key-file are both given", fix="leave one of them out")
         text = read_text(self.key_file, UsageError, "key file", 1 << 10).strip()
-        if not re.fullmatch("[0-9a-fA-F]{32}", text):
+        if self.seed or not re.fullmatch("[0-9a-fA-F]{32}", text):
             fix = f"openssl rand -hex 16 > {self.key_file}"
-            expected = "32 hexadecimal digits"
-            raise UsageError("holds no key", where=self.key_file, expected=expected, fix=fix)
-        return keyed(bytes.fromhex(text))
+            expected = "32 hexadecimal digits, and no --seed beside it"
+            raise UsageError("no key", where=self.key_file, expected=expected, fix=fix)
+        return 1 << 128 | int(text, 16)
 
 
 class AirZooMini(Dataset[MiniOptions]):

@@ -20,8 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.noise import words
 from airzoo_bench.datasets.mini.world import CRS, Region
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
@@ -73,7 +71,7 @@ class Airspace:
 
 def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Poses:
     """Fly orbits joined by straight and S-shaped sweeps, at 5 to 12 m/s."""
-    raw = words(seed, 5 + 3 * rounds)
+    raw = np.random.PCG64(seed).random_raw(5 + 3 * rounds)  # the same whatever NumPy's version
     draws = np.asarray(raw >> np.uint64(11), dtype=np.float64) * 2.0**-53
     reach = airspace.region.side_m / 2 - MARGIN_M
     centre = airspace.region.side_m / 2 + (draws[:2] - 0.5) * 0.1 * reach
@@ -90,6 +88,21 @@ def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Poses:
     return fly(airspace.region, np.column_stack((line, height)), yaw, low + (high - low) * nod)
 
 
+def _round(draws: Floats, reach: float, start_deg: float) -> Floats:
+    """Corners (K, 3) of one round about the centre: east, north, and where the camera looks."""
+    inner, outer = reach * (0.3 + 0.25 * draws[0]), reach * (0.75 + 0.25 * draws[1])
+    bend = reach * (0.15 + 0.2 * draws[2])
+    across = np.linspace(outer, -outer, _POINTS)[1:]
+    weave = np.column_stack((-across, bend * np.sin(np.pi * across / outer)))
+    # Every part goes on in about the direction in which the last one ended: no turn is sharper
+    # than a right angle.
+    inwards = np.concatenate((_arc(inner, 0.0, 360.0), _arc(outer, 180.0, -180.0)))
+    ahead = np.concatenate((weave, _arc(outer, 5.0, 60.0)))
+    table = np.concatenate((_labelled(inwards, _INWARDS), _labelled(ahead, _AHEAD)))
+    table[:, :2] = _rotated(table[:, :2], -start_deg)
+    return table
+
+
 def survey(
     airspace: Airspace,
     *,
@@ -98,19 +111,15 @@ def survey(
     turn_deg: float = 0.0,
     shift_m: tuple[float, float] = (0.0, 0.0),
 ) -> Poses:
-    """Fly parallel lines that look down, lines across, and an orbit that looks in at 45 degrees."""
+    """Fly parallel lines that look down, lines across, and an orbit that looks in at 45 degrees.
+
+    The lines fill a square of `side_m`, which lies in the region less `MARGIN_M` on each side.
+    """
     half = airspace.region.side_m / 2
     middle = half + np.array(shift_m)
-    room = (half - MARGIN_M) - side_m / 2
-    if not (0.0 < spacing_m <= side_m and room >= 0.0):
-        raise UsageError(
-            f"a square of {side_m:g} m with lines {spacing_m:g} m apart cannot be surveyed here",
-            expected=f"within the region of {2 * half:g} m less {MARGIN_M:g} m each side",
-            fix="make it smaller",
-        )
     down, inwards = _SURVEY_PITCHES_DEG
     height = airspace.floor_m - airspace.ground_m
-    radius = min(height / np.tan(np.radians(-inwards)), room + side_m / 2)
+    radius = min(height / np.tan(np.radians(-inwards)), half - MARGIN_M)
     along = _lawnmower(side_m, spacing_m)
     # Lines across begin where the others end, and the orbit goes on as they went.
     x, y = _lawnmower(side_m, 2 * spacing_m).T
@@ -125,21 +134,6 @@ def survey(
     line, wanted = smooth_line(corners + middle, table[:, 2:])
     place = np.column_stack((line, np.full(len(line), airspace.floor_m)))
     return fly(airspace.region, place, _looking(line, wanted[:, 0], middle), _eased(wanted[:, 1]))
-
-
-def _round(draws: Floats, reach: float, start_deg: float) -> Floats:
-    """Corners (K, 3) of one round about the centre: east, north, and where the camera looks."""
-    inner, outer = reach * (0.3 + 0.25 * draws[0]), reach * (0.75 + 0.25 * draws[1])
-    bend = reach * (0.15 + 0.2 * draws[2])
-    across = np.linspace(outer, -outer, _POINTS)[1:]
-    weave = np.column_stack((-across, bend * np.sin(np.pi * across / outer)))
-    # Every part goes on in about the direction in which the last one ended: no turn is sharper
-    # than a right angle.
-    inwards = np.concatenate((_arc(inner, 0.0, 360.0), _arc(outer, 180.0, -180.0)))
-    ahead = np.concatenate((weave, _arc(outer, 5.0, 60.0)))
-    table = np.concatenate((_labelled(inwards, _INWARDS), _labelled(ahead, _AHEAD)))
-    table[:, :2] = _rotated(table[:, :2], -start_deg)
-    return table
 
 
 def _labelled(line: Floats, *wanted: float) -> Floats:
@@ -241,9 +235,25 @@ def key_frames(poses: Poses, camera: Cameras, ground_height: float, overlap: flo
     seen = footprints(camera, poses, ground_height)
     usable = np.flatnonzero(shapely.area(seen) > 0.0)
     chosen = list(range(min(1, len(usable))))
-    while chosen and (following := _next(seen[usable], chosen[-1], overlap)) is not None:
+    while chosen and (following := _next_key(seen[usable], chosen[-1], overlap)) is not None:
         chosen.append(following)
     return usable[chosen].astype(np.int64)
+
+
+def _next_key(seen: NDArray[np.object_], current: int, overlap: float) -> int | None:
+    """Return the key frame after a key frame; None where the flight ends before it."""
+    before = 1.0
+    for start in range(current + 1, len(seen), _BLOCK):
+        shared = overlaps(seen[current], seen[start : start + _BLOCK])
+        below = np.flatnonzero(shared < overlap)
+        if below.size:
+            first = int(below[0])
+            last_above = before if first == 0 else float(shared[first - 1])
+            nearer = last_above - overlap < overlap - float(shared[first])
+            # The frame after the current one is taken even where it shares less.
+            return max(start + first - int(nearer), current + 1)
+        before = float(shared[-1])
+    return None
 
 
 def overlaps(a: ArrayLike, b: ArrayLike) -> Floats:
@@ -275,24 +285,7 @@ def footprints(
     places = ends[..., :2] * depth[..., None] + offset[:, None]
     hulls = np.full(len(places), shapely.Polygon(), dtype=object)
     some = seen.any(axis=1)
-    if some.any():
-        frame, _ = np.nonzero(seen[some])
-        points = shapely.multipoints(shapely.points(places[seen]), indices=frame)
-        hulls[some] = shapely.convex_hull(points)
+    frame, _ = np.nonzero(seen[some])
+    points = shapely.multipoints(shapely.points(places[seen]), indices=frame)
+    hulls[some] = shapely.convex_hull(points)
     return hulls
-
-
-def _next(seen: NDArray[np.object_], current: int, overlap: float) -> int | None:
-    """Return the key frame after a key frame; None where the flight ends before it."""
-    before = 1.0
-    for start in range(current + 1, len(seen), _BLOCK):
-        shared = overlaps(seen[current], seen[start : start + _BLOCK])
-        below = np.flatnonzero(shared < overlap)
-        if below.size:
-            first = int(below[0])
-            last_above = before if first == 0 else float(shared[first - 1])
-            nearer = last_above - overlap < overlap - float(shared[first])
-            # The frame after the current one is taken even where it shares less.
-            return max(start + first - int(nearer), current + 1)
-        before = float(shared[-1])
-    return None

@@ -4,17 +4,15 @@ The folder holds ``images/``, ``depth/``, ``frames.csv`` and a COLMAP model in `
 
 Photos are JPEG of quality 92 without chroma subsampling: what drones store, a fifth of the bytes
 of PNG, which could not compress the sensor's noise, and some 20 times as fast to write. Depth is
-TIFF of 32-bit floats, compressed without loss. Both carry a mark of their inputs.
+TIFF of 32-bit floats, compressed without loss. A photo carries a mark of its inputs.
 """
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,7 +23,7 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.renderer import RENDERER_VERSION, Renderer
 from airzoo_bench.datasets.mini.weather import conditions
-from airzoo_bench.datasets.mini.world import CRS, load_world, world_key, world_region
+from airzoo_bench.datasets.mini.world import CRS, load_world, stored_region, world_key
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
@@ -37,9 +35,7 @@ PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
 ECEF_COLUMNS = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
 _DIGITS = (12, 12, 6, 12, 12, 12, 6, 6, 6, 15, 15, 15, 15)  # of these columns
 _LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-_END_OF_JPEG = b"\xff\xd9"
-_DESCRIPTION_TAG = 270
-_PREDICTOR_TAG, _FLOATING_POINT = 317, 3
+_FLOATING_POINT = {317: 3}  # the predictor of a TIFF
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +54,6 @@ class FrameList:
         for pair in sorted(set(zip(self.weather, self.time_of_day, strict=True))):
             conditions(*pair)
 
-    def __len__(self) -> int:
-        return len(self.names)
-
     @property
     def lens(self) -> list[float]:
         """Parameters of the camera, as the columns of frames.csv name them."""
@@ -71,12 +64,18 @@ class FrameList:
 
 def frames_csv(frames: FrameList) -> str:
     """Return the table of frames, a row each."""
-    poses = frames.poses
+    poses, camera = frames.poses, frames.camera
     lonlat = to_lonlat(CRS, poses.centres[:, :2])
     place = np.column_stack([lonlat, poses.centres[:, 2]])
     convergence = grid_convergence_deg(CRS, lonlat)
     angles = rotations_to_angles(poses.rotation, convergence_deg=convergence)[:, ::-1]
-    quaternion = matrix_to_quaternion(_ecef_rotations(poses, lonlat, convergence))
+    # Rotations from ECEF to the grid, then to the camera.
+    turn = np.radians(convergence)
+    zero, one = np.zeros_like(turn), np.ones_like(turn)
+    rows = ((np.cos(turn), -np.sin(turn), zero), (np.sin(turn), np.cos(turn), zero))
+    grid_from_enu = np.moveaxis(np.array([*rows, (zero, zero, one)]), -1, 0)
+    rotations: Floats = poses.rotation @ grid_from_enu @ np.swapaxes(enu_axes(lonlat), -1, -2)
+    quaternion = matrix_to_quaternion(rotations)
     numbers = np.column_stack([place, angles, geodetic_to_ecef(place), quaternion])
     table = pd.DataFrame(
         {"name": frames.names, "weather": frames.weather, "time_of_day": frames.time_of_day}
@@ -86,56 +85,34 @@ def frames_csv(frames: FrameList) -> str:
         # Adding 0 makes a negative zero positive.
         rounded = (np.round(values, digits) + 0.0).tolist()
         table[name] = [f"{value:.{digits}f}" for value in rounded]
-    table["width"], table["height"] = int(frames.camera.width[0]), int(frames.camera.height[0])
-    for name, number in zip(_LENS, frames.lens, strict=True):
-        table[name] = number
+    lens = zip(_LENS, frames.lens, strict=True)
+    table = table.assign(width=int(camera.width[0]), height=int(camera.height[0]), **dict(lens))
     return table.to_csv(index=False, lineterminator="\n")
-
-
-def _ecef_rotations(poses: Poses, lonlat: Floats, convergence_deg: Floats) -> Floats:
-    """Return rotations (N, 3, 3) from ECEF to the camera."""
-    turn = np.radians(convergence_deg)
-    zero, one = np.zeros_like(turn), np.ones_like(turn)
-    rows = ((np.cos(turn), -np.sin(turn), zero), (np.sin(turn), np.cos(turn), zero))
-    grid_from_enu: Floats = np.moveaxis(np.array([*rows, (zero, zero, one)]), -1, 0)
-    rotations: Floats = poses.rotation @ grid_from_enu @ np.swapaxes(enu_axes(lonlat), -1, -2)
-    return rotations
 
 
 def colmap_texts(frames: FrameList, offset: Floats) -> dict[str, str]:
     """Return the files of a COLMAP text model by name: the camera and the poses, and no points."""
+    *params, k3 = frames.lens
+    model, params = ("OPENCV", params) if any(params[4:]) else ("PINHOLE", params[:4])
+    if k3 != 0.0:
+        model, params = "FULL_OPENCV", [*frames.lens, 0.0, 0.0, 0.0]
+    size = f"{frames.camera.width[0]} {frames.camera.height[0]}"
     local = Poses(rotation=frames.poses.rotation, centres=frames.poses.centres - offset)
     numbers = np.column_stack([matrix_to_quaternion(local.rotation), local.translation])
     images = ""
     for row, name in enumerate(frames.names):
         pose = " ".join(f"{value:.15g}" for value in numbers[row])
         images += f"{row + 1} {pose} 1 {name}{IMAGE_SUFFIX}\n\n"
-    shown = [float(value) for value in offset]
+    shown = offset.tolist()
     world = f"# world: {CRS} less {' '.join(f'{value:g}' for value in shown)} (x y z, metres)\n"
     heads = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then an empty line\n"
+    camera = f"1 {model} {size} {' '.join(map(repr, params))}\n"
     return {
-        "cameras.txt": f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS\n1 {_camera_line(frames)}\n",
+        "cameras.txt": f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS\n{camera}",
         "images.txt": heads + world + images,
         "points3D.txt": f"# no points\n{world}",
         "offset.json": json.dumps({"crs": CRS, "offset": shown}, indent=2) + "\n",
     }
-
-
-def _camera_line(frames: FrameList) -> str:
-    *params, k3 = frames.lens
-    model, params = ("OPENCV", params) if any(params[4:]) else ("PINHOLE", params[:4])
-    if k3 != 0.0:
-        model, params = "FULL_OPENCV", [*frames.lens, 0.0, 0.0, 0.0]
-    camera = frames.camera
-    return f"{model} {camera.width[0]} {camera.height[0]} {' '.join(map(repr, params))}"
-
-
-class _Job(NamedTuple):
-    """A frame to be rendered, with the fingerprint of its inputs."""
-
-    name: str
-    view: tuple[Cameras, Poses, str, str, int]  # arguments of `Renderer.render`
-    mark: str
 
 
 def render_frames(
@@ -154,19 +131,21 @@ def render_frames(
         How many were rendered.
     """
     check_output_folder(folder, ("frames.csv",))
-    key, region = world_key(world), world_region(world)
+    key, (region, _) = world_key(world), stored_region(world)
     tables = colmap_texts(frames, np.array([region.west, region.south, 0.0]))
     tables = {f"colmap/{name}": text for name, text in tables.items()}
     tables["frames.csv"] = frames_csv(frames)
-    todo = [job for job in _jobs(frames, key) if not _is_done(folder, job)]
+    marks = _marks(frames, key)
+    found = [_read_mark(*frame_paths(folder, name)) for name in frames.names]
+    todo = [row for row, mark in enumerate(marks) if found[row] != mark]
     for name in tables if todo else ():  # they would describe photos about to be replaced
         (folder / name).unlink(missing_ok=True)
     done = engine.map(
-        _render_job,
+        _render_frame,
         todo,
-        shared=(world, key, folder),
+        shared=(frames, marks, world, key, folder),
         stage="rendering",
-        name=lambda job: f"frame {job.name}",
+        name=lambda row: f"frame {frames.names[row]}",
     )
     for _ in progress(done, "rendering", len(todo)):
         pass
@@ -177,35 +156,31 @@ def render_frames(
     return len(todo)
 
 
-def _jobs(frames: FrameList, key: str) -> list[_Job]:
-    camera, poses = frames.camera, frames.poses
-    size = [int(camera.width[0]), int(camera.height[0])]
-    jobs = []
-    for number, name in enumerate(frames.names):
-        seed = seed_of(frames.seed, name)
-        given = frames.weather[number], frames.time_of_day[number]
-        pose = [poses.rotation[number].tolist(), poses.centres[number].tolist()]
-        mark = fingerprint([RENDERER_VERSION, key, size, frames.lens, pose, list(given), seed])
-        jobs.append(_Job(name, (camera, poses.take(number), *given, seed), mark))
-    return jobs
+def _marks(frames: FrameList, key: str) -> list[str]:
+    """Return the fingerprint of each frame's inputs."""
+    size = [int(frames.camera.width[0]), int(frames.camera.height[0])]
+    marks = []
+    for row, name in enumerate(frames.names):
+        given = [frames.weather[row], frames.time_of_day[row]]
+        pose = [frames.poses.rotation[row].tolist(), frames.poses.centres[row].tolist()]
+        parts = [key, size, frames.lens, pose, given, seed_of(frames.seed, name)]
+        marks.append(fingerprint([RENDERER_VERSION, *parts]))
+    return marks
 
 
-def _is_done(folder: Path, job: _Job) -> bool:
-    return all(_read_mark(path) == job.mark for path in frame_paths(folder, job.name))
-
-
-def _render_job(shared: tuple[Path, str, Path], job: _Job) -> None:
+def _render_frame(shared: tuple[FrameList, list[str], Path, str, Path], row: int) -> None:
     """Write a frame's files, each whole or not at all, with the mark of its inputs."""
-    world, key, folder = shared
-    frame = _renderer(world, key).render(*job.view)
-    image, depth = frame_paths(folder, job.name)
+    frames, marks, world, key, folder = shared
+    name, given = frames.names[row], (frames.weather[row], frames.time_of_day[row])
+    seed = seed_of(frames.seed, name)
+    frame = _renderer(world, key).render(frames.camera, frames.poses.take(row), *given, seed)
+    image, depth = frame_paths(folder, name)
+    photo, distances = Image.fromarray(frame.rgb), Image.fromarray(frame.depth)
     with atomic_write(depth) as stream:
-        tags = {_PREDICTOR_TAG: _FLOATING_POINT, _DESCRIPTION_TAG: job.mark}
-        picture = Image.fromarray(frame.depth)
-        picture.save(stream, format="TIFF", compression="tiff_adobe_deflate", tiffinfo=tags)
-    with atomic_write(image) as stream:
-        picture = Image.fromarray(frame.rgb)
-        picture.save(stream, format="JPEG", quality=92, subsampling=0, comment=job.mark)
+        tags, kind = _FLOATING_POINT, "tiff_adobe_deflate"
+        distances.save(stream, format="TIFF", compression=kind, tiffinfo=tags)
+    with atomic_write(image) as stream:  # after its depth, so that it says that both are there
+        photo.save(stream, format="JPEG", quality=92, subsampling=0, comment=marks[row])
 
 
 @lru_cache(maxsize=1)
@@ -219,18 +194,14 @@ def frame_paths(folder: Path, name: str) -> tuple[Path, Path]:
     return folder / "images" / f"{name}{IMAGE_SUFFIX}", folder / "depth" / f"{name}.tif"
 
 
-def _read_mark(path: Path) -> str | None:
-    """Return the mark of a photo or depth; None where it is missing or damaged."""
+def _read_mark(image: Path, depth: Path) -> str | None:
+    """Return the mark of a photo; None where it or its depth is missing or damaged."""
     try:
-        content = path.read_bytes()
-        with Image.open(io.BytesIO(content), formats=["JPEG", "TIFF"]) as picture:
-            opened: Any = picture
-            if picture.format == "TIFF":
-                return str(opened.tag_v2.get(_DESCRIPTION_TAG))
+        with Image.open(image) as picture:
             mark: bytes = picture.info.get("comment", b"")
-    except (OSError, SyntaxError):
+    except OSError:
         return None
-    return mark.decode("ascii", "replace") if content.endswith(_END_OF_JPEG) else None
+    return mark.decode("ascii", "replace") if depth.is_file() else None
 
 
 def read_depth(path: Path) -> Floats:

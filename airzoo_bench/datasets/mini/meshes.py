@@ -26,11 +26,12 @@ _WALLS = (
 _FLAT = ((4, 5, 6), (4, 6, 7))
 _SLOPES = ((4, 5, 9), (4, 9, 8), (6, 7, 8), (6, 8, 9))
 _ENDS = ((5, 6, 9), (7, 4, 8))
+# Walls, tops and the number of corners, by roof.
 _FORMS = {
-    "flat": (_WALLS, _FLAT),
-    "gabled": (_WALLS + _ENDS, _SLOPES),
-    "hipped": (_WALLS, _SLOPES + _ENDS),
-    "shed": (_WALLS, _FLAT),
+    "flat": (_WALLS, _FLAT, 8),
+    "gabled": (_WALLS + _ENDS, _SLOPES, 10),
+    "hipped": (_WALLS, _SLOPES + _ENDS, 10),
+    "shed": (_WALLS, _FLAT, 8),
 }
 
 # Half the height of canopies, as a share of the tree's.
@@ -53,7 +54,15 @@ def plan_mesh(plan: Plan) -> Mesh:
     corners = [(a, b) for a in (west, east) for b in (west, east)]
     land = _grid(inside, inside, plan.heights, Material.GROUND)
     apron = [_grid(x, y, plan.heights, Material.APRON) for x, y in strips + corners]
-    return Mesh.joined([land, *_building_meshes(plan.buildings), *_tree_meshes(plan), *apron])
+    parts = [land, *_building_meshes(plan.buildings), *_tree_meshes(plan), *apron]
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    triangles = [part.triangles + start for part, start in zip(parts, starts, strict=True)]
+    return Mesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate(triangles).astype(np.int32),
+        np.concatenate([part.material for part in parts]),
+        np.concatenate([part.owner for part in parts]),
+    )
 
 
 def _grid(columns: _Indices, rows: _Indices, heights: Floats, material: Material) -> Mesh:
@@ -66,9 +75,7 @@ def _grid(columns: _Indices, rows: _Indices, heights: Floats, material: Material
     first = (np.arange(len(rows) - 1)[:, None] * wide + np.arange(wide - 1)[None, :]).ravel()
     lower = np.stack([first, first + 1, first + wide + 1], 1)
     upper = np.stack([first, first + wide + 1, first + wide], 1)
-    triangles = np.concatenate([lower, upper]).astype(np.int32)
-    count = len(triangles)
-    return Mesh(points, triangles, np.full(count, material, np.uint8), np.full(count, -1, np.int32))
+    return _copies(points[None], np.concatenate([lower, upper]), material, np.array([-1]))
 
 
 def _copies(vertices: Floats, table: ArrayLike, materials: ArrayLike, owners: _Indices) -> Mesh:
@@ -87,37 +94,33 @@ def _copies(vertices: Floats, table: ArrayLike, materials: ArrayLike, owners: _I
 def _building_meshes(buildings: list[Building]) -> list[Mesh]:
     """Mesh buildings; the owner of a triangle is the building's place in the list."""
     parts = []
-    for roof, (walls, tops) in _FORMS.items():
-        owners = np.array([i for i, b in enumerate(buildings) if b.roof == roof], np.int64)
-        if owners.size:
-            used = 8 if tops is _FLAT else 10
+    for roof, (walls, tops, used) in _FORMS.items():
+        owners = [i for i, building in enumerate(buildings) if building.roof == roof]
+        if owners:
             vertices = np.array([_corners(buildings[i])[:used] for i in owners])
             materials = [Material.WALL] * len(walls) + [Material.ROOF] * len(tops)
-            parts.append(_copies(vertices, walls + tops, materials, owners))
+            parts.append(_copies(vertices, walls + tops, materials, np.array(owners)))
     return parts
 
 
-def _corners(building: Building) -> Floats:
+def _corners(building: Building) -> list[tuple[float, float, float]]:
     rect, eaves = building.rect, building.eaves_m
     low = building.base_m - (_FOUNDATION_M if building.parent < 0 else 0.0)
     far = building.ridge_m if building.roof == "shed" else eaves
-    outline = rect.corners()
-    points = [(*corner, low) for corner in outline]
-    points += [(*corner, z) for corner, z in zip(outline, (eaves, eaves, far, far), strict=True)]
     middle, half_v = (rect.v0 + rect.v1) / 2, rect.deep / 2
     # The slope of hips is that of the sides; a square plan keeps half a metre of ridge.
     inset = min(half_v, rect.long / 2 - 0.25) if building.roof == "hipped" else 0.0
-    for u in (rect.u0 + inset, rect.u1 - inset):
-        points.append((*rect.frame.to_world(u, middle), building.ridge_m))
-    return np.array(points)
+    ridge = [rect.frame.to_world(u, middle) for u in (rect.u0 + inset, rect.u1 - inset)]
+    levels = (low,) * 4 + (eaves, eaves, far, far) + (building.ridge_m,) * 2
+    points = (*rect.corners(), *rect.corners(), *ridge)
+    return [(*point, level) for point, level in zip(points, levels, strict=True)]
 
 
 def _tree_meshes(plan: Plan) -> list[Mesh]:
     """Mesh the trees; the owner of a triangle is the tree's place in the list."""
     kinds = np.array([tree.kind for tree in plan.trees])
     sizes = np.array([(tree.radius_m, tree.height_m) for tree in plan.trees])
-    ground = [plan.height(tree.x, tree.y) for tree in plan.trees]
-    feet = np.column_stack([*plan.tree_places(), ground])
+    feet = np.array([(tree.x, tree.y, plan.height(tree.x, tree.y)) for tree in plan.trees])
     parts = []
     for kind in _HALF_HEIGHTS:
         chosen = np.flatnonzero(kinds == kind)
@@ -165,8 +168,7 @@ def _sphere(fine: bool) -> tuple[Floats, _Indices]:
         around = [(a, b, 0.0) for a, b in flat] + [(0.0, a, b) for a, b in flat]
         points = _unit(np.array(around + [(b, 0.0, a) for a, b in flat]))
     else:
-        axes = [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-        points = np.array(axes, np.float64)
+        points = np.concatenate([np.eye(3)[:2], -np.eye(3)[:2], [[0.0, 0, 1], [0, 0, -1]]])
     a, b, c = np.array(_ICOSAHEDRON if fine else _OCTAHEDRON).T
     edges = np.sort(np.concatenate([np.stack(e, 1) for e in ((a, b), (b, c), (c, a))]), axis=1)
     unique, place = np.unique(edges, axis=0, return_inverse=True)

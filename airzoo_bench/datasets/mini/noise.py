@@ -3,10 +3,9 @@
 Worlds are the same bits on every machine. Nothing that photos use has a state, so that neither the
 order of frames nor the number of jobs nor the size of a block changes a pixel.
 
-Seeds are below 2**64: whoever tries them all has what is made of one. A sealed edition has a key
-instead: 2**128 and 128 bits that nobody knows. All that a few numbers name (a choice of the layout,
-a flight, a photo) is then BLAKE2b of them under the key. The noise of pixels is counted from such a
-hash: who turns that of one texture or photo around has its start, and of no other.
+Seeds are below 2**64, and whoever tries them all, or turns the hash of a pixel's noise around, has
+what is made of one. The seed of a sealed edition is a key of more bits that nobody knows: each
+purpose has a seed of its own, made by SHA-256, which leads neither to the key nor to the others.
 """
 
 from __future__ import annotations
@@ -20,17 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
 
 T = TypeVar("T")
 Singles = NDArray[np.float32]
-GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_FACTORS = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
+_Hashes = NDArray[np.uint64]
+_GOLDEN = 0x9E3779B97F4A7C15
+_ROUNDS = ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1))
 _MASK = (1 << 64) - 1
 _STREAM = 77
 _VOLUME_SIDE = 64
-_KEYED = 1 << 128
 # Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
 # and gimbal (yaw, pitch, roll).
 _GPS_M = (2.0, 2.0, 3.0)
@@ -38,57 +36,46 @@ _ANGLES_DEG = (2.0, 0.7, 0.5)
 _UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
 
 
-def keyed(key: bytes) -> int:
-    """Return the seed of a sealed edition, of a key of 16 bytes."""
-    return _KEYED | int.from_bytes(key, "big")
+def seed_of(*parts: object) -> int:
+    """Return a seed of 64 bits for values, by SHA-256 of their text."""
+    text = "\x1f".join(str(part) for part in parts)
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
 
 
-def is_keyed(seed: int) -> bool:
-    """Tell whether a seed is a key."""
-    return seed >= _KEYED
+def is_key(seed: int) -> bool:
+    """Tell whether a seed is the key of a sealed edition."""
+    return seed > _MASK
 
 
 def derived(seed: int, purpose: str) -> int:
-    """Return a key of its own for a purpose, which does not lead back; a seed stays as it is."""
-    return _KEYED | int.from_bytes(_digest(seed, purpose, 16), "big") if is_keyed(seed) else seed
+    """Return the seed of a purpose: of a key another one for each, of a seed itself."""
+    return seed_of(seed, purpose) if is_key(seed) else seed
 
 
-def words(seed: int, count: int) -> NDArray[np.uint64]:
-    """Return numbers of 64 bits, the same whatever the version of NumPy."""
-    if not is_keyed(seed):
-        return np.random.PCG64(seed).random_raw(count)
-    return np.array([word_of(seed, number) for number in range(count)], np.uint64)
-
-
-def word_of(seed: int, *keys: int) -> int:
-    """Return 64 bits for a few numbers under a key."""
-    return int.from_bytes(_digest(seed, ",".join(map(str, keys)), 8), "little")
-
-
-def _digest(seed: int, text: str, size: int) -> bytes:
-    key = seed.to_bytes(17, "big")
-    return hashlib.blake2b(text.encode(), digest_size=size, key=key).digest()
-
-
-def mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Apply the finaliser of SplitMix64 (Steele, Lea and Flood, 2014), in place."""
-    for shift, factor in zip((30, 27), _FACTORS, strict=True):
+def _mixed(state: Any) -> Any:
+    """Apply the finaliser of SplitMix64 (Steele, Lea and Flood, 2014) to an array, in place."""
+    for shift, factor in _ROUNDS:
         state ^= state >> np.uint64(shift)
-        state *= factor
-    state ^= state >> np.uint64(31)
+        state *= np.uint64(factor)
     return state
 
 
-def hash_of(seed: int, *keys: Any) -> NDArray[np.uint64]:
+def hash_of(seed: int, *keys: Any) -> _Hashes:
     """Hash integer keys, which broadcast, to 64 bits; at least one-dimensional."""
-    if is_keyed(seed):
-        arrays = next((n for n, key in enumerate(keys) if np.ndim(key)), len(keys))
-        seed, keys = word_of(seed, *map(int, keys[:arrays])), keys[arrays:]
-    state = np.full((1,), seed & _MASK, np.uint64)
+    state = np.full((1,), seed, np.uint64)
     for key in keys:
         word = key & _MASK if isinstance(key, int) else np.asarray(key).astype(np.int64)
-        state = mixed((state ^ np.asarray(word).view(np.uint64)) + GOLDEN)
+        state = _mixed((state ^ np.asarray(word).view(np.uint64)) + np.uint64(_GOLDEN))
     return state
+
+
+def hash_number(seed: int, *keys: int) -> int:
+    """Return `hash_of` of numbers, without arrays."""
+    for key in keys:
+        seed = ((seed ^ key) + _GOLDEN) & _MASK
+        for shift, factor in _ROUNDS:
+            seed = (seed ^ seed >> shift) * factor & _MASK
+    return seed
 
 
 def direction(step: int) -> tuple[float, float]:
@@ -111,14 +98,12 @@ class Dice:
     """A sequence of random choices; sequences of other keys are independent of it."""
 
     def __init__(self, seed: int, *keys: int) -> None:
-        name = f"dice {[*map(int, keys)]}"
-        self._start = derived(seed, name) if is_keyed(seed) else int(hash_of(seed, *keys)[0])
-        self._drawn = 0
+        self._start, self._drawn = hash_number(seed, *keys), 0
 
     def bits(self) -> int:
         """Return the next 64 bits."""
         self._drawn += 1
-        return int(hash_of(self._start, self._drawn)[0])
+        return hash_number(self._start, self._drawn)
 
     def integer(self, low: int, high: int) -> int:
         """Return an integer from low to high, both included."""
@@ -172,27 +157,19 @@ def textures(seed: int, size: int) -> Textures:
     )
 
 
-def seed_of(*parts: object) -> int:
-    """Return a seed of 64 bits for values, by SHA-256 of their text."""
-    text = "\x1f".join(str(part) for part in parts)
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
+def hash64(counter: _Hashes, seed: int) -> _Hashes:
+    """Hash counters (N,) by SplitMix64; other seeds, modulo 2^64, give other values."""
+    state: _Hashes = _mixed(counter * np.uint64(_GOLDEN) + np.uint64(seed & _MASK))
+    return state
 
 
-def hash64(counter: NDArray[np.uint64], seed: int) -> NDArray[np.uint64]:
-    """Hash counters (N,) by SplitMix64; other seeds, modulo 2^64 or keys, give other values."""
-    seed = word_of(seed) if is_keyed(seed) else seed
-    state = counter * GOLDEN
-    state += np.uint64(seed & _MASK)
-    return mixed(state)
-
-
-def uniforms(hashes: NDArray[np.uint64], lane: int = 0) -> Singles:
+def uniforms(hashes: _Hashes, lane: int = 0) -> Singles:
     """Turn hashes (N,) into numbers in [0, 1); lanes 0 to 3 are independent."""
     bits = (hashes >> np.uint64(16 * lane)) & np.uint64(0xFFFF)
     return bits.astype(np.float32) * np.float32(1.0 / 65536.0)
 
 
-def gaussians(hashes: NDArray[np.uint64]) -> Singles:
+def gaussians(hashes: _Hashes) -> Singles:
     """Turn hashes (N,) into four independent standard normal numbers each, (4, N)."""
     lanes = hashes.view(np.uint16).reshape(-1, 4).T
     return np.stack([_normal_quantiles().take(lane) for lane in lanes])
@@ -209,9 +186,7 @@ def floor_log2(values: Singles) -> NDArray[np.int64]:
     return exponents.astype(np.int64) - 127
 
 
-def volume_noise(
-    xyz: tuple[Singles, Singles, Singles] | Singles, voxel_m: float, footprint_m: Singles
-) -> Singles:
+def volume_noise(xyz: Sequence[Singles] | Singles, voxel_m: float, footprint_m: Singles) -> Singles:
     """Return the noise (N,), which all surfaces share, at points (3, N) in metres."""
     values, offsets = _volume()
     inverse = np.float32(1.0 / voxel_m)
@@ -226,8 +201,7 @@ def volume_noise(
         cell &= mask
         index <<= bits
         index |= cell
-    index += offsets.take(level)
-    return values.take(index)
+    return values.take(index + offsets.take(level))
 
 
 @cache
@@ -236,7 +210,14 @@ def _volume() -> tuple[Singles, NDArray[np.int64]]:
     side = _VOLUME_SIDE
     volume = np.zeros((side, side, side), np.float32)
     for octave, weight in enumerate((1.0, 0.9, 0.8)):
-        volume += np.float32(weight) * _grains(side, octave)
+        counters = np.arange((side >> octave) ** 3, dtype=np.uint64)
+        grains = uniforms(hash64(counters, seed_of("grain", octave)))
+        grains = grains.reshape((side >> octave,) * 3)
+        for axis in range(3):
+            grains = np.repeat(grains, 1 << octave, axis=axis)
+            for _ in range(octave):
+                grains = (grains + np.roll(grains, 1, axis=axis)) * np.float32(0.5)
+        volume += np.float32(weight) * ((grains - grains.mean()) / grains.std())
     volume -= volume.mean()
     volume /= volume.std()
     levels = [volume]
@@ -247,31 +228,19 @@ def _volume() -> tuple[Singles, NDArray[np.int64]]:
     return np.concatenate([level.ravel() for level in levels]), offsets
 
 
-def _grains(side: int, octave: int) -> Singles:
-    cells = side >> octave
-    counters = np.arange(cells**3, dtype=np.uint64)
-    grains = uniforms(hash64(counters, seed_of("grain", octave))).reshape((cells,) * 3)
-    for axis in range(3):
-        grains = np.repeat(grains, 1 << octave, axis=axis)
-        for _ in range(octave):
-            grains = (grains + np.roll(grains, 1, axis=axis)) * np.float32(0.5)
-    centred: Singles = (grains - grains.mean()) / grains.std()
-    return centred
-
-
 def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
-    """Return noisy readings of GPS and gimbal for true poses, the same on every machine."""
-    unit = np.array([_normal_numbers(name, seed) for name in names]).reshape(-1, 6)
+    """Return noisy readings of GPS and gimbal for true poses, the same on every machine.
+
+    Normal numbers are sums of uniform ones, in whole numbers till the end.
+    """
+    unit = np.empty((len(names), 6))
+    for row, name in enumerate(names):
+        blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
+        digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
+        bits = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
+        total = bits.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << 16)
+        unit[row] = total / (2 << 16)
     centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
     turns = unit[:, 3:] * np.array(_ANGLES_DEG)
     yaw, pitch, roll = (rotations_to_angles(poses.rotation, convergence_deg=0.0) + turns).T
     return Poses.from_centres(angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), centres)
-
-
-def _normal_numbers(name: str, seed: int) -> Floats:
-    """Return six numbers of unit variance: sums of uniform ones, in whole numbers till the end."""
-    blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
-    digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
-    bits = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
-    total = bits.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << 16)
-    return np.asarray(total / (2 << 16), dtype=np.float64)

@@ -1,78 +1,26 @@
-"""Painting the ground and roofs: materials in two seasons, and how each kind of decal looks."""
+"""Painting the ground and roofs in two seasons: how each kind of decal and cover looks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+import tomllib
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.noise import Dice, Textures, hash_of
-from airzoo_bench.datasets.mini.plan import (
-    Building,
-    Colour,
-    Patch,
-    Plan,
-    Raster,
-    colours,
-    line_height,
-)
+from airzoo_bench.datasets.mini.noise import Dice, Textures, hash_number
+from airzoo_bench.datasets.mini.plan import Building, Colour, Patch, Plan, Raster, Window, colours
 from airzoo_bench.geometry.arrays import Bools, Floats
 
 SURVEY, OLDER = 1, 2
 """Seasons: that of the survey, and that of the older mosaic."""
 
 _STREAM = 41
+_GROUND = tomllib.loads(Path(__file__).with_name("ground.toml").read_text("utf-8"))
 # How far mottling moves red, green and blue, in eighths: dry and wet ground differ in hue.
-_TINT = np.array([9, 8, 6], np.int32)
-
-# Red, green, blue and the amplitude of fine, middle and coarse mottling (display values), in the
-# survey and, where that differs, in the older mosaic. Each name is also a kind of decal.
-_MATERIALS = """
-asphalt 132 130 136 9 10 12 120 116 114 7 12 14
-lane 146 142 142 9 12 12 136 130 124 7 12 12
-tar 92 92 98 8 6 4
-patch 116 114 120 8 6 4
-kerb 190 186 178 8 4 4
-pavement 176 166 156 10 10 8 170 160 148 8 10 8
-paving 184 170 152 10 10 12
-concrete 186 182 174 8 14 12
-gravel 176 160 140 22 12 12
-track 166 140 108 18 16 10
-soil 150 114 82 18 16 14 156 128 96 14 14 14
-sand 206 186 146 12 8 6
-lawn 106 134 58 18 20 20 138 130 78 16 22 22
-meadow 118 138 66 24 26 26 150 138 88 22 26 26
-rough 96 114 56 30 26 18 132 120 78 26 26 18
-litter 74 82 44 26 20 12 116 98 66 26 20 12
-reed 112 128 60 34 20 12 164 144 96 30 20 12
-water 56 82 78 3 5 14 76 88 72 3 6 14
-shallow 98 110 88 10 10 10 126 118 92 10 10 10
-court 86 128 96 6 6 4 104 126 104 6 6 4
-running 172 84 66 6 6 6 158 92 76 6 6 6
-marking 228 228 222 10 18 6
-yellow 220 182 70 10 16 6
-bed 84 108 46 34 24 8 122 104 66 30 24 8
-wood 150 124 96 10 10 4
-rubbish 160 150 140 60 40 10
-pool 96 178 196 6 6 4 120 150 150 6 6 4
-"""
-
-# Of each crop, in the survey and in the older mosaic: the rows as above, the colour between them,
-# the distance of the rows in metres, and the share of it that is gap.
-_CROPS = """
-98 132 58 14 18 18 108 126 66 1.0 0.25 176 152 106 14 16 16 150 126 88 1.0 0.3
-120 150 58 14 20 18 134 142 72 1.5 0.3 146 116 84 14 16 16 124 96 70 1.5 0.35
-198 180 82 22 16 16 142 146 70 2.0 0.2 118 126 66 18 16 16 138 126 82 2.0 0.25
-156 120 86 14 14 16 126 94 68 1.25 0.4 140 108 78 14 14 16 116 88 64 1.25 0.4
-192 170 116 16 14 14 164 140 94 1.75 0.35 168 146 104 16 14 14 148 124 88 1.75 0.35
-74 116 46 22 14 12 150 120 88 2.5 0.45 104 112 60 22 14 12 146 118 86 2.5 0.5
-60 98 48 20 12 12 118 112 72 3.25 0.35 82 94 54 20 12 12 136 116 80 3.25 0.4
-124 146 70 26 26 24 116 138 66 3.0 0.3 152 140 90 26 26 24 140 128 80 3.0 0.3
-188 196 198 14 14 14 132 122 92 6.0 0.18 186 188 184 12 14 12 140 122 92 6.0 0.22
-"""
+_TINT = (9, 8, 6)
+_ROWS = 64  # of a canvas that are coloured at once
 
 _CARS = colours("e2e2e0 e8e6e2 3c3e42 222428 969aa0 b2b4b6 962222 2c4880 70604e")
 _FLOWERS = colours("be4650 d6be3c aa5aa0 dcd6d0")
@@ -86,74 +34,49 @@ _FLAT_TONES = colours("d6d6d4 46484c 969696 b2785a")
 class Material(NamedTuple):
     """A colour, and the amplitude of fine, middle and coarse mottling in display values."""
 
-    colour: Colour
+    red: int
+    green: int
+    blue: int
     fine: int
     middle: int
     coarse: int
 
-    @classmethod
-    def of_numbers(cls, numbers: Sequence[float]) -> Material:
-        """Make a material of a row of a table."""
-        red, green, blue, *mottling = map(int, numbers)
-        return cls((red, green, blue), *mottling)
-
-
-def _materials(season: int) -> dict[str, Material]:
-    part = slice(-6, None) if season == OLDER else slice(6)
-    rows = (line.split() for line in _MATERIALS.split("\n") if line)
-    return {name: Material.of_numbers([*map(int, words)][part]) for name, *words in rows}
-
-
-def _crops(season: int) -> list[tuple[Material, Material, float, float]]:
-    """Return rows, gaps, distance and share of gaps of the crops."""
-    crops = []
-    for line in filter(None, _CROPS.split("\n")):
-        numbers = [float(word) for word in line.split()][11 * (season == OLDER) :][:11]
-        gap = Material.of_numbers(numbers[6:9] + numbers[3:6])
-        crops.append((Material.of_numbers(numbers[:6]), gap, numbers[9], numbers[10]))
-    return crops
-
 
 class Canvas:
-    """A square raster over a plan in a season, whose heights (n, n) are `land`.
+    """What is painted last at each pixel of a square raster: the decals of a season, then roofs.
 
-    Attributes
-    ----------
-    rgb : (n, n, 3) uint8
-        The plan's decals in order, except those of another season.
-    water : (n, n) bool
-        Whether the last that was painted is water.
+    `land` is the height of the land, (n, n).
     """
 
     def __init__(
         self, plan: Plan, raster: Raster, textures: Textures, land: NDArray[Any], season: int
     ) -> None:
         self.plan, self.raster, self.textures, self.land = plan, raster, textures, land
-        self.season, self.materials, self.crops = season, _materials(season), _crops(season)
-        self.rgb = np.zeros((raster.size, raster.size, 3), np.uint8)
-        self.water = np.zeros((raster.size, raster.size), np.bool_)
-        self._paint_decals()
+        self.season, part = season, slice(-6, None) if season == OLDER else slice(6)
+        looks = {name: look[part] for name, look in _GROUND["materials"].items()}
+        self.materials = {name: Material(*look) for name, look in looks.items()}
+        self.crops = [crop[season - 1] for crop in _GROUND["fields"]["crops"]]
+        self._numbers: dict[Material, int] = {}
+        # The number of the material, and the shade, of each pixel.
+        self._look = np.zeros((2, raster.size, raster.size), np.int16)
+        whole = slice(0, raster.size)
+        north = plan.is_north(*raster.centres(whole, whole)) if plan.divide else None
+        for kind, form, key, side, only in plan.decals:
+            if only in (0, season):
+                patch = form.patch(raster)
+                if side and north is not None:
+                    there = north[patch.window] == (side == 1)
+                    patch = patch._replace(mask=patch.mask & there)
+                if patch.mask.any():
+                    DecalBrush(self, patch, key).paint_kind(kind)
 
-    @cached_property
-    def _north(self) -> Bools:
-        whole = slice(0, self.raster.size)
-        x, y = self.raster.centres(whole, whole)
-        return y > line_height(x, self.plan.divide)
-
-    def _paint_decals(self) -> None:
-        for kind, shape, key, side, season in self.plan.decals:
-            if season not in (0, self.season):
-                continue
-            patch = shape.patch(self.raster)
-            if side:
-                north = self._north[patch.window]
-                patch = patch._replace(mask=patch.mask & (north == (side == 1)))
-            if patch.mask.any():
-                brush = DecalBrush(self, patch, key)
-                if kind in self.materials:
-                    brush.paint(kind)
-                else:
-                    getattr(brush, f"_paint_{kind}")()
+    def paint(
+        self, window: Window, mask: Bools, material: Material, shade: NDArray[np.int32] | int
+    ) -> None:
+        """Paint a material where a mask of a window says, in shades (h, w) or one."""
+        number = self._numbers.setdefault(material, len(self._numbers))
+        np.copyto(self._look[0][window], number, where=mask)
+        np.copyto(self._look[1][window], shade, where=mask, casting="same_kind")
 
     def paint_roof(self, index: int, owner: NDArray[np.int32], colour: Colour) -> None:
         """Paint the roof of one building where it is on top, given the owner of each pixel."""
@@ -163,6 +86,23 @@ class Canvas:
         if patch.mask.any():
             brush = RoofBrush(self, patch, index, building, colour)
             getattr(brush, f"_cover_with_{building.cover}")()
+
+    def colours(self) -> tuple[NDArray[np.uint8], Bools]:
+        """Return the albedo (n, n, 3) of what has been painted so far, and where it is water."""
+        table = np.array([*self._numbers], np.int16).T
+        rgb = np.empty((*self._look.shape[1:], 3), np.uint8)
+        for rows in (slice(row, row + _ROWS) for row in range(0, len(rgb), _ROWS)):
+            number, shade = self._look[:, rows]
+            light = np.zeros(number.shape, np.int32)
+            for noise, share in zip(self.textures, table[3:], strict=True):
+                light += np.multiply(noise[rows], share.take(number), dtype=np.int32)
+            light >>= 6
+            light += shade
+            for channel, tint in enumerate(_TINT):
+                values = (light * tint >> 3) + table[channel].take(number)
+                rgb[rows, :, channel] = values.clip(0, 255)
+        wet = [self._numbers.get(self.materials[name], -1) for name in ("water", "pool")]
+        return rgb, np.isin(self._look[0], wet)
 
 
 class Brush:
@@ -183,16 +123,9 @@ class Brush:
     ) -> None:
         """Paint a material, which may be named, in the patch, or only `where` (h, w) in it."""
         mask = self.mask if where is None else self.mask & where
-        self.canvas.water[self.window][mask] = material in ("water", "pool")
         if isinstance(material, str):
             material = self.canvas.materials[material]
-        light = self.fine[mask].astype(np.int32) * material.fine
-        light += self.middle[mask].astype(np.int32) * material.middle
-        light += self.coarse[mask].astype(np.int32) * material.coarse
-        light >>= 6
-        light += shade if isinstance(shade, int) else shade[mask]
-        values = ((light[:, None] * _TINT) >> 3) + np.array(material.colour, np.int32)
-        self.canvas.rgb[self.window][mask] = np.clip(values, 0, 255).astype(np.uint8)
+        self.canvas.paint(self.window, mask, material, shade)
 
     def cells(
         self, key: int, u: Floats, v: Floats, size_u: float, size_v: float
@@ -202,7 +135,7 @@ class Brush:
         row = np.floor(v / size_v).astype(np.int64)
         # A whole hash a pixel is dear; a multiplicative one on few distinct cells will do.
         code = (column * 73_856_093) ^ (row * 19_349_663)
-        start = int(hash_of(self.canvas.plan.seed, key)[0]) & 0x7FFFFFFF
+        start = hash_number(self.canvas.plan.seed, key) & 0x7FFFFFFF
         code = (code ^ np.int64(start)) * 2_654_435_761
         return ((code ^ (code >> 23)) >> 15 & 255).astype(np.int32)
 
@@ -219,6 +152,13 @@ def repeats(along: Floats, period: float, part: float, phase: float = 0.0) -> Bo
 
 class DecalBrush(Brush):
     """Paints decals, each by the method of its kind."""
+
+    def paint_kind(self, kind: str) -> None:
+        """Paint a kind of decal, which may be a material."""
+        if kind in self.canvas.materials:
+            self.paint(kind)
+        else:
+            getattr(self, f"_paint_{kind}")()
 
     def _paint_dashes(self) -> None:
         self.paint("marking", repeats(self.u, 9.0, 4.0, self.key % 9))
@@ -256,11 +196,12 @@ class DecalBrush(Brush):
         self.paint("bed")
         if self.canvas.season == SURVEY:
             bloom = self.tones(0.5, 0.5) > 150
-            self.paint(Material(_FLOWERS[self.key % 4], 20, 10, 4), bloom)
+            self.paint(Material(*_FLOWERS[self.key % 4], 20, 10, 4), bloom)
 
     def _paint_field(self) -> None:
         key, crops = self.key, self.canvas.crops
-        plant, gap, row_m, gap_share = crops[key % len(crops)]
+        *look, red, green, blue, row_m, gap_share = crops[key % len(crops)]
+        plant, gap = Material(*look), Material(red, green, blue, *look[3:])
         tone = self.cells(key, np.zeros_like(self.v), self.v, 1.0, row_m * 5)
         wobble = self.v + self.coarse * (1 / 256)
         shade = (tone >> 4) - 8 + key // 16 % 24 - 12
@@ -277,10 +218,11 @@ class DecalBrush(Brush):
         canvas = self.canvas
         land = canvas.land[self.window].astype(np.float64) + self.coarse * (1 / 512)
         step = np.floor(land / 1.5).astype(np.int64)
-        crops = int(hash_of(canvas.plan.seed, self.key, 5)[0]) % 3
+        crops = hash_number(canvas.plan.seed, self.key, 5) % 3
         for phase, kind in enumerate(((0, 1, 0, 3), (0, 4, 1, 1), (1, 7, 0, 4))[crops]):
             part = self.area._replace(mask=self.mask & (step % 4 == phase))
-            DecalBrush(canvas, part, (self.key + phase) * len(canvas.crops) + kind)._paint_field()
+            field = (self.key + phase) * len(canvas.crops) + kind
+            DecalBrush(canvas, part, field).paint_kind("field")
         self.paint("rough", land / 1.5 - step < 0.16)
         self.paint("track", land / 1.5 - step < 0.05)
 
@@ -312,16 +254,16 @@ class DecalBrush(Brush):
 
     def _paint_car(self) -> None:
         u = self.u
-        self.paint(Material(_CARS[self.key % len(_CARS)], 4, 4, 0))
+        self.paint(Material(*_CARS[self.key % len(_CARS)], 4, 4, 0))
         glass = (u > 0.3) & (u < 1.1) | (u < -1.2) & (u > -1.8)
-        self.paint(Material((40, 46, 54), 4, 0, 0), glass & (np.abs(self.v) < 0.7))
+        self.paint(Material(40, 46, 54, 4, 0, 0), glass & (np.abs(self.v) < 0.7))
 
     def _paint_old_roof(self) -> None:
         """Paint a building that has gone since: only the older mosaic shows it."""
         colour = _OLD_ROOFS[self.key % 4]
         half = np.where(self.v > 0, 16, -22).astype(np.int32)
-        self.paint(Material(colour, 8, 12, 8), shade=half)
-        self.paint(Material(colour, 8, 4, 0), repeats(self.u, 1.0, 0.25), -14)
+        self.paint(Material(*colour, 8, 12, 8), shade=half)
+        self.paint(Material(*colour, 8, 4, 0), repeats(self.u, 1.0, 0.25), -14)
 
     def _paint_worn(self) -> None:
         kind = ("soil", "gravel", "rough", "sand")[self.key % 4]
@@ -365,7 +307,7 @@ class RoofBrush(Brush):
         colour: Colour | None = None,
     ) -> None:
         """Paint in the roof's colour or another."""
-        self.paint(Material(colour or self.colour, *mottling), where, shade)
+        self.paint(Material(*(colour or self.colour), *mottling), where, shade)
 
     def _cover_with_tiles(self) -> None:
         rect, mottling = self.rect, (10, 14, 10)
@@ -449,6 +391,6 @@ class RoofBrush(Brush):
             u, v = dice.real(rect.u0, rect.u1), dice.real(rect.v0, rect.v1)
             half = dice.pick(_ON_FLAT)
             self.coat((6, 4, 0), self.near(u, v, *half), colour=dice.pick(_FLAT_TONES))
-        high = int(hash_of(self.canvas.plan.seed, self.key)[0]) % 3
+        high = hash_number(self.canvas.plan.seed, self.key) % 3
         self.coat((6, 6, 4), self.rim < 0.45, 34 if high else -40)
         self.coat((6, 6, 4), (self.rim >= 0.45) & (self.rim < 0.75), -30)

@@ -1,8 +1,9 @@
-"""The layout of a region: shapes on the ground, decals, buildings of a few kinds, and trees."""
+"""The layout of a region: forms on the ground, and a flat list each of decals, buildings, trees."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 
 Point = tuple[float, float]
 Line = tuple[Point, ...]
+Window = tuple[slice, slice]
 _FAR_M = 10_000.0
 
 
@@ -58,11 +60,11 @@ class Frame(NamedTuple):
 
 
 class Patch(NamedTuple):
-    """The part of a raster that a shape may cover."""
+    """The part of a raster that a form may cover."""
 
-    window: tuple[slice, slice]  # rows and columns of the raster
-    mask: Bools  # (h, w): where the shape does cover it
-    u: Floats  # (h, w): coordinates in the axes of the shape, in metres
+    window: Window  # rows and columns of the raster
+    mask: Bools  # (h, w): where the form does cover it
+    u: Floats  # (h, w): coordinates in the axes of the form, in metres
     v: Floats  # (h, w)
 
 
@@ -72,16 +74,16 @@ class Raster(NamedTuple):
     size: int
     pixel_m: float
 
-    def window(self, points: Line, reach: float = 0.0) -> tuple[slice, slice]:
+    def window(self, points: Line, reach: float = 0.0) -> Window:
         """Return rows and columns that may lie within reach of the box of points."""
         side = self.size * self.pixel_m
         x, y = zip(*points, strict=True)
-        columns = self._span(min(x) - reach, max(x) + reach)
-        return self._span(side - (max(y) + reach), side - (min(y) - reach)), columns
-
-    def _span(self, low: float, high: float) -> slice:
-        start = min(max(int(low // self.pixel_m), 0), self.size)
-        return slice(start, min(max(int(high // self.pixel_m) + 2, start), self.size))
+        spans = []
+        for low, high in ((side - max(y), side - min(y)), (min(x), max(x))):
+            start = min(max(int((low - reach) // self.pixel_m), 0), self.size)
+            stop = max(int((high + reach) // self.pixel_m) + 2, start)
+            spans.append(slice(start, min(stop, self.size)))
+        return spans[0], spans[1]
 
     def centres(self, rows: slice, columns: slice) -> tuple[Floats, Floats]:
         """Return x of the columns, shape (1, w), and y of the rows, shape (h, 1)."""
@@ -114,16 +116,16 @@ class Rect(NamedTuple):
         """Its axes about its middle."""
         return self.frame.at((self.u0 + self.u1) / 2, (self.v0 + self.v1) / 2)
 
-    def corners(self) -> list[Point]:
+    def corners(self) -> Line:
         """Return the four corners, counter-clockwise."""
         local = ((self.u0, self.v0), (self.u1, self.v0), (self.u1, self.v1), (self.u0, self.v1))
-        return [self.frame.to_world(u, v) for u, v in local]
+        return tuple(self.frame.to_world(u, v) for u, v in local)
 
-    def grid(self, steps: int) -> list[Point]:
+    def grid(self, steps: int) -> Line:
         """Return points at even shares of its sides, the corners among them."""
         shares = [step / steps for step in range(steps + 1)]
         local = [(self.u0 + a * self.long, self.v0 + b * self.deep) for a in shares for b in shares]
-        return [self.frame.to_world(u, v) for u, v in local]
+        return tuple(self.frame.to_world(u, v) for u, v in local)
 
     def inset(self, margin: float) -> Rect:
         """Return it smaller by a margin on each side."""
@@ -132,7 +134,7 @@ class Rect(NamedTuple):
 
     def patch(self, raster: Raster) -> Patch:
         """Return the pixels whose centres it covers."""
-        window = raster.window(tuple(self.corners()))
+        window = raster.window(self.corners())
         u, v = self.frame.to_local(*raster.centres(*window))
         mask = (u >= self.u0) & (u < self.u1) & (v >= self.v0) & (v < self.v1)
         return Patch(window, mask, u, v)
@@ -192,7 +194,7 @@ class Stroke(NamedTuple):
         return Patch((rows, columns), away < reach, away, np.zeros_like(away))
 
 
-Shape = Rect | Ellipse | Polygon | Stroke
+Form = Rect | Ellipse | Polygon | Stroke
 
 
 def edges(outline: Line) -> list[tuple[Point, Point]]:
@@ -221,14 +223,6 @@ def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
     return np.asarray(np.sqrt((off_x * off_x + off_y * off_y).min(axis=0)))
 
 
-def line_height(x: Floats, points: Line) -> Floats:
-    """Return y of a line from west to east at some x; beyond its ends it goes on straight."""
-    knots_x, knots_y = np.array(points).T
-    slopes = (knots_y[1:] - knots_y[:-1]) / (knots_x[1:] - knots_x[:-1])
-    part = np.clip(np.searchsorted(knots_x, x, side="right") - 1, 0, len(slopes) - 1)
-    return np.asarray(knots_y[part] + (x - knots_x[part]) * slopes[part])
-
-
 def bend(points: Line) -> Line:
     """Round the corners of a line by cutting them thrice (Chaikin, 1974); the ends stay."""
     for _ in range(3):
@@ -245,12 +239,32 @@ def steps(start: float, stop: float, gap: float) -> list[float]:
     return [start + index * gap for index in range(max(math.ceil((stop - start) / gap), 0))]
 
 
-Colour = tuple[int, int, int]
-
 GRID_M = 2.0
 """Spacing of the grid on whose corners the land's heights are given."""
 LAND_X: Floats = np.arange(round(SIDE_M / GRID_M) + 1).astype(np.float64)[None, :] * GRID_M
 LAND_Y: Floats = LAND_X.T
+
+
+def rolling(seed: int, stream: int, cells: dict[int, int], relief_m: float) -> Floats:
+    """Return smooth hills about zero on the land's grid, most within half of `relief_m`."""
+    return octaves(seed, stream, LAND_X.size, cells).astype(np.float64) * (relief_m / 4096)
+
+
+def smooth_share(away: Floats, near: float, far: float) -> Floats:
+    """Return 0 up to a distance `near`, 1 from `far` on, and smoothly between."""
+    share = np.clip((away - near) / (far - near), 0.0, 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+def blended(
+    heights: Floats, away: Floats, level: Floats | float, near: float, far: float
+) -> Floats:
+    """Return heights that are `level` up to a distance `near`, and as they were from `far` on."""
+    share = smooth_share(away, near, far)
+    return heights * share + level * (1.0 - share)
+
+
+Colour = tuple[int, int, int]
 
 
 def colours(text: str) -> tuple[Colour, ...]:
@@ -269,6 +283,16 @@ _NO_WINDOWS: Colour = (70, 84, 98)
 _ROOF_BOXES = (
     (2.4, 1.6, 2.7), (1.0, 1.0, 1.8), (1.8, 0.9, 1.4), (1.2, 0.8, 1.2), (3.0, 2.0, 2.8)
 )  # fmt: skip
+
+
+class Decal(NamedTuple):
+    """Something painted on the ground."""
+
+    kind: str  # a method of `painting.DecalBrush`, or a material
+    form: Form
+    key: int  # tells it from others of its kind: colours, phases and patterns come from it
+    side: int  # 0: painted everywhere; 1 and 2: only on one side of `Plan.divide`
+    season: int  # 0: always; 1: in the survey only; 2: in the older mosaic only
 
 
 class Building(NamedTuple):
@@ -296,58 +320,43 @@ class Tree(NamedTuple):
     y: float
     radius_m: float
     height_m: float
-    kind: str = "broad"  # or "cone", "bush", "bale"
-
-
-class Decal(NamedTuple):
-    """Something painted on the ground."""
-
-    kind: str  # a method of `painting.DecalBrush`, or a material
-    shape: Shape
-    key: int = 0  # tells it from others of its kind: colours, phases and patterns come from it
-    side: int = 0  # 0: painted everywhere; 1 and 2: only on one side of `Plan.divide`
-    season: int = 0  # 0: always; 1: in the survey only; 2: in the older mosaic only
+    kind: str  # "broad", "cone", "bush" or "bale"
 
 
 @dataclass
 class Plan:
-    """The layout of a region."""
+    """The layout of a region, and the verbs that add to it."""
 
     seed: int
     dice: Dice
     # (n + 1, n + 1): of the land at the corners of its grid, first row in the south
     heights: Floats
     divide: Line = ()  # a line from west to east that parts side 1 (north) from side 2
+    side: int = 0  # on which `paint` paints
     decals: list[Decal] = field(default_factory=list)  # in the order of painting
     buildings: list[Building] = field(default_factory=list)
     trees: list[Tree] = field(default_factory=list)
 
-    def paint(
-        self,
-        kind: str,
-        shape: Shape,
-        key: int = 0,
-        *,
-        draw: int = 0,
-        side: int = 0,
-        season: int = 0,
-    ) -> None:
+    def paint(self, kind: str, form: Form, key: int = 0, *, draw: int = 0, season: int = 0) -> None:
         """Add a decal on top of the existing ones; `draw` is the largest key that is drawn."""
         key = self.dice.integer(0, draw) if draw else key
-        self.decals.append(Decal(kind, shape, key, side, season))
+        self.decals.append(Decal(kind, form, key, self.side, season))
 
     def plant(self, place: Point, radius_m: float, height_m: float, kind: str = "broad") -> None:
         """Add a tree."""
         self.trees.append(Tree(*place, radius_m, height_m, kind))
 
-    def tree_places(self) -> tuple[Floats, Floats]:
-        """Return x and y of the trees."""
-        x, y = np.array([(tree.x, tree.y) for tree in self.trees]).T
-        return x, y
+    def fell(self, stays: Callable[[Floats, Floats], Bools]) -> None:
+        """Keep the trees that stay, a function of their x and y."""
+        x, y = np.array([tree[:2] for tree in self.trees]).T
+        self.trees = [tree for tree, kept in zip(self.trees, stays(x, y), strict=True) if kept]
 
-    def keep_trees(self, chosen: Bools) -> None:
-        """Fell the other trees."""
-        self.trees = [tree for tree, stays in zip(self.trees, chosen, strict=True) if stays]
+    def is_north(self, x: Floats, y: Floats) -> Bools:
+        """Return which points are on side 1 of the divide, which goes on straight at its ends."""
+        knots_x, knots_y = np.array(self.divide).T
+        slopes = (knots_y[1:] - knots_y[:-1]) / (knots_x[1:] - knots_x[:-1])
+        part = np.clip(np.searchsorted(knots_x, x, side="right") - 1, 0, len(slopes) - 1)
+        return np.asarray(y > knots_y[part] + (x - knots_x[part]) * slopes[part])
 
     def height(self, x: float, y: float) -> float:
         """Return the land's height at the nearest corner of the grid."""
@@ -362,13 +371,12 @@ class Plan:
         rise = rect.v1 * self.dice.pick((0.5, 0.6, 0.75, 0.85))
         cover = self.dice.pick(("tiles", "tiles", "tiles", "metal"))
         colour = self.dice.pick(TILES if cover == "tiles" else METAL)
-        self._raise(rect, (3.0 * storeys, 0.6), rise, (roof, cover, colour))
+        self._raise(rect, (3.0 * storeys, 0.6), rise, (roof, cover, colour), 0)
 
     def add_block(self, frame: Frame, half_u: float, half_v: float, storeys: float) -> None:
         """Add a building with a flat roof and its equipment."""
         cover = self.dice.pick(("membrane", "membrane", "gravel", "slabs"))
-        top = "flat", cover, self.dice.pick(_FLAT)
-        style = self.dice.integer(0, 2)
+        top, style = ("flat", cover, self.dice.pick(_FLAT)), self.dice.integer(0, 2)
         self._raise(frame.box(half_u, half_v), (3.0 * storeys, 1.2), 0.0, top, style)
         self._add_roof_boxes(len(self.buildings) - 1)
 
@@ -377,15 +385,10 @@ class Plan:
         rect = _lengthwise(frame, half_u, half_v)
         roof = self.dice.pick(("gabled", "gabled", "shed"))
         rise = rect.v1 * (0.35 if roof == "gabled" else 0.3)
-        self._raise(rect, (wall_m, 0.0), rise, (roof, "metal", self.dice.pick(METAL)), style=3)
+        self._raise(rect, (wall_m, 0.0), rise, (roof, "metal", self.dice.pick(METAL)), 3)
 
     def _raise(
-        self,
-        rect: Rect,
-        wall_m: tuple[float, float],
-        rise: float,
-        top: tuple[str, str, Colour],
-        style: int = 0,
+        self, rect: Rect, wall_m: Point, rise: float, top: tuple[str, str, Colour], style: int
     ) -> None:
         pick, base = self.dice.pick, min(self.height(*point) for point in rect.grid(4))
         eaves = base + wall_m[0] + wall_m[1]
@@ -412,25 +415,6 @@ class Plan:
             self.buildings.append(
                 Building(box, low, top, top, "flat", cover, *look, style=3, parent=parent)
             )
-
-
-def rolling(seed: int, stream: int, cells: dict[int, int], relief_m: float) -> Floats:
-    """Return smooth hills about zero on the land's grid, most within half of `relief_m`."""
-    return octaves(seed, stream, LAND_X.size, cells).astype(np.float64) * (relief_m / 4096)
-
-
-def smooth_share(away: Floats, near: float, far: float) -> Floats:
-    """Return 0 up to a distance `near`, 1 from `far` on, and smoothly between."""
-    share = np.clip((away - near) / (far - near), 0.0, 1.0)
-    return share * share * (3.0 - 2.0 * share)
-
-
-def blended(
-    heights: Floats, away: Floats, level: Floats | float, near: float, far: float
-) -> Floats:
-    """Return heights that are `level` up to a distance `near`, and as they were from `far` on."""
-    share = smooth_share(away, near, far)
-    return heights * share + level * (1.0 - share)
 
 
 def _lengthwise(frame: Frame, half_u: float, half_v: float) -> Rect:

@@ -34,15 +34,15 @@ _Indices = NDArray[np.int64]
 
 RENDERER_VERSION = 2
 """To be raised with every change that changes photos, so that older ones are rendered again."""
-MISSED = -1
+_MISSED = -1
+# How many pixels are worked on at once: as many as a processor's cache holds.
+_BLOCK_PIXELS = 1 << 16
 
 # A ray that grazes a triangle within Embree's rounding of its edge may meet the plane far off the
 # triangle; beyond this (m, and share of the distance) Embree's own distance is the better one.
 _TRUST_M, _TRUST_SHARE = 0.02, 1e-4
 # How far shadow rays start above their surface: above single precision at 1.5 km (0.1 mm).
 _LIFT_M = 0.02
-# Rays through the pixels are kept from one frame to the next where they are no more than this.
-_KEPT_RAYS = 1 << 21
 # A pixel next to another surface is its centre and, by a third, what lies a third of a pixel
 # towards that surface: the mean of three rays in a row, the one away from the edge being taken to
 # see what the centre sees.
@@ -50,115 +50,13 @@ _THIRD = 1 / 3
 _DITHER_SEED = 0xD17
 
 # Light is kept as 16-bit integers, so that a photo of 48 megapixels stays small.
-_STORED_ONE = np.float32(16384.0)
-_STORED_MOST = np.float32(3.99)
+_STORED_ONE, _STORED_MOST = np.float32(16384.0), np.float32(3.99)
 
 _BLUR = np.float32(0.09)
 # How much darker corners are than the middle.
 _VIGNETTE = np.float32(0.12)
 _SHOULDER = np.float32(0.88)
 _DROPS = {"rain": 420, "snow": 520}
-
-BLOCK_PIXELS = 1 << 16
-"""How many pixels are worked on at once: as many as a processor's cache holds."""
-
-
-def row_blocks(width: int, height: int) -> Iterator[slice]:
-    """Yield slices of rows of an image, of `BLOCK_PIXELS` or a little less, at least one row."""
-    rows = max(BLOCK_PIXELS // width, 1)
-    for start in range(0, height, rows):
-        yield slice(start, min(start + rows, height))
-
-
-def to_stored(light: Singles) -> NDArray[np.uint16]:
-    """Turn light (1.0 being white) into 16-bit integers."""
-    return (np.clip(light, 0.0, _STORED_MOST) * _STORED_ONE).astype(np.uint16)
-
-
-def from_stored(stored: NDArray[np.uint16]) -> Singles:
-    """Turn 16-bit integers into light again."""
-    return stored.astype(np.float32) * (np.float32(1.0) / _STORED_ONE)
-
-
-def take_photo(
-    light: NDArray[np.uint16], rotation: Floats, given: Conditions, seed: int
-) -> NDArray[np.uint8]:
-    """Turn the light (3, H, W) that reaches the lens, see `to_stored`, into an image (H, W, 3)."""
-    _, height, width = light.shape
-    drops = _drops(width, height, rotation, given.falling, seed) if given.falling else None
-    photo = np.empty((height, width, 3), np.uint8)
-    for rows in row_blocks(width, height):
-        sharp = _blurred(light, rows)
-        if drops is not None:
-            share = drops[rows].astype(np.float32) * np.float32(1.0 / 255.0)
-            white = np.array(given.horizon, np.float32)[:, None, None] * np.float32(1.05)
-            sharp += (white - sharp) * share
-        sharp *= _vignette(rows, width, height)
-        # Highlights bend to white softly.
-        over = np.maximum(sharp - _SHOULDER, 0.0)
-        bent = np.minimum(sharp, _SHOULDER) + over / (1 + over / (1 - _SHOULDER))
-        levels = bent * np.float32(255.0)
-        levels += _noise(levels, rows, given.noise, seed)
-        np.clip(levels, 0.0, 255.0, out=levels)
-        photo[rows] = np.rint(levels, out=levels).transpose(1, 2, 0)
-    return photo
-
-
-def _blurred(light: NDArray[np.uint16], rows: slice) -> Singles:
-    """Spread each pixel a little over its neighbours, as a lens does."""
-    row = np.clip(np.arange(rows.start - 1, rows.stop + 1), 0, light.shape[1] - 1)
-    part = from_stored(light[:, row])
-    centre = 1 - 2 * _BLUR
-    down = part[:, 1:-1] * centre + (part[:, :-2] + part[:, 2:]) * _BLUR
-    across = down * centre
-    across[..., 1:] += down[..., :-1] * _BLUR
-    across[..., :-1] += down[..., 1:] * _BLUR
-    across[..., 0] += down[..., 0] * _BLUR
-    across[..., -1] += down[..., -1] * _BLUR
-    return across
-
-
-def _vignette(rows: slice, width: int, height: int) -> Singles:
-    half = np.float32(np.hypot(width, height) / 2)
-    x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / half
-    y = (np.arange(rows.start, rows.stop, dtype=np.float32) + 0.5 - height / 2) / half
-    square = (y * y)[:, None] + (x * x)[None]
-    return (1 - _VIGNETTE * square * square).astype(np.float32)
-
-
-def _noise(levels: Singles, rows: slice, deviation: float, seed: int) -> Singles:
-    width = levels.shape[2]
-    pixels = np.arange(rows.start * width, rows.stop * width, dtype=np.uint64)
-    normal = gaussians(hash64(pixels, seed)).reshape(4, -1, width)
-    # Shot noise grows with the root of the light; read noise is always there.
-    strength = np.sqrt(np.maximum(levels, 4.0) / np.float32(128.0)) * np.float32(deviation)
-    noise: Singles = strength * (np.float32(0.8) * normal[:3] + np.float32(0.6) * normal[3])
-    return noise
-
-
-def _drops(width: int, height: int, rotation: Floats, falling: str, seed: int) -> NDArray[np.uint8]:
-    """Return how much of each pixel (H, W) rain or snow in the air covers, in 255ths."""
-    image = Image.new("L", (width, height))
-    draw, count = ImageDraw.Draw(image), _DROPS[falling]
-    hashes = hash64(np.arange(2 * count, dtype=np.uint64), seed_of(seed, falling))
-    chance = np.stack([uniforms(hashes, lane) for lane in range(4)]).reshape(8, count)
-    start = np.stack([chance[0] * 1.2 - 0.1, chance[1] * 1.2 - 0.1]) * [[width], [height]]
-    near = chance[2] ** 3
-    if falling == "rain":
-        # Streaks lie along the way that drops fall as the camera sees it.
-        fall = (rotation @ np.array([0.16, 0.05, -1.0]))[:2]
-        length = (0.02 + 0.09 * near) * height
-        jitter = np.stack([chance[3] - 0.5, 0.5 - chance[3]]) * 0.12
-        ends = np.concatenate([start, start + (fall[:, None] + jitter) * length]).T
-        thick, blur = max(round(height / 500), 1), 0.4
-        for line, strength in zip(ends.tolist(), (26 + 60 * chance[4]).tolist(), strict=True):
-            draw.line(line, fill=int(strength), width=thick)
-    else:
-        size, blur = (0.0012 + 0.0055 * near) * height, 0.7
-        boxes = np.concatenate([start - size, start + size]).T
-        for box, strength in zip(boxes.tolist(), (210 - 120 * near).tolist(), strict=True):
-            draw.ellipse(box, fill=int(strength))
-    return np.asarray(image.filter(ImageFilter.BoxBlur(blur * height / 480)))
 
 
 class Frame(NamedTuple):
@@ -210,7 +108,7 @@ class Raycaster:
         answer = self._scene.cast_rays(self._tensor(rays), nthreads=1)
         triangle = answer["primitive_ids"].numpy().astype(np.int64)
         missed = (triangle >= len(self._offset)) | np.isnan(directions[0])
-        triangle[missed] = MISSED
+        triangle[missed] = _MISSED
         rough = answer["t_hit"].numpy().astype(np.float64)
         slope, height = np.zeros(len(triangle)), self._offset.take(triangle)
         for axis in range(3):
@@ -241,15 +139,14 @@ class _View(NamedTuple):
     rotation: Floats
     given: Conditions
 
-    def directions(self, xy: Floats) -> Floats:
-        """Return rays (3, N) along (x, y, 1) of the camera; NaN where the lens has none."""
-        directions = np.empty((3, xy.shape[1]))
-        for axis in range(3):
-            right, down, forward = self.rotation[:, axis]
-            np.multiply(xy[0], right, out=directions[axis])
-            directions[axis] += xy[1] * down
-            directions[axis] += forward
-        return directions
+    def directions(self, pixel: _Indices, off: Floats | float = 0.0) -> Floats:
+        """Return rays (3, N) of depth 1, `off` the pixels' centres; NaN where the lens has none."""
+        row, column = np.divmod(pixel, int(self.camera.width[0]))
+        places = np.stack([column, row]) + (0.5 + np.asarray(off))
+        unit = back_project(self.camera, places.T[None])[0]
+        x, y = (unit[:, :2] / unit[:, 2:]).T
+        axes = self.rotation.T.tolist()
+        return np.stack([x * right + y * down + forward for right, down, forward in axes])
 
 
 class Renderer:
@@ -263,7 +160,6 @@ class Renderer:
         border = [world.dsm[0], world.dsm[-1], world.dsm[:, 0], world.dsm[:, -1]]
         self._far_level_m = float(np.median(np.concatenate(border)))
         self._corner = np.array([world.region.west, world.region.south, 0.0])
-        self._kept: tuple[bytes, Floats] | None = None
 
     def render(self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int) -> Frame:
         """Take a photo with one camera at one pose."""
@@ -273,51 +169,39 @@ class Renderer:
         light = np.empty((3, height, width), np.uint16)
         depth = np.empty((height, width), np.float32)
         triangle = np.empty((height, width), np.int32)
-        for rows in row_blocks(width, height):
+        for rows in _row_blocks(width, height):
             pixel = np.arange(rows.start * width, rows.stop * width)
-            seen, far, hit = self._look(view, self._through_pixels(camera, pixel), pixel)
-            light[:, rows] = to_stored(seen).reshape(3, -1, width)
+            seen, far, hit = self._look(view, view.directions(pixel), pixel)
+            light[:, rows] = _to_stored(seen).reshape(3, -1, width)
             depth[rows] = far.reshape(-1, width)
             triangle[rows] = hit.reshape(-1, width)
         self._smooth_edges(light.reshape(3, -1), triangle, view)
-        return Frame(take_photo(light, view.rotation, view.given, seed), depth)
-
-    def _through_pixels(self, camera: Cameras, pixel: _Indices) -> Floats:
-        """Return `_through` of pixels in a row, remembered from the frame before."""
-        count = int(camera.width[0] * camera.height[0])
-        if count > _KEPT_RAYS:
-            return _through(camera, pixel)
-        parts = (camera.width, camera.height, camera.focal, camera.principal_point)
-        key = b"".join(part.tobytes() for part in (*parts, camera.distortion))
-        if self._kept is None or self._kept[0] != key:
-            self._kept = (key, _through(camera, np.arange(count)))
-        return self._kept[1][:, pixel[0] : pixel[-1] + 1]
+        return Frame(_take_photo(light, view.rotation, view.given, seed), depth)
 
     def _smooth_edges(
         self, light: NDArray[np.uint16], triangle: NDArray[np.int32], view: _View
     ) -> None:
         """Blend pixels where surfaces meet with the other surface, as far as it reaches in."""
         edge, towards = edge_pixels(triangle, self._keys)
-        for start in range(0, len(edge), BLOCK_PIXELS):
-            part = slice(start, start + BLOCK_PIXELS)
+        for start in range(0, len(edge), _BLOCK_PIXELS):
+            part = slice(start, start + _BLOCK_PIXELS)
             pixel = edge[part]
-            through = _through(view.camera, pixel, towards[:, part] * _THIRD)
-            nearby = from_stored(to_stored(self._look(view, through, pixel)[0]))
-            own = from_stored(light[:, pixel])
-            light[:, pixel] = to_stored(own + (nearby - own) * np.float32(_THIRD))
+            rays = view.directions(pixel, towards[:, part] * _THIRD)
+            nearby = _from_stored(_to_stored(self._look(view, rays, pixel)[0]))
+            own = _from_stored(light[:, pixel])
+            light[:, pixel] = _to_stored(own + (nearby - own) * np.float32(_THIRD))
 
-    def _look(self, view: _View, xy: Floats, pixel: _Indices) -> tuple[Singles, Floats, _Indices]:
+    def _look(self, view: _View, rays: Floats, pixel: _Indices) -> tuple[Singles, Floats, _Indices]:
         """Return the light along the rays of N pixels, their depths and triangles."""
-        directions = view.directions(xy)
-        triangle, depth = self._caster.trace(view.centre, directions)
+        triangle, depth = self._caster.trace(view.centre, rays)
         light = np.zeros((3, len(depth)), np.float32)
-        hit = np.flatnonzero(triangle != MISSED)
-        free = np.flatnonzero((triangle == MISSED) & ~np.isnan(directions[0]))
+        hit = np.flatnonzero(triangle != _MISSED)
+        free = np.flatnonzero((triangle == _MISSED) & ~np.isnan(rays[0]))
         if len(hit):
-            rays = directions.take(hit, axis=1)
-            light[:, hit] = self._surface(view, rays, depth[hit], pixel[hit], triangle[hit])
+            some = rays.take(hit, axis=1)
+            light[:, hit] = self._surface(view, some, depth[hit], pixel[hit], triangle[hit])
         if len(free):
-            light[:, free] = self._horizon(view, directions.take(free, axis=1))
+            light[:, free] = self._horizon(view, rays.take(free, axis=1))
         return light, depth, triangle
 
     def _surface(
@@ -339,18 +223,14 @@ class Renderer:
             owner=self._mesh.owner.take(triangle),
             triangle=triangle,
         )
-        return self._shader.colour(points, self._sunlight(xyz, normal, view.given), view.given)
-
-    def _sunlight(self, xyz: Floats, normal: Floats, given: Conditions) -> Singles:
-        """Return the cosine of the sun's angle to surfaces, 0 where something is in the way."""
-        lit = np.zeros(xyz.shape[1], np.float32)
-        if given.direct:
-            sun = np.array(given.light.direction)
+        lit = np.zeros(len(depth), np.float32)
+        if view.given.direct:
+            sun = np.array(view.given.light.direction)
             cosine: Floats = dot(normal, sun[:, None])
             facing = np.flatnonzero(cosine > 0.0)
             places, up = xyz.take(facing, axis=1), normal.take(facing, axis=1)
             lit[facing] = np.where(self._caster.occluded(places, up, sun), 0.0, cosine[facing])
-        return lit
+        return self._shader.colour(points, lit, view.given)
 
     def _horizon(self, view: _View, rays: Floats) -> Singles:
         """Return sky, and below the horizon the land that goes on where the mesh ends."""
@@ -363,14 +243,6 @@ class Renderer:
         sun = column(given.light.sun) * np.float32(given.light.direction[2])
         light[:, below] = haze(land * (column(given.light.sky) + sun), distance, down, given)
         return light
-
-
-def _through(camera: Cameras, pixel: _Indices, off: Floats | float = 0.0) -> Floats:
-    """Return points (2, N) at depth 1 in the camera that pixels see, `off` their centres."""
-    row, column = np.divmod(pixel, int(camera.width[0]))
-    places = np.stack([column, row]) + (0.5 + np.asarray(off))
-    unit = back_project(camera, places.T[None])[0]
-    return np.ascontiguousarray((unit[:, :2] / unit[:, 2:]).T)
 
 
 def _surface_keys(mesh: Mesh, normal: Floats) -> NDArray[np.int32]:
@@ -399,3 +271,88 @@ def edge_pixels(triangle: NDArray[np.int32], keys: NDArray[np.int32]) -> tuple[_
     )
     across[(across == 0.0) & (down == 0.0)] = 1.0
     return pixel, np.stack([across, down])
+
+
+def _row_blocks(width: int, height: int) -> Iterator[slice]:
+    """Yield slices of rows of an image, of `_BLOCK_PIXELS` or a little less, at least one row."""
+    rows = max(_BLOCK_PIXELS // width, 1)
+    for start in range(0, height, rows):
+        yield slice(start, min(start + rows, height))
+
+
+def _to_stored(light: Singles) -> NDArray[np.uint16]:
+    """Turn light (1.0 being white) into 16-bit integers."""
+    return (np.clip(light, 0.0, _STORED_MOST) * _STORED_ONE).astype(np.uint16)
+
+
+def _from_stored(stored: NDArray[np.uint16]) -> Singles:
+    return stored.astype(np.float32) * (np.float32(1.0) / _STORED_ONE)
+
+
+def _take_photo(
+    light: NDArray[np.uint16], rotation: Floats, given: Conditions, seed: int
+) -> NDArray[np.uint8]:
+    """Turn the light (3, H, W) that reaches the lens, see `_to_stored`, into an image (H, W, 3)."""
+    _, height, width = light.shape
+    drops = _drops(width, height, rotation, given.falling, seed) if given.falling else None
+    photo = np.empty((height, width, 3), np.uint8)
+    half = np.float32(np.hypot(width, height) / 2)
+    x = (np.arange(width, dtype=np.float32) + 0.5 - width / 2) / half
+    for rows in _row_blocks(width, height):
+        sharp = _blurred(light, rows)
+        if drops is not None:
+            share = drops[rows].astype(np.float32) * np.float32(1.0 / 255.0)
+            sharp += (column(given.horizon)[..., None] * np.float32(1.05) - sharp) * share
+        y = (np.arange(rows.start, rows.stop, dtype=np.float32) + 0.5 - height / 2) / half
+        square = (y * y)[:, None] + (x * x)[None]
+        sharp *= (1 - _VIGNETTE * square * square).astype(np.float32)
+        # Highlights bend to white softly.
+        over = np.maximum(sharp - _SHOULDER, 0.0)
+        levels = (np.minimum(sharp, _SHOULDER) + over / (1 + over / (1 - _SHOULDER))) * 255
+        # Shot noise grows with the root of the light; read noise is always there.
+        pixels = np.arange(rows.start * width, rows.stop * width, dtype=np.uint64)
+        normal = gaussians(hash64(pixels, seed)).reshape(4, -1, width)
+        strength = np.sqrt(np.maximum(levels, 4.0) / np.float32(128.0)) * np.float32(given.noise)
+        levels += strength * (np.float32(0.8) * normal[:3] + np.float32(0.6) * normal[3])
+        np.clip(levels, 0.0, 255.0, out=levels)
+        photo[rows] = np.rint(levels, out=levels).transpose(1, 2, 0)
+    return photo
+
+
+def _blurred(light: NDArray[np.uint16], rows: slice) -> Singles:
+    """Spread each pixel a little over its neighbours, as a lens does."""
+    row = np.clip(np.arange(rows.start - 1, rows.stop + 1), 0, light.shape[1] - 1)
+    part = _from_stored(light[:, row])
+    centre = 1 - 2 * _BLUR
+    down = part[:, 1:-1] * centre + (part[:, :-2] + part[:, 2:]) * _BLUR
+    across = down * centre
+    across[..., 1:] += down[..., :-1] * _BLUR
+    across[..., :-1] += down[..., 1:] * _BLUR
+    across[..., 0] += down[..., 0] * _BLUR
+    across[..., -1] += down[..., -1] * _BLUR
+    return across
+
+
+def _drops(width: int, height: int, rotation: Floats, falling: str, seed: int) -> NDArray[np.uint8]:
+    """Return how much of each pixel (H, W) rain or snow in the air covers, in 255ths."""
+    image = Image.new("L", (width, height))
+    draw, count = ImageDraw.Draw(image), _DROPS[falling]
+    hashes = hash64(np.arange(2 * count, dtype=np.uint64), seed_of(seed, falling))
+    chance = np.stack([uniforms(hashes, lane) for lane in range(4)]).reshape(8, count)
+    start = np.stack([chance[0] * 1.2 - 0.1, chance[1] * 1.2 - 0.1]) * [[width], [height]]
+    near = chance[2] ** 3
+    if falling == "rain":
+        # Streaks lie along the way that drops fall as the camera sees it.
+        fall = (rotation @ np.array([0.16, 0.05, -1.0]))[:2]
+        length = (0.02 + 0.09 * near) * height
+        jitter = np.stack([chance[3] - 0.5, 0.5 - chance[3]]) * 0.12
+        ends = np.concatenate([start, start + (fall[:, None] + jitter) * length]).T
+        thick, blur = max(round(height / 500), 1), 0.4
+        for line, strength in zip(ends.tolist(), (26 + 60 * chance[4]).tolist(), strict=True):
+            draw.line(line, fill=int(strength), width=thick)
+    else:
+        size, blur = (0.0012 + 0.0055 * near) * height, 0.7
+        boxes = np.concatenate([start - size, start + size]).T
+        for box, strength in zip(boxes.tolist(), (210 - 120 * near).tolist(), strict=True):
+            draw.ellipse(box, fill=int(strength))
+    return np.asarray(image.filter(ImageFilter.BoxBlur(blur * height / 480)))

@@ -54,37 +54,51 @@ class _Lines(NamedTuple):
 def rural_plan(seed: int) -> Plan:
     """Lay out the country."""
     dice = Dice(seed, _STREAM)
-    lines = _lines(dice)
+    lines = _draw_lines(dice)
     plan = Plan(seed, dice, _heights(seed, lines))
     low, high = -8.0, SIDE_M + 8
     for parcel in _parcels(dice, ((low, low), (high, low), (high, high), (low, high))):
-        _use_parcel(plan, dice, parcel, lines.stream)
-    _lay_water(plan, dice, lines)
-    _lay_ways(plan, dice, lines)
+        _use_parcel(plan, parcel, lines.stream)
+    _lay_water(plan, lines)
+    _lay_ways(plan, lines)
     for farm in lines.farms:
-        _add_farm(plan, dice, farm)
-    _add_single_trees(plan, dice, lines)
-    plan.keep_trees(_clear_of_lines(*plan.tree_places(), lines))
+        _add_farm(plan, farm)
+    for _ in range(70):
+        radius = dice.real(2.2, 5.0)
+        place = dice.real(9, SIDE_M - 9), dice.real(9, SIDE_M - 9)
+        plan.plant(place, radius, radius * dice.real(2, 2.6))
+    for start, end in pairwise(lines.road):
+        if dice.chance(40):
+            place = _beside(start, end, dice.pick((-1, 1)) * 0.75)
+            plan.plant(place, dice.real(2, 3), dice.real(7, 9))
+    plan.fell(lambda x, y: _clear_of_lines(x, y, lines))
     return plan
 
 
-def _lines(dice: Dice) -> _Lines:
+def _draw_lines(dice: Dice) -> _Lines:
     stream = _winding(dice, (0.3, 0.45), 60.0)
-    farms = _farm_places(dice, stream)
+    farms: list[Frame] = []
+    for _ in range(200):
+        x, y = dice.real(55, SIDE_M - 55), dice.real(55, SIDE_M - 55)
+        farm = Frame(x, y, *direction(dice.integer(0, 255)))
+        off = distance_to_line(np.array([x]), np.array([y]), stream)[0]
+        if off > 60 and all(distance(farm.origin, other.origin) > 125 for other in farms):
+            farms.append(farm)
+    farms = farms[:6]
     # The road is that of some which keeps farthest from all farms.
-    x, y = np.array([farm.origin for farm in farms]).T
+    yards = np.array([farm.origin for farm in farms]).T
     roads = [_winding(dice, (0.25, 0.8), 50.0, across=False) for _ in range(12)]
-    road = max(roads, key=lambda line: float(distance_to_line(x, y, line).min()))
+    road = max(roads, key=lambda line: float(distance_to_line(yards[0], yards[1], line).min()))
     tracks = tuple(_track(dice, farm.origin, road) for farm in farms)
     paths = tuple(_winding(dice, (0.1, 0.9), 75.0, across=False) for _ in range(4))
     half = dice.real(22, 32), dice.real(14, 19)
     # The pond lies on the middle part of the stream, as far from the road as can be.
     first, last = len(stream) * 3 // 10, len(stream) * 7 // 10
-    x, y = np.array(stream[first:last]).T
-    away = distance_to_line(x, y, road)
+    middle = np.array(stream[first:last]).T
+    away = distance_to_line(middle[0], middle[1], road)
     pond = Frame(*stream[first + int(np.argmax(away))], *direction(dice.integer(0, 255)))
-    farms = tuple(farm for farm in farms if distance(farm.origin, pond.origin) > 85.0)
-    return _Lines(stream, road, tracks, paths, pond, half, farms)
+    dry = tuple(farm for farm in farms if distance(farm.origin, pond.origin) > 85.0)
+    return _Lines(stream, road, tracks, paths, pond, half, dry)
 
 
 def _winding(
@@ -100,17 +114,6 @@ def _winding(
     return tuple((y, x) for x, y in line) if dice.chance(50) == across else line
 
 
-def _farm_places(dice: Dice, stream: Line) -> tuple[Frame, ...]:
-    farms: list[Frame] = []
-    for _ in range(200):
-        x, y = dice.real(55, SIDE_M - 55), dice.real(55, SIDE_M - 55)
-        farm = Frame(x, y, *direction(dice.integer(0, 255)))
-        off = distance_to_line(np.array([x]), np.array([y]), stream)[0]
-        if off > 60 and all(distance(farm.origin, other.origin) > 125 for other in farms):
-            farms.append(farm)
-    return tuple(farms[:6])
-
-
 def _track(dice: Dice, farm: Point, road: Line) -> Line:
     """Return a track from a farm's yard to the nearest point of the road."""
     near = min(road, key=lambda point: distance(point, farm))
@@ -120,10 +123,9 @@ def _track(dice: Dice, farm: Point, road: Line) -> Line:
 
 def _heights(seed: int, lines: _Lines) -> Floats:
     hills = 88.0 + rolling(seed, 20, {110: 8, 60: 5, 26: 2, 11: 1}, 46.0)
-    stream = distance_to_line(LAND_X, LAND_Y, lines.stream)
-    valley = hills - 15.0 * (1.0 - smooth_share(stream, 5.0, 210.0))
-    land = valley - 2.6 * (1.0 - smooth_share(stream, 1.5, 9.0))
-    road = distance_to_line(LAND_X, LAND_Y, lines.road)
+    stream, road = (distance_to_line(LAND_X, LAND_Y, line) for line in lines[:2])
+    land = hills - 15.0 * (1.0 - smooth_share(stream, 5.0, 210.0))
+    land = land - 2.6 * (1.0 - smooth_share(stream, 1.5, 9.0))
     land = land + 0.8 * (1.0 - smooth_share(road, 3.0, 10.0))
     u, v = lines.pond.to_local(LAND_X, LAND_Y)
     u, v = u / lines.pond_half[0], v / lines.pond_half[1]
@@ -135,6 +137,9 @@ def _heights(seed: int, lines: _Lines) -> Floats:
         level = float(land[round(farm.y / GRID_M), round(farm.x / GRID_M)])
         land = blended(land, off, level, 0.0, 26.0)
     return land
+
+
+# --- parcels ---
 
 
 def _parcels(dice: Dice, outline: Line) -> list[Polygon]:
@@ -190,8 +195,9 @@ def _shrink(polygon: Polygon, margin_m: float) -> Polygon:
     return Polygon(tuple(between(middle, p, share) for p in polygon.points), polygon.frame)
 
 
-def _use_parcel(plan: Plan, dice: Dice, parcel: Polygon, stream: Line) -> None:
+def _use_parcel(plan: Plan, parcel: Polygon, stream: Line) -> None:
     """Paint a parcel and plant what grows on it; the valley is terraced for rice."""
+    dice = plan.dice
     plan.paint("rough", parcel)
     x, y = np.array([_middle(parcel.points)]).T
     near = float(distance_to_line(x, y, stream)[0])
@@ -201,17 +207,18 @@ def _use_parcel(plan: Plan, dice: Dice, parcel: Polygon, stream: Line) -> None:
     else:
         use = dice.integer(0, 99)
         if use < 24:
-            _grow_wood(plan, dice, parcel)
+            _grow_wood(plan, parcel)
         elif use < 34:
-            _grow_meadow(plan, dice, inner)
+            _grow_meadow(plan, inner)
         elif use < 42:
-            _grow_orchard(plan, dice, inner)
+            _grow_orchard(plan, inner)
         else:
-            _grow_field(plan, dice, inner)
-    _add_hedges(plan, dice, parcel)
+            _grow_field(plan, inner)
+    _add_hedges(plan, parcel)
 
 
-def _grow_field(plan: Plan, dice: Dice, inner: Polygon) -> None:
+def _grow_field(plan: Plan, inner: Polygon) -> None:
+    dice = plan.dice
     key = dice.integer(0, 1 << 14)
     plan.paint("field", inner, key)
     if dice.chance(25):
@@ -222,7 +229,8 @@ def _grow_field(plan: Plan, dice: Dice, inner: Polygon) -> None:
                 plan.plant(place, 0.85, 1.4, "bale")
 
 
-def _grow_meadow(plan: Plan, dice: Dice, inner: Polygon) -> None:
+def _grow_meadow(plan: Plan, inner: Polygon) -> None:
+    dice = plan.dice
     plan.paint("meadow", inner)
     plan.paint("worn", inner, draw=3)
     for place in _grid(dice, inner, 22.0, 25.0):
@@ -231,7 +239,8 @@ def _grow_meadow(plan: Plan, dice: Dice, inner: Polygon) -> None:
             plan.plant(place, radius, radius * 2.2, dice.pick(("broad", "bush")))
 
 
-def _grow_orchard(plan: Plan, dice: Dice, inner: Polygon) -> None:
+def _grow_orchard(plan: Plan, inner: Polygon) -> None:
+    dice = plan.dice
     plan.paint("meadow", inner)
     gap = dice.real(5.5, 7.5)
     for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
@@ -240,7 +249,8 @@ def _grow_orchard(plan: Plan, dice: Dice, inner: Polygon) -> None:
             plan.plant(place, dice.real(1.2, 1.7), dice.real(2.6, 3.4), "bush")
 
 
-def _grow_wood(plan: Plan, dice: Dice, parcel: Polygon) -> None:
+def _grow_wood(plan: Plan, parcel: Polygon) -> None:
+    dice = plan.dice
     plan.paint("litter", parcel)
     share = dice.integer(80, 95)
     conifers = dice.pick((0, 10, 60))
@@ -266,8 +276,9 @@ def _grid(
             yield place
 
 
-def _add_hedges(plan: Plan, dice: Dice, parcel: Polygon) -> None:
+def _add_hedges(plan: Plan, parcel: Polygon) -> None:
     """Plant bushes, now and then a tree, along some edges; small parcels have fewer."""
+    dice = plan.dice
     for edge in edges(parcel.points):
         if not dice.chance(26 if _area(parcel.points) > 3000 else 12):
             continue
@@ -283,20 +294,22 @@ def _add_hedges(plan: Plan, dice: Dice, parcel: Polygon) -> None:
             along += dice.real(1.9, 3.0)
 
 
-def _lay_water(plan: Plan, dice: Dice, lines: _Lines) -> None:
-    pond, (a, b) = lines.pond, lines.pond_half
+# --- water, ways, farms ---
+
+
+def _lay_water(plan: Plan, lines: _Lines) -> None:
+    dice, pond, (a, b) = plan.dice, lines.pond, lines.pond_half
     plan.paint("rough", Stroke(lines.stream, 17.0))
     plan.paint("shore", Stroke(lines.stream, 8.0))
     for kind, grown in (("rough", 7.0), ("shore", 3.5), ("shallow", 0.6), ("water", -0.8)):
         plan.paint(kind, Ellipse(pond, a + grown, b + grown), draw=9)
     plan.paint("water", Stroke(lines.stream, 3.6))
     plan.paint("wood", Stroke((pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)), 1.5))
-    for start, end in pairwise(lines.stream):
-        for side in (-1, 1):
-            if dice.chance(42):
-                place = _beside(start, end, side * dice.real(0.25, 0.4))
-                radius = dice.real(1.8, 4.0)
-                plan.plant(place, radius, radius * dice.real(2.2, 3.0))
+    for (start, end), side in product(pairwise(lines.stream), (-1, 1)):
+        if dice.chance(42):
+            place = _beside(start, end, side * dice.real(0.25, 0.4))
+            radius = dice.real(1.8, 4.0)
+            plan.plant(place, radius, radius * dice.real(2.2, 3.0))
 
 
 def _beside(start: Point, end: Point, away: float) -> Point:
@@ -304,7 +317,8 @@ def _beside(start: Point, end: Point, away: float) -> Point:
     return start[0] - (end[1] - start[1]) * away, start[1] + (end[0] - start[0]) * away
 
 
-def _lay_ways(plan: Plan, dice: Dice, lines: _Lines) -> None:
+def _lay_ways(plan: Plan, lines: _Lines) -> None:
+    dice = plan.dice
     for path in lines.paths:
         plan.paint("rough", Stroke(path, 3.2))
         plan.paint("track", Stroke(path, 1.6))
@@ -320,30 +334,19 @@ def _lay_ways(plan: Plan, dice: Dice, lines: _Lines) -> None:
             plan.paint(dice.pick(("patch", "tar", "lane")), Stroke(ends, dice.real(1, 4)))
         if dice.chance(14):
             spot = Frame.along(*ends).at(0, dice.pick((-1.6, 1.6)))
-            key, season = dice.integer(0, 99), dice.integer(1, 2)
-            plan.paint("car", spot.box(2.2, 0.9), key, season=season)
+            plan.paint("car", spot.box(2.2, 0.9), dice.integer(0, 99), season=dice.integer(1, 2))
 
 
-def _add_farm(plan: Plan, dice: Dice, frame: Frame) -> None:
+def _add_farm(plan: Plan, frame: Frame) -> None:
     """Lay out a farm about a frame's origin, on ground that is level already."""
+    dice, real = plan.dice, plan.dice.real
     plan.paint("rough", Ellipse(frame, _YARD_M[0] + 4, _YARD_M[1] + 4))
     plan.paint("meadow", Ellipse(frame, *_YARD_M))
     plan.paint(dice.pick(("gravel", "plates", "track")), frame.box(23.0, 15.0), draw=99)
     plan.paint("worn", frame.box(25.0, 17.0), draw=3)
     for u, v in ((0.0, -21.5), (19.0, -21.0)):
-        bed = frame.at(u + dice.real(-2, 2), v).box(8.0, 4.5)
+        bed = frame.at(u + real(-2, 2), v).box(8.0, 4.5)
         plan.paint(dice.pick(("beds", "beds", "lawn")), bed, draw=99)
-    _add_farm_buildings(plan, dice, frame)
-    _add_farm_clutter(plan, dice, frame)
-    for _ in range(dice.integer(7, 12)):
-        u, v = dice.pick((-1, 1)) * dice.real(24, 33), dice.real(-24, 24)
-        radius = dice.real(1.6, 3.6)
-        kind = dice.pick(("broad", "broad", "bush", "cone"))
-        plan.plant(frame.to_world(u, v), radius, radius * (3.2 if kind == "cone" else 2.4), kind)
-
-
-def _add_farm_buildings(plan: Plan, dice: Dice, frame: Frame) -> None:
-    real = dice.real
     house = frame.at(real(-17, -13), real(-9, -6))
     plan.add_house(house, real(5.5, 7.5), real(4.5, 5.5), dice.integer(1, 2))
     barn = frame.at(real(-6, 0), real(16, 18))
@@ -355,35 +358,31 @@ def _add_farm_buildings(plan: Plan, dice: Dice, frame: Frame) -> None:
     if dice.chance(60):
         wing = frame.at(-25.0, real(6.5, 9), turned=True)
         plan.add_house(wing, real(4.5, 6), real(3.4, 4.2), 1)
+    _strew_farm(plan, frame)
+    for _ in range(dice.integer(7, 12)):
+        u, v = dice.pick((-1, 1)) * real(24, 33), real(-24, 24)
+        radius = real(1.6, 3.6)
+        kind = dice.pick(("broad", "broad", "bush", "cone"))
+        plan.plant(frame.to_world(u, v), radius, radius * (3.2 if kind == "cone" else 2.4), kind)
 
 
-def _add_farm_clutter(plan: Plan, dice: Dice, frame: Frame) -> None:
+def _strew_farm(plan: Plan, frame: Frame) -> None:
+    """Leave cars, heaps, bales and what has gone since."""
+    dice, real = plan.dice, plan.dice.real
     for season in (1, 2):
         for _ in range(dice.integer(2, 5)):
-            spot = frame.at(dice.real(-9, 12), dice.real(-5, 7), turned=dice.chance(50))
+            spot = frame.at(real(-9, 12), real(-5, 7), turned=dice.chance(50))
             plan.paint("car", spot.box(2.2, 0.95), draw=99, season=season)
     for _ in range(14):
-        spot = frame.at(dice.real(-24, 24), dice.pick((-1, 1)) * dice.real(9, 14))
+        spot = frame.at(real(-24, 24), dice.pick((-1, 1)) * real(9, 14))
         half = dice.pick(((1.5, 1.0), (0.8, 0.8), (2.5, 1.2)))
         kind = dice.pick(("wood", "rubbish", "tar", "sand", "soil"))
         plan.paint(kind, spot.box(*half), season=dice.integer(0, 2))
     if dice.chance(60):
-        gone = frame.at(dice.real(-3, 8), -21).box(dice.real(4, 7), dice.real(2.5, 4))
+        gone = frame.at(real(-3, 8), -21).box(real(4, 7), real(2.5, 4))
         plan.paint("old_roof", gone, draw=99, season=2)
     for _ in range(dice.integer(0, 6)):
-        plan.plant(frame.to_world(dice.real(6, 12), dice.real(8, 11)), 0.8, 1.3, "bale")
-
-
-def _add_single_trees(plan: Plan, dice: Dice, lines: _Lines) -> None:
-    """Plant trees alone in the fields, and in rows along the road."""
-    for _ in range(70):
-        radius = dice.real(2.2, 5.0)
-        place = dice.real(9, SIDE_M - 9), dice.real(9, SIDE_M - 9)
-        plan.plant(place, radius, radius * dice.real(2, 2.6))
-    for start, end in pairwise(lines.road):
-        if dice.chance(40):
-            place = _beside(start, end, dice.pick((-1, 1)) * 0.75)
-            plan.plant(place, dice.real(2, 3), dice.real(7, 9))
+        plan.plant(frame.to_world(real(6, 12), real(8, 11)), 0.8, 1.3, "bale")
 
 
 def _clear_of_lines(x: Floats, y: Floats, lines: _Lines) -> Bools:

@@ -10,6 +10,7 @@ from airzoo_bench.datasets.mini.weather import Conditions, column, haze, sky_col
 from airzoo_bench.datasets.mini.world import Material, World
 from airzoo_bench.geometry.arrays import Floats
 
+_MOST_SLANT = 4.0
 _LAMP = (1.0, 0.74, 0.42)
 _TRUNK = (0.30, 0.24, 0.18)
 _SNOW = (0.86, 0.88, 0.93)
@@ -47,12 +48,10 @@ class Shader:
 
     def colour(self, points: Points, lit: Singles, given: Conditions) -> Singles:
         """Return what a camera sees of points, (3, N), `lit` (N,) by the sun."""
-        paint = _Paint(len(points))
+        paint = _Paint(len(points.distance))
         self._paint_land(paint, points, self._ground, Material.GROUND)
         self._paint_land(paint, points, self._top, Material.ROOF, Material.APRON)
-        self._paint_walls(paint, points)
-        self._paint_leaves(paint, points)
-        paint.albedo[:, points.material == Material.TRUNK] = column(_TRUNK)
+        self._paint_upright(paint, points)
         if given.snow > 0.0:
             _lay_snow(paint, points, given.snow)
         if given.wet > 0.0:
@@ -70,15 +69,17 @@ class Shader:
         distance = np.float32(max(origin[2] - level_m, 1.0)) / np.maximum(-view[2], 1e-4)
         x, y = (np.float32(origin[k]) + distance * view[k] for k in (0, 1))
         coarse = np.full(len(x), self._side / 40.0, np.float32)
-        half = np.full(len(x), 0.5, np.float32)
-        albedo = self._top.sample(x, y, coarse, half)[:3]
+        albedo = self._top.sample(x, y, coarse, np.full(len(x), 0.5, np.float32))[:3]
         if given.snow > 0.0:
             albedo += (column(_SNOW) - albedo) * np.float32(0.75 * given.snow)
         return albedo, distance
 
     def _paint_land(self, paint: _Paint, points: Points, texture: Texture, *materials: int) -> None:
         which, some = points.made_of(*materials)
-        footprint = some.texture_footprint()
+        # A pixel that grazes the land covers a long strip of it. Its colour is filtered to the mean
+        # of the strip's sides, up to this: a little too sharp along, a little too soft across.
+        slant = np.sqrt(np.maximum(some.facing(), np.float32(1.0 / _MOST_SLANT)))
+        footprint = np.divide(some.footprint, slant, dtype=np.float32)
         lanes = texture.sample(some.xyz[0], some.xyz[1], footprint, some.dither)
         grain = volume_noise(some.xyz, 0.07, footprint) * np.float32(0.035)
         grain += volume_noise(some.xyz, 0.41, footprint) * np.float32(0.025)
@@ -87,26 +88,23 @@ class Shader:
         paint.mirror[which] = paint.waves[which] = lanes[3]
         paint.lamp_reach[which] = np.where(some.material == Material.ROOF, _ON_ROOFS, 1.0)
 
-    def _paint_walls(self, paint: _Paint, points: Points) -> None:
+    def _paint_upright(self, paint: _Paint, points: Points) -> None:
+        """Paint walls, leaves and trunks."""
         which, some = points.made_of(Material.WALL)
-        paint.albedo[:, which], paint.mirror[which], paint.glow[:, which], height = (
-            self._facades.look(some)
-        )
+        look = self._facades.look(some)
+        paint.albedo[:, which], paint.mirror[which], paint.glow[:, which], height = look
         paint.lamp_reach[which] = np.exp(height * np.float32(-1.0 / 6.0))
-
-    def _paint_leaves(self, paint: _Paint, points: Points) -> None:
         which, some = points.made_of(Material.CANOPY)
-        clumps = volume_noise(some.xyz, 0.33, some.footprint)
-        leaves = volume_noise(some.xyz, 0.11, some.footprint)
+        clumps, leaves = (volume_noise(some.xyz, size, some.footprint) for size in (0.33, 0.11))
         light = 0.94 + 0.16 * clumps + 0.14 * leaves + 0.10 * some.normal[2]
         albedo = self._leaves.take(some.owner, axis=0).T * np.maximum(light, 0.25)
         albedo[0] *= 1.0 + 0.05 * clumps
         paint.albedo[:, which] = albedo
         paint.lamp_reach[which] = np.float32(0.35)
+        paint.albedo[:, points.material == Material.TRUNK] = column(_TRUNK)
 
     def _light(self, points: Points, paint: _Paint, lit: Singles, given: Conditions) -> Singles:
         ambient = _BOUNCE + (1 - _BOUNCE) * points.normal[2]
-        lamps = None
         if given.shade > 0.2 or given.lamps > 0.0:
             out = np.float32(1.0) - np.abs(points.normal[2])
             x, y = (points.xyz[k] + points.normal[k] * out for k in (0, 1))
@@ -118,7 +116,7 @@ class Shader:
         if given.direct:
             through = np.float32(_THROUGH_LEAVES) * (points.material == Material.CANOPY)
             light += column(given.light.sun) * (lit + through)
-        if lamps is not None and given.lamps > 0.0:
+        if given.lamps > 0.0:
             light += column(_LAMP) * lamps
         return light
 
@@ -150,9 +148,7 @@ def _make_wet(paint: _Paint, points: Points, wet: float) -> None:
 
 def _mirror_sky(colour: Singles, paint: _Paint, points: Points, given: Conditions) -> None:
     which = np.flatnonzero(paint.mirror > 0.02)
-    if not len(which):
-        return
-    view, normal = points.view[:, which], points.normal[:, which].copy()
+    view, normal = points.view[:, which], points.normal[:, which]
     (x, y, _), footprint = points.xyz[:, which], points.footprint[which]
     flat, waves = np.zeros_like(x), paint.waves[which]
     normal[0] += np.float32(0.02) * waves * volume_noise((x, y, flat), 0.3, footprint)

@@ -1,4 +1,4 @@
-"""Points where rays meet surfaces, and textures of the land.
+"""Points where rays meet surfaces, textures of the land, and walls.
 
 A texel is one 64-bit number of four 16-bit lanes (red, green, blue and one more). Weights of a
 bilinear mean add up to 256, so that a lane never carries into the next and one multiplication
@@ -19,11 +19,6 @@ from airzoo_bench.datasets.mini.world import Buildings, Material, Mesh, World
 from airzoo_bench.geometry.arrays import Floats
 
 _Indices = NDArray[np.int64]
-_Numbers = NDArray[np.uint64]
-
-# A pixel that grazes a surface covers a long strip of it. Its colour is filtered to the geometric
-# mean of the strip's sides, up to this: a little too sharp along, a little too soft across.
-_MOST_SLANT = 4.0
 
 F = TypeVar("F", np.float32, np.float64)
 _LANE_SCALE = np.float32(1.0 / (255.0 * 256.0))
@@ -37,11 +32,11 @@ _WINDOWS = np.array(
     [(0.24, 0.76, 0.30, 0.82), (0.04, 0.96, 0.34, 0.84), (0.16, 0.84, 0.04, 0.80), (0, 0, 0, 0)],
     np.float32,
 )
+_SHOP = np.array([0.06, 0.94, 0.06, 0.72], np.float32)[:, None]
 _BALCONY, _BARN = 2, 3
-_SHOP = (0.06, 0.94, 0.06, 0.72)
 _PLINTH_M = 0.7
 _DOOR_M = (2.0, 3.4)
-_LIT_SHARE = 0.30
+_LIT_SHARE = np.float32(0.30)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +53,6 @@ class Points:
     owner: NDArray[np.int32]  # (N,)
     triangle: _Indices  # (N,)
 
-    def __len__(self) -> int:
-        return len(self.distance)
-
     def made_of(self, *materials: int) -> tuple[_Indices, Points]:
         """Return the points of some materials, after their numbers."""
         which = np.flatnonzero(np.isin(self.material, materials))
@@ -69,11 +61,6 @@ class Points:
     def facing(self) -> Singles:
         """Return the cosine of the angle between surface and line of sight, (N,)."""
         return -dot(self.view, self.normal)
-
-    def texture_footprint(self) -> Singles:
-        """Return the size of the pixel on the surface, (N,) metres."""
-        shrink = np.sqrt(np.maximum(self.facing(), np.float32(1.0 / _MOST_SLANT)))
-        return np.divide(self.footprint, shrink, dtype=np.float32)
 
 
 def dot(a: NDArray[F], b: NDArray[F]) -> NDArray[F]:
@@ -88,24 +75,25 @@ class Texture:
     def __init__(self, lanes: NDArray[np.uint8], side_m: float) -> None:
         levels = [lanes]
         while len(levels) < _MOST_LEVELS and len(levels[-1]) > 4:
-            levels.append(_halved(levels[-1]))
-        self._side_m, self._gsd_m = side_m, side_m / len(lanes)
+            odd = len(levels[-1]) % 2
+            even = np.pad(levels[-1], ((0, odd), (0, odd), (0, 0)), mode="edge").astype(np.uint16)
+            total = even[0::2, 0::2] + even[1::2, 0::2] + even[0::2, 1::2] + even[1::2, 1::2]
+            levels.append(((total + 2) >> 2).astype(np.uint8))
+        self._side_m, self._gsd_m = np.float32(side_m), side_m / len(lanes)
         self._sizes = np.array([len(level) for level in levels], np.int64)
         self._starts = np.cumsum(self._sizes**2) - self._sizes**2
         # 256ths of a texel
-        steps = 1 << np.arange(len(levels))
-        self._scales = (256.0 / self._gsd_m / steps).astype(np.float32)
+        self._scales = (256.0 / self._gsd_m / (1 << np.arange(len(levels)))).astype(np.float32)
         packed = [np.ascontiguousarray(level, np.uint16).view(np.uint64) for level in levels]
         self._texels = np.concatenate([level.ravel() for level in packed])
 
     def sample(self, x: Singles, y: Singles, footprint_m: Singles, dither: Singles) -> Singles:
-        """Return the colour (4, N), in 0 to 1, at points of the square."""
+        """Return the colour (4, N), in 0 to 1, at points of the square, mirrored beyond it."""
         level = floor_log2(footprint_m * (1.0 + dither) * np.float32(1.0 / self._gsd_m))
         np.clip(level, 0, len(self._sizes) - 1, out=level)
-        size, scale = self._sizes.take(level), self._scales.take(level)
-        side = np.float32(self._side_m)
-        column, share_x = _split(_mirror(x, side) * scale, size)
-        row, share_y = _split((side - _mirror(y, side)) * scale, size)
+        size, scale, side = self._sizes.take(level), self._scales.take(level), self._side_m
+        column, share_x = _split(_mirrored(x, side) * scale, size)
+        row, share_y = _split((side - _mirrored(y, side)) * scale, size)
         right = column < size - 1
         down = np.where(row < size - 1, size, 0)
         first = self._starts.take(level) + row * size + column
@@ -119,7 +107,7 @@ class Texture:
         return lanes.astype(np.float32, order="C") * _LANE_SCALE
 
 
-def _mirror(x: Singles, side: np.float32) -> Singles:
+def _mirrored(x: Singles, side: np.float32) -> Singles:
     """Fold coordinates beyond [0, side] back into it, as between two mirrors."""
     period = 2 * side
     folded: Singles = side - np.abs(x - np.floor(x * (1 / period)) * period - side)
@@ -131,13 +119,6 @@ def _split(position: Singles, size: _Indices) -> tuple[_Indices, _Indices]:
     fixed = position.astype(np.int64) - 128
     np.clip(fixed, 0, (size - 1) << 8, out=fixed)
     return fixed >> 8, fixed & 255
-
-
-def _halved(level: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    odd = len(level) % 2
-    even = np.pad(level, ((0, odd), (0, odd), (0, 0)), mode="edge").astype(np.uint16)
-    total = even[0::2, 0::2] + even[1::2, 0::2] + even[0::2, 1::2] + even[1::2, 1::2]
-    return ((total + 2) >> 2).astype(np.uint8)
 
 
 def surroundings(world: World) -> Texture:
@@ -226,28 +207,43 @@ class Facades:
         owner, (x, y, z) = points.owner, points.xyz
         along_x, along_y, start, length = self._runs.take(points.triangle, axis=1)
         base, storey_m, bay_m = self._sizes.take(owner, axis=1)
-        u, height = x * along_x + y * along_y - start, z - base
+        u, height, style = x * along_x + y * along_y - start, z - base, self._style.take(owner)
         width = length / np.maximum(np.floor(length / bay_m), 1.0)
         across, up = u / width, height / storey_m
         column, storey = np.floor(across), np.floor(up)
         slant = np.divide(points.footprint, np.maximum(points.facing(), np.float32(0.2)))
-        fuzz = np.stack([slant / width, points.footprint / storey_m])
+        cell, fuzz = (across - column, up - storey), (slant / width, points.footprint / storey_m)
         # The same for all pixels of a window, whichever of the wall's triangles they hit.
         place = (owner.astype(np.int64) * 4096 + column.astype(np.int64)) * 256
         number = hash64((place + storey.astype(np.int64)).view(np.uint64), 0x57A11)
-        style = self._style.take(owner)
-        cell = np.stack([across - column, up - storey])
-        glass = _glass(cell, fuzz, style, storey, number)
+        lit, shade, curtain, shop = (uniforms(number, lane) for lane in range(4))
+        street = (storey == 0) & (style < _BALCONY) & (shop < 0.6)
+        left, right, bottom, top = np.where(street, _SHOP, _WINDOWS.take(style, axis=0).T)
+        glass = _covered(cell[0], left, right, fuzz[0]) * _covered(cell[1], bottom, top, fuzz[1])
         glass[storey < 0] = 0.0
-        albedo = self._plaster(points, style, cell, fuzz, height)
-        door = _door(u - length / 2, height, slant, style)
+        # Of a barn, the door.
+        half, fuzzy = _DOOR_M[0], np.maximum(slant, np.float32(0.02))
+        door = np.clip((half - np.abs(u - length / 2)) / fuzzy + 0.5, 0.0, 1.0)
+        door *= np.clip((_DOOR_M[1] - height) / fuzzy + 0.5, 0.0, 1.0)
+        door = door * (style == _BARN) * np.float32(0.9)
         glass *= 1.0 - door
+        albedo = self._plaster(points, style, cell, fuzz, height)
         albedo += (np.float32(0.16) - albedo) * door
-        albedo += (self._panes(owner, number) - albedo) * glass
-        return albedo, glass, _glow(number, glass), height
+        dim = np.float32(0.6) * shade
+        pane = self._window.take(owner, axis=0).T * (np.float32(0.65) + dim)
+        pane += (np.float32(0.75) - pane) * ((curtain < 0.22) * np.float32(0.35))
+        albedo += (pane - albedo) * glass
+        strength = (lit < _LIT_SHARE) * (np.float32(0.45) + dim) * glass
+        warm = np.stack([np.ones_like(curtain), 0.74 + 0.2 * curtain, 0.40 + 0.5 * curtain])
+        return albedo, glass, (warm * strength).astype(np.float32), height
 
     def _plaster(
-        self, points: Points, style: _Indices, cell: Singles, fuzz: Singles, height: Singles
+        self,
+        points: Points,
+        style: _Indices,
+        cell: tuple[Singles, Singles],
+        fuzz: tuple[Singles, Singles],
+        height: Singles,
     ) -> Singles:
         x, y, z = points.xyz
         stain = volume_noise((x, y, z * np.float32(0.15)), 0.5, points.footprint)
@@ -258,12 +254,6 @@ class Facades:
         light += np.float32(0.14) * railing * (style == _BALCONY)
         light *= 1.0 - np.float32(0.22) * (height < _PLINTH_M)
         return self._wall.take(points.owner, axis=0).T * light
-
-    def _panes(self, owner: NDArray[np.int32], number: _Numbers) -> Singles:
-        shade = np.float32(0.65) + np.float32(0.6) * uniforms(number, 1)
-        curtain = (uniforms(number, 2) < 0.22) * np.float32(0.35)
-        pane: Singles = self._window.take(owner, axis=0).T * shade
-        return pane + (np.float32(0.75) - pane) * curtain
 
 
 def _runs(mesh: Mesh, normal: Floats, walls: _Indices) -> Floats:
@@ -285,17 +275,6 @@ def _runs(mesh: Mesh, normal: Floats, walls: _Indices) -> Floats:
     return np.stack([*along, low[wall], np.maximum(high - low, 0.1)[wall]])
 
 
-def _glass(
-    cell: Singles, fuzz: Singles, style: _Indices, storey: Singles, number: _Numbers
-) -> Singles:
-    box = _WINDOWS.take(style, axis=0).T
-    street = (storey == 0) & (style < _BALCONY) & (uniforms(number, 3) < 0.6)
-    left, right, bottom, top = (
-        np.where(street, np.float32(shop), side) for shop, side in zip(_SHOP, box, strict=True)
-    )
-    return _covered(cell[0], left, right, fuzz[0]) * _covered(cell[1], bottom, top, fuzz[1])
-
-
 def _covered(place: Singles, low: Singles | float, high: Singles | float, size: Singles) -> Singles:
     """Share of a pixel of `size` at `place` that lies between `low` and `high` of a cell of 1."""
     half = np.clip(size, 0.02, 1.0) * np.float32(0.5)
@@ -305,20 +284,3 @@ def _covered(place: Singles, low: Singles | float, high: Singles | float, size: 
     coarse = np.clip(size * 2.0 - 0.8, 0.0, 1.0)
     share: Singles = sharp + (np.subtract(high, low, dtype=np.float32) - sharp) * coarse
     return share
-
-
-def _door(offset: Singles, height: Singles, slant: Singles, style: _Indices) -> Singles:
-    half, top = _DOOR_M
-    fuzz = np.maximum(slant, np.float32(0.02))
-    across = np.clip((half - np.abs(offset)) / fuzz + 0.5, 0.0, 1.0)
-    up = np.clip((top - height) / fuzz + 0.5, 0.0, 1.0)
-    door: Singles = across * up * (style == _BARN) * np.float32(0.9)
-    return door
-
-
-def _glow(number: _Numbers, glass: Singles) -> Singles:
-    lit = uniforms(number, 0) < np.float32(_LIT_SHARE)
-    strength = lit * (np.float32(0.45) + np.float32(0.6) * uniforms(number, 1)) * glass
-    warmth = uniforms(number, 2)
-    colour = np.stack([np.ones_like(warmth), 0.74 + 0.2 * warmth, 0.40 + 0.5 * warmth])
-    return (colour * strength).astype(np.float32)

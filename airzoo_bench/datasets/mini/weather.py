@@ -16,7 +16,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.noise import Singles, volume_noise
 from airzoo_bench.datasets.mini.world import SURVEY_SUN, Light
 
-Colour = tuple[float, float, float]
+Colour = tuple[float, ...]
 _BLACK: Colour = (0.0, 0.0, 0.0)
 
 
@@ -46,14 +46,12 @@ class Conditions:
         return max(self.light.sun) > 0.0
 
 
-def _direction(azimuth_deg: float, elevation_deg: float) -> Colour:
+def _light(azimuth_deg: float, elevation_deg: float, sun: Colour, sky: Colour) -> Light:
     azimuth, elevation = radians(azimuth_deg), radians(elevation_deg)
     level = cos(elevation)
-    return level * sin(azimuth), level * cos(azimuth), sin(elevation)
+    return Light((level * sin(azimuth), level * cos(azimuth), sin(elevation)), sun, sky)
 
 
-_SUNSET = Light(_direction(278.0, 11.0), (1.15, 0.62, 0.30), (0.43, 0.41, 0.50))
-_MOONLIGHT = Light(_direction(140.0, 45.0), _BLACK, (0.21, 0.235, 0.32))
 # Light, zenith, horizon, glow, clouds, haze, shade, noise, lamps.
 _CLEAR = {
     "day": Conditions(
@@ -61,11 +59,12 @@ _CLEAR = {
         0.5, 1 / 7000, 0.15, 1.6,
     ),
     "sunset": Conditions(
-        _SUNSET, (0.34, 0.40, 0.60), (0.93, 0.68, 0.50), (0.55, 0.30, 0.10),
-        0.7, 1 / 4500, 0.4, 2.4, 0.12,
+        _light(278.0, 11.0, (1.15, 0.62, 0.30), (0.43, 0.41, 0.50)),
+        (0.34, 0.40, 0.60), (0.93, 0.68, 0.50), (0.55, 0.30, 0.10), 0.7, 1 / 4500, 0.4, 2.4, 0.12,
     ),
     "night": Conditions(
-        _MOONLIGHT, (0.04, 0.05, 0.11), (0.13, 0.12, 0.15), _BLACK, 0.3, 1 / 6000, 0.6, 4.5, 1.0
+        _light(140.0, 45.0, _BLACK, (0.21, 0.235, 0.32)),
+        (0.04, 0.05, 0.11), (0.13, 0.12, 0.15), _BLACK, 0.3, 1 / 6000, 0.6, 4.5, 1.0,
     ),
 }  # fmt: skip
 
@@ -81,25 +80,21 @@ WEATHERS, TIMES = ("sunny", *_GREY), tuple(_CLEAR)
 
 def conditions(weather: str, time: str) -> Conditions:
     """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`."""
-    for what, name, known in (("weather", weather, WEATHERS), ("time of day", time, TIMES)):
-        if name not in known:
-            raise UsageError(
-                f"unknown {what} {name!r}", expected=", ".join(known), fix="take one of these"
-            )
+    if weather not in WEATHERS or time not in TIMES:
+        expected = f"one of {', '.join(WEATHERS)}; one of {', '.join(TIMES)}"
+        raise UsageError("unknown weather or time", where=f"{weather}, {time}", expected=expected)
     clear = _CLEAR[time]
     if weather == "sunny":
         return clear
     brightness, tint, haze_per_m, noisier, changes = _GREY[weather]
-    height = max(clear.light.direction[2], 0.3)
-    sky = [
-        brightness * (sky + 0.8 * sun * height)
-        for sky, sun in zip(clear.light.sky, clear.light.sun, strict=True)
-    ]
-    dim = min(brightness, 1.0)
-    horizon = _times(_greyed(clear.horizon, 0.5), _times(tint, (dim, dim, dim)))
+    light, dim = clear.light, min(brightness, 1.0)
+    height = max(light.direction[2], 0.3)
+    lit = zip(light.sky, light.sun, strict=True)
+    sky = _greyed([brightness * (sky + 0.8 * sun * height) for sky, sun in lit], 0.35)
+    horizon = _times(_greyed(clear.horizon, 0.5), [part * dim for part in tint])
     return replace(
         clear,
-        light=Light(clear.light.direction, _BLACK, _times(_greyed(sky, 0.35), tint)),
+        light=Light(light.direction, _BLACK, _times(sky, tint)),
         zenith=_times(horizon, (0.86, 0.88, 0.92)),
         horizon=horizon,
         glow=_BLACK,
@@ -115,12 +110,11 @@ def conditions(weather: str, time: str) -> Conditions:
 def _greyed(colour: Sequence[float], share: float) -> Colour:
     """Mix a colour with grey, keeping only a share of it."""
     grey = 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2]
-    red, green, blue = (grey + share * (part - grey) for part in colour)
-    return red, green, blue
+    return tuple(grey + share * (part - grey) for part in colour)
 
 
-def _times(a: Colour, b: Colour) -> Colour:
-    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+def _times(a: Sequence[float], b: Sequence[float]) -> Colour:
+    return tuple(one * other for one, other in zip(a, b, strict=True))
 
 
 # Height of the clouds over the camera, in units of the clouds' grain.
@@ -157,10 +151,31 @@ def sky_with_clouds(directions: Singles, given: Conditions) -> Singles:
     """Return the sky as the camera sees it in unit directions (3, N), clouds and sun included."""
     colour = sky_colour(directions, given)
     lit = column(given.horizon) * np.float32(1.04) + column(given.light.sun) * np.float32(0.05)
-    colour += (lit - colour) * (_clouds(directions) * np.float32(given.clouds))
+    up = np.maximum(directions[2], np.float32(0.02))
+    scale = _CLOUD_GRAINS / (up + np.float32(0.12))
+    x, y = directions[0] * scale, directions[1] * scale
+    billow = np.zeros(len(up), np.float32)
+    for grain, weight in ((0.9, 0.5), (0.31, 0.3), (0.12, 0.2)):
+        billow += np.float32(weight) * _smooth_noise(x, y, grain)
+    thick = np.clip(billow * np.float32(0.9) + np.float32(0.2), 0.0, 1.0)
+    clouds = thick * np.clip(directions[2] * 30.0, 0.0, 1.0)
+    colour += (lit - colour) * (clouds * np.float32(given.clouds))
     if given.direct:
         colour += (_towards_sun(directions, given) > _DISC_COSINE) * np.float32(1.0)
     return colour
+
+
+def _smooth_noise(x: Singles, y: Singles, grain: float) -> Singles:
+    """Mean of the four voxels around a point, weighted by nearness."""
+    level, fine = np.zeros_like(x), np.full(len(x), 0.01, np.float32)
+    x0, y0 = np.floor(x / np.float32(grain)), np.floor(y / np.float32(grain))
+    fx, fy = x / np.float32(grain) - x0, y / np.float32(grain) - y0
+    total = np.zeros_like(x)
+    for dx, wx in ((0, 1 - fx), (1, fx)):
+        for dy, wy in ((0, 1 - fy), (1, fy)):
+            places = ((x0 + dx + 0.5) * grain, (y0 + dy + 0.5) * grain, level)
+            total += wx * wy * volume_noise(places, grain, fine)
+    return total
 
 
 def haze(colour: Singles, distance: Singles, view: Singles, given: Conditions) -> Singles:
@@ -172,28 +187,3 @@ def haze(colour: Singles, distance: Singles, view: Singles, given: Conditions) -
         air += column(given.glow) * (np.float32(0.5) * near * near)
     seen: Singles = air + (colour - air) * left
     return seen
-
-
-def _clouds(directions: Singles) -> Singles:
-    up = np.maximum(directions[2], np.float32(0.02))
-    scale = _CLOUD_GRAINS / (up + np.float32(0.12))
-    x, y = directions[0] * scale, directions[1] * scale
-    billow = np.zeros(len(up), np.float32)
-    for grain, weight in ((0.9, 0.5), (0.31, 0.3), (0.12, 0.2)):
-        billow += np.float32(weight) * _smooth(x, y, grain)
-    thick = np.clip(billow * np.float32(0.9) + np.float32(0.2), 0.0, 1.0)
-    share: Singles = thick * np.clip(directions[2] * 30.0, 0.0, 1.0)
-    return share
-
-
-def _smooth(x: Singles, y: Singles, grain: float) -> Singles:
-    """Mean of the four voxels around a point, weighted by nearness."""
-    level, fine = np.zeros_like(x), np.full(len(x), 0.01, np.float32)
-    x0, y0 = np.floor(x / np.float32(grain)), np.floor(y / np.float32(grain))
-    fx, fy = x / np.float32(grain) - x0, y / np.float32(grain) - y0
-    total = np.zeros_like(x)
-    for dx, wx in ((0, 1 - fx), (1, fx)):
-        for dy, wy in ((0, 1 - fy), (1, fy)):
-            places = ((x0 + dx + 0.5) * grain, (y0 + dy + 0.5) * grain, level)
-            total += wx * wy * volume_noise(places, grain, fine)
-    return total

@@ -8,15 +8,15 @@ Worlds are kept on disk, so that each is built once::
     <root>/mini-worlds/<region>-<seed>/
         dom.tif, dsm.tif, satellite.tif   georeferenced, for other programs
         world.npz                         all arrays of the world
-        checksums.json                    which world it is, and SHA-256 of the others
+        world.json                        which world it is
 
-A folder appears whole or not at all; a later fault shows in its checksums, and it is made again.
+A folder appears whole or not at all.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from enum import IntEnum
@@ -35,7 +35,6 @@ from airzoo_bench.core.files import (
     sha256_of,
     write_npz,
 )
-from airzoo_bench.datasets.mini.noise import hash_of, is_keyed
 from airzoo_bench.geometry.arrays import Floats
 
 CRS = "EPSG:4547"
@@ -84,18 +83,6 @@ class Mesh:
     # (T,): the building of a roof or wall, the tree of a canopy or trunk; -1 for land
     owner: NDArray[np.int32]
 
-    @classmethod
-    def joined(cls, parts: Sequence[Mesh]) -> Mesh:
-        """Put meshes into one."""
-        starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-        triangles = [part.triangles + start for part, start in zip(parts, starts, strict=True)]
-        return cls(
-            np.concatenate([part.vertices for part in parts]),
-            np.concatenate(triangles).astype(np.int32),
-            np.concatenate([part.material for part in parts]),
-            np.concatenate([part.owner for part in parts]),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Buildings:
@@ -137,16 +124,6 @@ class World:
             found |= {f"{part}.{name}": array for name, array in vars(found[part]).items()}
         return {name: array for name, array in found.items() if isinstance(array, np.ndarray)}
 
-    @classmethod
-    def of_arrays(cls, region: Region, seed: int, arrays: Mapping[str, NDArray[Any]]) -> World:
-        """Make a world of its `arrays`."""
-        parts: dict[str, dict[str, Any]] = {"": {}, "mesh": {}, "buildings": {}}
-        for name, array in arrays.items():
-            part, _, own = name.rpartition(".")
-            parts[part][own] = array
-        mesh, buildings = Mesh(**parts["mesh"]), Buildings(**parts["buildings"])
-        return cls(region, seed, mesh, buildings, **parts[""])
-
 
 @dataclass(frozen=True)
 class Light:
@@ -158,8 +135,8 @@ class Light:
     """
 
     direction: tuple[float, float, float]  # unit vector to the sun: east, north, up
-    sun: tuple[float, float, float]  # factors of red, green and blue
-    sky: tuple[float, float, float]
+    sun: tuple[float, ...]  # factors of red, green and blue
+    sky: tuple[float, ...]
 
 
 # Directions are rational: of length 1, and the same on every machine without a sine.
@@ -169,41 +146,35 @@ SURVEY_SUN = Light((-6 / 19, -10 / 19, 15 / 19), (0.95, 0.90, 0.78), (0.30, 0.36
 OLDER_SUN = Light((6 / 11, -6 / 11, 7 / 11), (1.02, 0.94, 0.80), (0.36, 0.40, 0.47))
 
 
-FORMAT = 3
+FORMAT = 4
 """To be raised when the files change, or the world that a seed gives: older ones are made again."""
 
-_INDEX = "checksums.json"
+_INDEX = "world.json"
 _RASTERS = ("dom", "dsm", "satellite")
-_FILES = ("world.npz", *(f"{name}.tif" for name in _RASTERS))
 _NODATA = -9999.0
 
 
-def world_folder(root: Path, region: Region, seed: int) -> Path:
-    """Return where below a data root a world is kept."""
-    # A key stands in no name; the number tells worlds of different keys apart.
-    number = hash_of(seed, 0)[0] if is_keyed(seed) else seed
-    return root / "mini-worlds" / f"{region.name}-{number}"
-
-
 def ensure_world(region: Region, seed: int, root: Path, build: Callable[[str, int], World]) -> Path:
-    """Return the folder of a sound world, built now where it was not yet, or was damaged."""
-    folder = world_folder(root, region, seed)
-    if not _is_sound(folder, region, seed):
-        with sole_maker(folder):
-            if not _is_sound(folder, region, seed):  # another may have made it meanwhile
-                save_world(folder, build(region.name, seed))
+    """Return the folder of a world, built now where it was not yet."""
+    folder = root / "mini-worlds" / f"{region.name}-{seed}"
+    index = _index_text(region, seed)
+    with sole_maker(folder):
+        if not (folder / _INDEX).is_file() or (folder / _INDEX).read_text("utf-8") != index:
+            save_world(folder, build(region.name, seed))
     return folder
 
 
 def save_world(folder: Path, world: World) -> None:
-    """Write a world to its folder, in place of a damaged one; the same world, the same bytes."""
+    """Write a world to its folder, in place of an older one; the same world, the same bytes."""
     with atomic_folder(folder, replace=True, mark=_INDEX) as staged:
         for name in _RASTERS:
             write_raster(staged / f"{name}.tif", getattr(world, name), world.region)
         write_npz(staged / "world.npz", world.arrays)
-        files = {name: sha256_of(staged / name) for name in _FILES}
-        index = {**_identity(world.region, world.seed), "files": files}
-        (staged / _INDEX).write_text(canonical_json(index) + "\n", "utf-8")
+        (staged / _INDEX).write_text(_index_text(world.region, world.seed), "utf-8")
+
+
+def _index_text(region: Region, seed: int) -> str:
+    return canonical_json({"format": FORMAT, "region": asdict(region), "seed": seed}) + "\n"
 
 
 def world_key(folder: Path) -> str:
@@ -211,16 +182,21 @@ def world_key(folder: Path) -> str:
     return sha256_of(folder / _INDEX)
 
 
-def world_region(folder: Path) -> Region:
-    """Return the region of a stored world."""
-    return Region(**json.loads((folder / _INDEX).read_bytes())["region"])
+def stored_region(folder: Path) -> tuple[Region, int]:
+    """Return the region of a stored world, and its seed."""
+    index = json.loads((folder / _INDEX).read_bytes())
+    return Region(**index["region"]), index["seed"]
 
 
 def load_world(folder: Path) -> World:
-    """Load a world that `ensure_world` found sound."""
-    index = json.loads((folder / _INDEX).read_bytes())
+    """Load a stored world."""
+    parts: dict[str, dict[str, Any]] = {"": {}, "mesh": {}, "buildings": {}}
     with np.load(folder / "world.npz", allow_pickle=False) as arrays:
-        return World.of_arrays(Region(**index["region"]), index["seed"], arrays)
+        for name, array in arrays.items():
+            part, _, own = name.rpartition(".")
+            parts[part][own] = array
+    mesh, buildings = Mesh(**parts["mesh"]), Buildings(**parts["buildings"])
+    return World(*stored_region(folder), mesh, buildings, **parts[""])
 
 
 def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
@@ -243,19 +219,6 @@ def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
         with memory.open(count=count, height=height, width=width, **profile) as dataset:
             dataset.write(bands)
         path.write_bytes(memory.getbuffer())
-
-
-def _identity(region: Region, seed: int) -> dict[str, Any]:
-    return {"format": FORMAT, "region": asdict(region), "seed": seed}
-
-
-def _is_sound(folder: Path, region: Region, seed: int) -> bool:
-    try:
-        index = json.loads((folder / _INDEX).read_bytes())
-        files = {name: sha256_of(folder / name) for name in _FILES}
-    except (OSError, ValueError):
-        return False
-    return bool(index == {**_identity(region, seed), "files": files})
 
 
 @contextmanager

@@ -1,161 +1,38 @@
-"""AirZoo-Mini as a benchmark: what is in it, and what its fingerprints and submissions say."""
+"""AirZoo-Mini as a benchmark: perfect input scores perfectly, worse input scores worse."""
 
 from __future__ import annotations
 
-import json
-import shutil
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
 
 from airzoo_bench.api.benchmark import load_benchmark
-from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.datasets.dataset import PrepareSettings
-from airzoo_bench.datasets.geometry_checks.depth import (
-    DepthConsistency,
-    check_depth_consistency,
-    find_depths,
-)
+from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
 from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
 from airzoo_bench.datasets.geometry_checks.scenes import PosedScene, scenes_of_benchmark
-from airzoo_bench.datasets.mini.dataset import prepare_airzoo_mini
-from airzoo_bench.engines.engine import Processes
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.evaluation.evaluate import evaluate
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.poses import Poses, depth_to_points
+from airzoo_bench.geometry.rasters import world_to_pixel
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
-from tests.datasets.mini.prepared import Prepared
+from tests.datasets.mini.conftest import Prepared
 from tests.datasets.parts import hold_crops, hold_tiles
 from tests.processor_truths import fingerprints
+from tests.support import run_main
 
 pytestmark = pytest.mark.slow
 
+HOME = Path(__file__).parents[3]
 SCENES = ("city", "rural")
-MEMORY = 1 << 30
-PAPER_MEDIAN = 0.00066
-WORLDS = "mini-worlds"
-
-
-# --- the benchmark ---------------------------------------------------------------------------
-
-
-def test_every_track_has_truth_and_every_condition_is_there(mini: Prepared) -> None:
-    for scene in SCENES:
-        folder = mini.benchmark.scene_folder(scene)
-        photos = pd.read_csv(folder / "queries.csv")
-        assert set(photos["sequence"]) == {"survey", "roll"}
-        roll = photos[photos["sequence"] == "roll"]
-        assert roll.groupby(["weather", "time_of_day"]).size().eq(2).all()
-        assert roll.groupby(["weather", "time_of_day"]).ngroups == 15
-        assert roll["pitch_deg"].min() < 20
-        assert roll["pitch_deg"].max() > 80
-        surveyed = photos.loc[photos["sequence"] == "survey", "id"]
-        truth = read_reconstruction(mini.benchmark, scene)
-        assert truth.photos["id"].tolist() == surveyed.tolist()
-        assert len(read_retrieval(folder, scene).queries) >= 50
-        assert len(read_matching(mini.benchmark, scene).queries) >= 50
-
-
-def test_priors_are_noisy_and_tiles_are_those_of_the_older_map(mini: Prepared) -> None:
-    truth = read_matching(mini.benchmark, "city")
-    away = np.linalg.norm(truth.priors.centres - truth.poses.centres, axis=1)
-    assert 2 < np.median(away) < 6
-    entry = mini.benchmark.scene("city")
-    assert entry.gallery is not None
-    assert entry.gallery.endswith("satellite.tif")
-    assert entry.dom.endswith("dom.tif")
-
-
-def test_tiles_and_crops_as_files_are_those_of_the_maps(mini: Prepared) -> None:
-    for scene in load_benchmark(mini.root / "airzoo-mini").scenes:
-        home = mini.root / "airzoo-mini" / "scenes" / scene.id
-        hold_tiles(home, scene)
-        hold_crops(home, scene)
-
-
-def test_a_second_run_keeps_what_is_there_and_mends_what_is_not(
-    mini: Prepared, tmp_path: Path
-) -> None:
-    shutil.copytree(mini.root / WORLDS, tmp_path / WORLDS)
-    frames, dom = (
-        tmp_path / Path(path).relative_to(mini.root)
-        for path in (
-            mini.benchmark.resolve(mini.benchmark.scene("rural").images),
-            mini.benchmark.scene("rural").dom,
-        )
-    )
-    kept, lost, cut = sorted(frames.glob("*.jpg"))[:3]
-    before = {path: path.read_bytes() for path in (kept, lost, cut)}
-    stamp = kept.stat().st_mtime_ns
-    lost.unlink()
-    cut.write_bytes(before[cut][:1000])
-    whole = dom.read_bytes()
-    dom.write_bytes(whole[:-5000])
-    folder = tmp_path / "airzoo-mini"
-    prepare_airzoo_mini(0, PrepareSettings(folder, tmp_path, engine=Processes(2)))
-    assert dom.read_bytes() == whole
-    assert {path: path.read_bytes() for path in before} == before
-    assert kept.stat().st_mtime_ns == stamp
-    assert Benchmark.open(folder).file.checksums == mini.benchmark.file.checksums
-
-
-# --- geometry --------------------------------------------------------------------------------
-
-
-def geometry(scene: PosedScene, depth: Path) -> DepthConsistency:
-    found = find_depths(depth, scene.images)
-    posed = (scene.ids, scene.cameras, scene.poses)
-    return check_depth_consistency(*posed, found, pixels=1024, median_below=PAPER_MEDIAN)
-
-
-def passes(scene: PosedScene, found: DepthConsistency) -> bool:
-    return not SceneGeometry(scene, None, found).failures
-
-
-def test_geometry_is_right_and_a_small_fault_is_caught(mini: Prepared, tmp_path: Path) -> None:
-    (scene,) = scenes_of_benchmark(mini.benchmark, "city")
-    depth = scene.folder.parent / "depth"
-    sound = geometry(scene, depth)
-    assert sound.quantile(0.5) < PAPER_MEDIAN
-    assert passes(scene, sound)
-    # All poses turned by 0.1 degree about their own right-hand axis.
-    tilt = np.radians(0.1)
-    turn = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
-    poses = Poses(rotation=turn @ scene.poses.rotation, centres=scene.poses.centres)
-    assert not passes(scene, geometry(replace(scene, poses=poses), depth))
-    # One pose among all.
-    one = scene.poses.rotation.copy()
-    one[20] = turn @ one[20]
-    poses = Poses(rotation=one, centres=scene.poses.centres)
-    assert not passes(scene, geometry(replace(scene, poses=poses), depth))
-    # All depths 0.2 % too large.
-    for path in depth.glob("*.tif"):
-        with Image.open(path) as picture:
-            np.save(tmp_path / f"{path.stem}.npy", np.asarray(picture) * np.float32(1.002))
-    assert not passes(scene, geometry(scene, tmp_path))
-
-
-# --- files -----------------------------------------------------------------------------------
-
-
-def test_the_frames_say_where_they_were_taken(mini: Prepared) -> None:
-    frames = mini.benchmark.resolve(mini.benchmark.scene("city").images).parent
-    table = pd.read_csv(frames / "frames.csv")
-    photos = pd.read_csv(mini.benchmark.scene_folder("city") / "queries.csv")
-    assert set(table["name"] + ".jpg") == set(photos["image"])
-    assert table["longitude"].between(112.9, 113.1).all()
-    assert table["latitude"].between(28.1, 28.3).all()
-    offset = json.loads((frames / "colmap" / "offset.json").read_text())
-    assert offset
-
-
-# --- fingerprints ----------------------------------------------------------------------------
-
-
 TRUTHS = {
     "city retrieval": "d6985ecbe93e",
     "city matching": "3677725d829e",
@@ -164,8 +41,178 @@ TRUTHS = {
     "rural matching": "be0e74702099",
     "rural reconstruction": "a767fb8de256",
 }
+Scores = dict[str, float]
 
 
 def test_its_truth_is_the_same_on_every_machine(mini: Prepared) -> None:
     for name, fingerprint in fingerprints(mini.root / "airzoo-mini").items():
         assert fingerprint.startswith(TRUTHS[name]), name
+
+
+def test_every_track_has_truth_and_every_condition_is_there(mini: Prepared) -> None:
+    for scene in load_benchmark(mini.root / "airzoo-mini").scenes:
+        home = mini.root / "airzoo-mini" / "scenes" / scene.id
+        hold_tiles(home, scene)
+        hold_crops(home, scene)
+        entry = mini.benchmark.scene(scene.id)
+        assert [Path(str(path)).name for path in (entry.dom, entry.gallery)] == [
+            "dom.tif",
+            "satellite.tif",
+        ]
+        photos = pd.read_csv(home / "queries.csv")
+        assert set(pd.read_csv(mini.frames(scene.id) / "frames.csv")["name"] + ".jpg") == set(
+            photos["image"]
+        )
+        roll = photos[photos["sequence"] == "roll"]
+        assert roll.groupby(["weather", "time_of_day"]).size().tolist() == [2] * 15
+        assert roll["pitch_deg"].min() < 20
+        assert roll["pitch_deg"].max() > 80
+        surveyed = photos.loc[photos["sequence"] == "survey", "id"].tolist()
+        assert read_reconstruction(mini.benchmark, scene.id).photos["id"].tolist() == surveyed
+        assert len(read_retrieval(home, scene.id).queries) >= 50
+        truth = read_matching(mini.benchmark, scene.id)
+        assert len(truth.queries) >= 50
+        away = np.linalg.norm(truth.priors.centres - truth.poses.centres, axis=1)
+        assert 2 < np.median(away) < 6
+
+
+def test_the_submissions_of_this_repository(
+    mini: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(mini.root))
+    monkeypatch.chdir(HOME)
+    folders = [path.parent for path in HOME.glob("submissions/airzoo-mini/*/*/submission.toml")]
+    assert folders
+    for folder in folders:
+        assert run_main("submission", "check", folder.relative_to(HOME), "--score") == 0
+
+
+def test_poses_and_depth_agree_and_a_small_fault_is_caught(mini: Prepared) -> None:
+    (scene,) = scenes_of_benchmark(mini.benchmark, "city")
+
+    def passes(rotation: Floats) -> bool:
+        posed: PosedScene = replace(scene, poses=Poses(rotation, scene.poses.centres))
+        depths = find_depths(mini.frames("city") / "depth", scene.images)
+        parts = (posed.ids, posed.cameras, posed.poses)
+        found = check_depth_consistency(*parts, depths, pixels=1024, median_below=0.00066)
+        return not SceneGeometry(posed, None, found).failures
+
+    sine, cosine = np.sin(np.radians(0.1)), np.cos(np.radians(0.1))
+    turned = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]]) @ scene.poses.rotation
+    one = scene.poses.rotation.copy()
+    one[20] = turned[20]
+    assert [passes(rotation) for rotation in (scene.poses.rotation, turned, one)] == [1, 0, 0]
+
+
+def scored(mini: Prepared, path: Path) -> Scores:
+    return dict(evaluate(path, data=mini.root, run=Run(jobs=2)).result.overall)
+
+
+def rank(mini: Prepared, path: Path, right: float) -> Scores:
+    """Score rankings that begin with a positive tile for a share of the queries."""
+    random, ids, ranked = np.random.default_rng(0), [], []
+    for scene in SCENES:
+        truth = read_retrieval(mini.benchmark.scene_folder(scene), scene)
+        tiles = truth.tiles["id"].to_numpy(str)
+        for row, query in enumerate(truth.queries["id"]):
+            positive = truth.positives.of_query(row)
+            others = np.setdiff1d(np.arange(len(tiles)), positive)
+            first = positive if random.random() < right else others
+            order = np.concatenate([first, np.setdiff1d(np.arange(len(tiles)), first)])
+            ids.append(query)
+            ranked.append(tiles[order[:10]])
+    np.savez(path, protocol="airzoo-mini-retrieval", query_ids=ids, ranked_ids=ranked)
+    return scored(mini, path)
+
+
+def test_retrieval_is_perfect_and_falls(mini: Prepared, tmp_path: Path) -> None:
+    recalls = [rank(mini, tmp_path / "p.npz", right)["recall@1"] for right in (1.0, 0.6, 0.0)]
+    assert recalls[0] == 1.0 > recalls[1] > recalls[2] == 0.0
+
+
+def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Scores:
+    """Score matches by exact depth, with noise on the map and wrong matches among them."""
+    random, ids, photo_xy, map_xy = np.random.default_rng(1), [], [], []
+    for scene in SCENES:
+        truth = read_matching(mini.benchmark, scene)
+        surface, dom = HeightField.read(truth.maps[0].dsm), truth.maps[0].dom
+        for row, query in truth.queries.iterrows():
+            depth = mini.depth(scene, query["image"])
+            grid = np.zeros(depth.shape, dtype=bool)
+            grid[11::24, 11::24] = True
+            grid &= (depth > 0) & (depth < 350)
+            points = depth_to_points(depth, grid, truth.cameras.take(row), truth.poses.take(row))
+            # What lies under a roof's edge or a tree is not what the surface model shows there.
+            level = np.abs(surface.sample(points[:, :2]) - points[:, 2]) < 0.05
+            there = world_to_pixel(dom.transform, points[level, :2])
+            there += random.normal(0, noise_px, there.shape) if noise_px else 0.0
+            wrong = random.random(len(there)) < outliers
+            there[wrong] = random.uniform(0, dom.width, (wrong.sum(), 2))
+            inside = ((there >= 0) & (there <= dom.width)).all(axis=1)
+            ids.append(query["id"])
+            photo_xy.append((np.argwhere(grid)[:, ::-1] + 0.5)[level][inside])
+            map_xy.append(there[inside])
+    offsets = np.cumsum([0, *(len(part) for part in photo_xy)])
+    pairs = {"query_xy": np.concatenate(photo_xy), "map_xy": np.concatenate(map_xy)}
+    np.savez(path, protocol="airzoo-mini-matching", query_ids=ids, offsets=offsets, **pairs)
+    return scored(mini, path)
+
+
+def test_matching_is_perfect_and_falls(mini: Prepared, tmp_path: Path) -> None:
+    ladder = ((0.0, 0.0), (3.0, 0.2), (12.0, 0.5))
+    results = [match(mini, tmp_path / "p.npz", noise, wrong) for noise, wrong in ladder]
+    assert results[0]["within_1m"] == results[0]["within_1m_1deg"] == 1.0
+    assert results[0]["error_m"] < 0.05
+    for better, worse in pairwise(results):
+        assert better["error_m"] < worse["error_m"]
+        assert better["within_1m"] > worse["within_1m"]
+
+
+Change = Callable[[Floats, np.random.Generator], Floats]
+WORSE: dict[str, tuple[Change, ...]] = {
+    "noise": tuple(
+        lambda depth, random, share=share: depth * (1 + random.normal(0, share, depth.shape))
+        for share in (0.01, 0.2)
+    ),
+    "scale": (lambda depth, _: depth * 1.02, lambda depth, _: depth * 1.3),
+    # Whole columns are lost from the left: what is seen nowhere else is missing.
+    "holes": tuple(
+        lambda depth, _, lost=lost: np.where(np.arange(depth.shape[1]) < lost, 0.0, depth)
+        for lost in (85, 190)
+    ),
+}
+
+
+def reconstruct(mini: Prepared, folder: Path, change: Change, smaller: int = 3) -> Scores:
+    """Score depth maps: exact ones, so many times smaller, changed."""
+    folder.mkdir()
+    (folder / "protocol.txt").write_text("airzoo-mini-reconstruction\n")
+    for scene in SCENES:
+        random, truth = np.random.default_rng(2), read_reconstruction(mini.benchmark, scene)
+        images, poses = truth.photos["image"], truth.poses
+        # The middle pixel of each three by three is at the centre of the larger one.
+        rows = slice(smaller // 2, None, smaller)
+        columns = slice(smaller // 2, 640 // smaller * smaller, smaller)
+        depth = np.stack([change(mini.depth(scene, i)[rows, columns], random) for i in images])
+        K = truth.cameras.matrices / [[smaller], [smaller], [1.0]]
+        np.savez(
+            folder / f"{scene}.npz",
+            depth=depth.astype(np.float32),
+            intrinsics=K,
+            extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
+            image_names=images.to_numpy(str),
+        )
+    return scored(mini, folder)
+
+
+def test_reconstruction_is_perfect_and_falls(mini: Prepared, tmp_path: Path) -> None:
+    overall = reconstruct(mini, tmp_path / "p", lambda depth, _: depth, smaller=1)
+    assert overall["f1_10m"] == overall["f1_1m"] == 1.0
+    assert overall["pose_auc_3deg"] == pytest.approx(1.0, abs=1e-6)
+    assert max(overall["chamfer_m"], overall["ate_m"]) < 1e-3
+    exact = reconstruct(mini, tmp_path / "exact", lambda depth, _: depth)
+    for name, changes in WORSE.items():
+        found = [reconstruct(mini, tmp_path / f"{name}{n}", c) for n, c in enumerate(changes)]
+        for better, worse in pairwise([exact, *found]):
+            assert better["chamfer_m"] < worse["chamfer_m"], name
+            assert better["f1_1m"] > worse["f1_1m"], name

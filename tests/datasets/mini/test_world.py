@@ -1,136 +1,145 @@
+"""Both worlds, and what chance makes of a seed or a key."""
+
 from __future__ import annotations
 
 import json
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.optional_imports import load_open3d
-from airzoo_bench.datasets.mini.build import build_world, digest
-from airzoo_bench.datasets.mini.city import city_plan
-from airzoo_bench.datasets.mini.rural import rural_plan
-from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN, Material, Mesh, World
+from airzoo_bench.datasets.mini.build import digest
+from airzoo_bench.datasets.mini.dataset import MiniOptions, mini_photos, mini_protocols
+from airzoo_bench.datasets.mini.noise import derived, noisy_priors
+from airzoo_bench.datasets.mini.renderer import Raycaster
+from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN, Material, Mesh
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotation_angle_deg
+from tests.datasets.mini.conftest import Prepared
 
-PLANNED = pytest.mark.parametrize("region", sorted(REGIONS))
-# A region takes some 20 s: these run every night.
-BUILT = pytest.mark.parametrize(
-    "region", [pytest.param(region, marks=pytest.mark.slow) for region in sorted(REGIONS)]
-)
-PLANS = {"city": city_plan, "rural": rural_plan}
+EACH = pytest.mark.parametrize("region", sorted(REGIONS))
 
 
-@cache
-def world_of(region: str) -> World:
-    return build_world(region, 0)
-
-
-def part(mesh: Mesh, *materials: Material) -> NDArray[np.float64]:
-    """Corners (T, 3, 3) of the triangles of some materials."""
+def corners_of(mesh: Mesh, *materials: Material) -> Floats:
     return mesh.vertices[mesh.triangles[np.isin(mesh.material, materials)]]
 
 
-def normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def normals(corners: Floats) -> Floats:
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-@BUILT
-def test_every_byte_is_as_recorded(region: str) -> None:
+@pytest.mark.slow
+@EACH
+def test_every_byte_is_as_recorded(mini: Prepared, region: str) -> None:
     recorded = json.loads(Path(__file__).with_name("checksums.json").read_text("utf-8"))
-    assert digest(world_of(region)) == recorded[region]
+    assert digest(mini.world(region)) == recorded[region]
 
 
-@BUILT
-def test_dsm_is_the_highest_surface_that_a_vertical_ray_meets(region: str) -> None:
-    world = world_of(region)
+@pytest.mark.slow
+@EACH
+def test_dsm_is_the_highest_surface_that_a_vertical_ray_meets(mini: Prepared, region: str) -> None:
+    world = mini.world(region)
+    caster = Raycaster(world.mesh)
     rows, columns = np.divmod(np.arange(0, 1200 * 1200, 37), 1200)
     x, y = (columns + 0.5) * 0.5, 600.0 - (rows + 0.5) * 0.5
-    first, height = falls_on(world.mesh, x, y)
-    for off in (-0.01, 0.01):
-        # Where a ray beside it meets quite another height, the pixel is at a vertical edge.
-        height_beside = falls_on(world.mesh, x + off, y + off)[1]
-        first[np.abs(height_beside - height) > 0.15] = -1
-    kept = first >= 0
-    assert kept.mean() > 0.97
-    assert np.abs(world.dsm[rows, columns][kept] - height[kept]).max() < 1e-4
+
+    def height(off: float) -> Floats:
+        origins = np.stack([x + off, y + off, np.full(len(x), 200.0)])
+        return 200.0 - caster.trace(origins, np.array([[0.0], [0.0], [-1.0]]) + 0.0 * origins)[1]
+
+    # Where a ray beside it meets quite another height, the pixel is at a vertical edge.
+    met = height(0.0)
+    level = (np.abs([height(-0.01) - met, height(0.01) - met]) <= 0.15).all(axis=0)
+    assert level.mean() > 0.97
+    assert np.abs(world.dsm[rows, columns] - met)[level].max() < 1e-4
 
 
-def falls_on(
-    mesh: Mesh, x: NDArray[np.float64], y: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The triangle that Open3D's ray from above meets, and its plane's height in float64."""
-    o3d = load_open3d()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=2)
-    scene.add_triangles(
-        o3d.core.Tensor(mesh.vertices.astype(np.float32)),
-        o3d.core.Tensor(mesh.triangles.astype(np.uint32)),
-    )
-    rays = np.zeros((len(x), 6), np.float32)
-    rays[:, 0], rays[:, 1], rays[:, 2], rays[:, 5] = x, y, 200.0, -1.0
-    hits = scene.cast_rays(o3d.core.Tensor(rays), nthreads=2)
-    triangle = hits["primitive_ids"].numpy().astype(np.int64)
-    corners = mesh.vertices[mesh.triangles[triangle]]
-    normal = normals(corners)
-    off_x, off_y = x - corners[:, 0, 0], y - corners[:, 0, 1]
-    rise = (normal[:, 0] * off_x + normal[:, 1] * off_y) / normal[:, 2]
-    return triangle, corners[:, 0, 2] - rise
+@pytest.mark.slow
+@EACH
+def test_walls_stand_roofs_face_up_and_land_goes_on(mini: Prepared, region: str) -> None:
+    mesh = mini.world(region).mesh
+    walls = normals(corners_of(mesh, Material.WALL))
+    assert np.abs(walls[:, 2] / np.linalg.norm(walls, axis=1)).max() < 1e-9
+    upper = corners_of(mesh, Material.ROOF, Material.GROUND, Material.APRON)
+    assert (normals(upper)[:, 2] > 0).all()
+    land, apron = (corners_of(mesh, kind).reshape(-1, 3) for kind in (0, Material.APRON))
+    assert (apron[:, :2].min(), apron[:, :2].max()) == (-800.0, 1400.0)
+    for axis, border in ((0, 0.0), (0, 600.0), (1, 0.0), (1, 600.0)):
+        along = apron[apron[:, axis] == border]
+        along = along[(along[:, 1 - axis] >= 0) & (along[:, 1 - axis] <= 600)]
+        inner = land[land[:, axis] == border]
+        assert np.array_equal(np.unique(along, axis=0), np.unique(inner, axis=0))
 
 
-@BUILT
-def test_walls_are_vertical_and_roofs_face_up(region: str) -> None:
-    mesh = world_of(region).mesh
-    walls, roofs = normals(part(mesh, Material.WALL)), normals(part(mesh, Material.ROOF))
-    length = np.linalg.norm(walls, axis=1)
-    assert np.abs(walls[:, 2] / length).max() < 1e-9
-    assert (roofs[:, 2] > 0).all()
-    land = normals(part(mesh, Material.GROUND, Material.APRON))
-    assert (land[:, 2] > 0).all()
-
-
-@BUILT
-def test_apron_meets_the_border_and_reaches_far(region: str) -> None:
-    mesh = world_of(region).mesh
-    land = part(mesh, Material.GROUND).reshape(-1, 3)
-    apron = part(mesh, Material.APRON).reshape(-1, 3)
-    assert apron[:, :2].min() == -800.0
-    assert apron[:, :2].max() == 1400.0
-    for axis in (0, 1):
-        for border in (0.0, 600.0):
-            inner = {tuple(point) for point in land[land[:, axis] == border].tolist()}
-            along = apron[apron[:, axis] == border]
-            along = along[(along[:, 1 - axis] >= 0) & (along[:, 1 - axis] <= 600)]
-            assert {tuple(point) for point in along.tolist()} == inner
-
-
-@BUILT
-def test_orthophoto_is_albedo_in_light_or_shadow(region: str) -> None:
-    world = world_of(region)
+@pytest.mark.slow
+@EACH
+def test_maps_show_the_same_place_in_their_light(mini: Prepared, region: str) -> None:
+    world = mini.world(region)
     # No channel is brighter than the albedo in the whole sun, none darker than in the sky alone.
-    albedo = world.top_albedo.astype(np.float64)
-    most = albedo * (np.array(SURVEY_SUN.sky) + np.array(SURVEY_SUN.sun))
-    assert (world.dom <= np.minimum(most + 0.51, 255)).all()
-    assert (world.dom >= np.floor(np.minimum(albedo * np.array(SURVEY_SUN.sky), 255))).all()
-    share = world.dom.astype(np.float64).sum() / albedo.sum()
-    assert 0.6 < share < 1.05
-
-
-@BUILT
-def test_mosaic_differs_from_the_survey_and_yet_shows_the_same_place(region: str) -> None:
-    world = world_of(region)
+    albedo, sky = world.top_albedo.astype(float), np.array(SURVEY_SUN.sky)
+    assert (world.dom <= np.minimum(albedo * (sky + SURVEY_SUN.sun) + 0.51, 255)).all()
+    assert (world.dom >= np.floor(np.minimum(albedo * sky, 255))).all()
+    assert 0.6 < world.dom.sum() / albedo.sum() < 1.05
     grey = world.dom.mean(axis=2).reshape(200, 12, 200, 12).mean(axis=(1, 3))
     older = world.satellite.mean(axis=2).reshape(200, 10, 200, 10).mean(axis=(1, 3))
-    right = np.corrcoef(grey.ravel(), older.ravel())[0, 1]
-    wrong = np.corrcoef(np.roll(grey, 30, axis=1).ravel(), older.ravel())[0, 1]
-    assert 0.35 < right < 0.95
-    assert wrong < 0.3
+    assert 0.35 < np.corrcoef(grey.ravel(), older.ravel())[0, 1] < 0.95
+    assert np.corrcoef(np.roll(grey, 30, axis=1).ravel(), older.ravel())[0, 1] < 0.3
     warmth = [photo[..., 1].mean() - photo[..., 0].mean() for photo in (world.dom, world.satellite)]
     assert warmth[1] < warmth[0]
 
 
-@pytest.mark.parametrize(("region", "seed"), [("sea", 0), ("city", -1)])
-def test_what_cannot_be_built_is_refused(region: str, seed: int) -> None:
-    with pytest.raises(UsageError):
-        build_world(region, seed)
+def made_poses(count: int) -> Poses:
+    spread = np.linspace(0, 1, count)
+    rotations = angles_to_rotations(360 * spread, -45 - 30 * spread, 0.0, convergence_deg=0.0)
+    return Poses.from_centres(rotations, np.stack([spread, spread, spread + 100], axis=1))
+
+
+def test_priors_are_off_as_a_drones_metadata() -> None:
+    poses, names = made_poses(4000), [f"photo_{row}" for row in range(4000)]
+    noisy = noisy_priors(names, poses, 0)
+    offsets = noisy.centres - poses.centres
+    np.testing.assert_allclose(offsets.std(axis=0), [2.0, 2.0, 3.0], rtol=0.05)
+    np.testing.assert_allclose(offsets.mean(axis=0), 0, atol=0.2)
+    # Normal enough: as many beyond one and two deviations as there should be.
+    scaled = np.abs(offsets / [2.0, 2.0, 3.0])
+    assert (scaled > 1).mean() == pytest.approx(0.317, abs=0.02)
+    assert (scaled > 2).mean() == pytest.approx(0.0455, abs=0.01)
+    turned = rotation_angle_deg(noisy.rotation, poses.rotation)
+    assert 0.5 < np.median(turned) < 3
+    assert turned.max() < 15
+    # They belong to the name and the seed, and are the same numbers everywhere.
+    alone = noisy_priors(names[7:8], poses.take([7]), 0)
+    np.testing.assert_array_equal(alone.centres[0], noisy.centres[7])
+    assert not np.allclose(noisy_priors(names, poses, 1).centres, noisy.centres)
+    one = Poses.from_centres(np.eye(3)[None], np.zeros((1, 3)))
+    expected = [1.53424072265625, -0.400146484375, 6.124420166015625]
+    assert noisy_priors(["city/0001"], one, 0).centres[0].tolist() == expected
+
+
+def test_a_sealed_edition_hides_all_that_its_key_does_not_tell(tmp_path: Path) -> None:
+    (tmp_path / "mini.key").write_text("9f86d081884c7d659a2feaa0c55ad015\n")
+    key = MiniOptions(key_file=tmp_path / "mini.key").source
+    assert len({derived(key ^ (1 << bit), "noise") for bit in range(128)}) == 128
+    assert len({key, *(derived(key, what) for what in ("noise", "world"))}) == 3
+    assert derived(7, "world") == 7
+    dsm = np.full((1200, 1200), 20.0, np.float32)
+    public, sealed, other = (mini_photos(REGIONS["city"], dsm, seed) for seed in (0, key, key ^ 1))
+    assert set(sealed.names).isdisjoint(other.names)
+    assert not any("survey" in name or "roll" in name for name in sealed.names)
+    # Nobody flies the survey again: its place and each photo's gusts are hidden.
+    for shown in (public, other):
+        off = np.linalg.norm(shown.poses.centres[:10] - sealed.poses.centres[:10], axis=1)
+        assert off.min() > 1.0
+    assert 1.0 < np.std(np.diff(sealed.poses.centres[:20, 2], 2)) / 6**0.5 < 6.0
+    given, mixed = (
+        sorted(zip(one.weather, one.time_of_day, strict=True)) for one in (public, sealed)
+    )
+    assert set(given) == set(mixed)
+    for protocol in mini_protocols(key).every:
+        assert protocol.benchmark == "airzoo-mini-sealed"
+        assert f"{key:x}"[1:] not in protocol.model_dump_json()
+    for seed, text in ((3, "0" * 32), (0, ""), (0, "0" * 31), (0, "g" * 32), (0, "0" * 64)):
+        (tmp_path / "mini.key").write_text(text)
+        with pytest.raises(UsageError):
+            _ = MiniOptions(seed, tmp_path / "mini.key").source
