@@ -66,7 +66,7 @@ class _Layer(NamedTuple):
     owner: NDArray[np.int32]
 
     @classmethod
-    def of(cls, mesh: Mesh, raster: Raster, material: Material) -> _Layer:
+    def from_mesh(cls, mesh: Mesh, raster: Raster, material: Material) -> _Layer:
         """Look at the triangles of a material from above."""
         height, triangle = _look_down(mesh, raster, material)
         owner = np.where(triangle >= 0, mesh.owner[triangle], np.int32(-1))
@@ -203,7 +203,8 @@ class _Maps:
         self.land = _Land(plan.heights, self.raster)
         self.land_height = self.land.heights().astype(np.float32)
         self.roofs, self.canopies = (
-            _Layer.of(mesh, self.raster, material) for material in (Material.ROOF, Material.CANOPY)
+            _Layer.from_mesh(mesh, self.raster, material)
+            for material in (Material.ROOF, Material.CANOPY)
         )
 
     def canvas(self, season: int) -> Canvas:

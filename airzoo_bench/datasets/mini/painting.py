@@ -43,7 +43,7 @@ class Material(NamedTuple):
 
 
 class Canvas:
-    """What is painted last at each pixel of a square raster: the decals of a season, then roofs.
+    """A square raster that remembers the last paint of each pixel: decals of a season, then roofs.
 
     `land` is the height of the land, (n, n).
     """
@@ -88,7 +88,7 @@ class Canvas:
             getattr(brush, f"_cover_with_{building.cover}")()
 
     def colours(self) -> tuple[NDArray[np.uint8], Bools]:
-        """Return the albedo (n, n, 3) of what has been painted so far, and where it is water."""
+        """Return the albedo (n, n, 3) of all paint so far, and where it is water."""
         table = np.array([*self._numbers], np.int16).T
         rgb = np.empty((*self._look.shape[1:], 3), np.uint8)
         for rows in (slice(row, row + _ROWS) for row in range(0, len(rgb), _ROWS)):
