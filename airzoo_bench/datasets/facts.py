@@ -307,8 +307,8 @@ def _surface_line(facts: SceneFacts) -> dict[str, str]:
     survey, plane = facts.survey, facts.inputs.plane_height_m
     if survey is not None and plane is not None:
         return {
-            "surface": f"{survey.valid_share:.0%} of its pixels have a height, {survey.low:.1f} to "
-            f"{survey.high:.1f} m; z0 is {plane:.1f} m"
+            "surface": f"{survey.valid / survey.pixels:.0%} of its pixels have a height, "
+            f"{survey.low:.1f} to {survey.high:.1f} m; z0 is {plane:.1f} m"
         }
     text = f"none; the ground is taken as a plane at {plane} m"
     return {} if plane is None else {"surface": text}

@@ -44,10 +44,7 @@ def refuse_cameras(
     expected: str | None = None,
     fix: str | None = None,
 ) -> None:
-    """Raise a CameraError that names the first three bad cameras and says how many there are.
-
-    `details` holds a text for every camera, shown in brackets behind the bad ones.
-    """
+    """Raise a CameraError that names the first bad cameras, each with its own of the `details`."""
     rows = np.flatnonzero(bad).tolist()
     if not rows:
         return

@@ -25,7 +25,6 @@ from rasterio.windows import Window
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.rasters import (
-    RasterInfo,
     open_info,
     opened,
     pixel_to_world,
@@ -70,7 +69,16 @@ class HeightField:
     ) -> HeightField:
         """Read a raster's first band, or what lies in bounds (left, bottom, right, top) of it."""
         info = open_info(path)
-        window = _window(info, bounds)
+        window = Window(0, 0, info.width, info.height)
+        if bounds is not None:
+            left, bottom, right, top = bounds
+            box = np.array(((left, bottom), (left, top), (right, bottom), (right, top)))
+            pixels, last = world_to_pixel(info.transform, box), (info.width, info.height)
+            low = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, last)
+            high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, last)
+            if not (high > low).all():
+                raise RasterError(f"does not meet {bounds} (left, bottom, right, top)", where=path)
+            window = Window(*low.astype(int).tolist(), *(high - low).astype(int).tolist())
         size = window.width * window.height * np.dtype(height_type(info.dtype)).itemsize
         if size > _MOST_BYTES:
             raise RasterError(
@@ -166,21 +174,6 @@ def _with_gaps(heights: Floats, local: Floats) -> Floats:
     return np.where(complete, bilinear, nearest)
 
 
-def _window(info: RasterInfo, bounds: tuple[float, float, float, float] | None) -> Window:
-    if bounds is None:
-        return Window(0, 0, info.width, info.height)
-    left, bottom, right, top = bounds
-    box = np.array(((left, bottom), (left, top), (right, bottom), (right, top)))
-    pixels = world_to_pixel(info.transform, box)
-    size = (info.width, info.height)
-    low = np.clip(np.floor(pixels.min(axis=0)) - 1, 0, size)
-    high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, size)
-    if not (high > low).all():
-        expected = "left, bottom, right, top in the raster's CRS"
-        raise RasterError(f"bounds {bounds} miss the raster", where=info.path, expected=expected)
-    return Window(*low.astype(int).tolist(), *(high - low).astype(int).tolist())
-
-
 def height_type(stored: str) -> type[np.float32] | type[np.float64]:
     """Return the narrowest type that holds heights stored in another without loss."""
     return np.float32 if stored in _NARROW else np.float64
@@ -273,11 +266,6 @@ class HeightSurvey:
     at_low: int
     next_low: float
     beyond: int
-
-    @property
-    def valid_share(self) -> float:
-        """Share of pixels that have a height."""
-        return self.valid / self.pixels
 
 
 def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSurvey:

@@ -120,8 +120,11 @@ def centre_errors_m(centres: Floats) -> Floats:
     return errors
 
 
-def _steps(values: Floats, kind: type[np.floating[Any]]) -> Floats:
-    return np.asarray(np.abs(np.spacing(values.astype(kind))), np.float64)
+def _steps(values: Floats, digits: int | type[np.floating[Any]]) -> Floats:
+    """Return the steps in which numbers of a narrow type, or of a number of decimals, go."""
+    if isinstance(digits, int):
+        return np.full_like(values, 10.0**-digits)
+    return np.asarray(np.abs(np.spacing(values.astype(digits))), np.float64)
 
 
 def _fewest_decimals(values: Floats, unit: Floats) -> int | None:
@@ -159,19 +162,12 @@ def _renormalised_errors(quaternions: Floats) -> Floats:
     # Rows of one size, such as those of nadir, are the same at any number of digits.
     rows = np.flatnonzero(((size > 1e-6) & (size < largest - 1e-6)).any(axis=1))
     for digits in (*_NARROW, *_RENORMALISED_DIGITS) if len(rows) else ():
-        step = _grid(largest[rows], digits)
+        step = _steps(largest[rows], digits)
         whole = np.round(largest[rows] / step) + np.array((-1.0, 0.0, 1.0))[:, None, None]
         scaled = size[rows] * (whole * step / largest[rows])
-        step = _grid(scaled, digits)
+        step = _steps(scaled, digits)
         off = np.abs(scaled - np.round(scaled / step) * step)
         if (off < 1e-6 * step + 1e-15).all(axis=2).any(axis=0).all():
-            errors: Floats = np.sqrt((_grid(size, digits) ** 2).mean(axis=1)) * _UNIFORM
+            errors: Floats = np.sqrt((_steps(size, digits) ** 2).mean(axis=1)) * _UNIFORM
             return errors
     return np.zeros(len(size))
-
-
-def _grid(values: Floats, digits: int | type[np.floating[Any]]) -> Floats:
-    """Return the steps in which numbers of a narrow type, or of a number of decimals, go."""
-    if isinstance(digits, int):
-        return np.full_like(values, 10.0**-digits)
-    return _steps(values, digits)

@@ -7,7 +7,7 @@ whatever its ending, and reads names of elements and attributes in letters of ei
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -29,17 +29,12 @@ _PLACE = "relativeToVRT"
 
 def raster_files(path: Path) -> list[Path]:
     """Return a raster's file, then its side files and those a virtual raster is made of, sorted."""
-    found = _listed_files(path)
+    found = [path]
     for part in found:  # grows: what a virtual raster names may be virtual
-        with suppress(RasterError):  # a side file
-            found += [one for one in _listed_files(part) if one not in found]
+        with suppress(RasterError) if part != path else nullcontext(), opened(part) as dataset:
+            listed = [Path(name).absolute() for name in dataset.files]
+            found += [one for one in listed if one.is_file() and one not in found]
     return [path, *sorted(set(found) - {path, path.absolute()})]
-
-
-def _listed_files(path: Path) -> list[Path]:
-    with opened(path) as dataset:
-        listed = [Path(name).absolute() for name in dataset.files]
-    return [one for one in listed if one.is_file()]
 
 
 def raster_sha256(path: Path) -> str:
@@ -58,8 +53,9 @@ def raster_sha256(path: Path) -> str:
         files = [one for one in files if str(one).startswith(f"{path}.")]
     beside = [one for one in files if one.suffix.lower() not in _SIDE_FILES]
     own = fingerprint(_virtual_content(path)) if virtual else sha256_of(path)
-    if not beside and stated == _stated_alone(path):
-        return own
+    with suppress(RasterError), opened(path, **_WITHOUT_SIDE_FILES) as alone:
+        if not beside and stated == _stated(alone):
+            return own
     return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])
 
 
@@ -70,15 +66,6 @@ def _stated(dataset: Any) -> list[Any]:
     grid = [dataset.width, dataset.height, *dataset.transform[:6], str(dataset.nodata)]
     scale = [str(dataset.scales[0]), str(dataset.offsets[0]), dataset.units[0] or ""]
     return [*grid, *scale, flags, crs]
-
-
-def _stated_alone(path: Path) -> list[Any] | None:
-    """Return what a raster's own file states; None where it cannot be read without the others."""
-    try:
-        with opened(path, **_WITHOUT_SIDE_FILES) as dataset:
-            return _stated(dataset)
-    except RasterError:
-        return None
 
 
 def _virtual_content(path: Path) -> str:

@@ -196,25 +196,20 @@ def read_rgb(
 def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:
     kinds = list(dataset.colorinterp)
     rgb = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+    bands: list[int] = []
     if all(kind in kinds for kind in rgb):
         bands = [kinds.index(kind) + 1 for kind in rgb]
-    elif len(kinds) <= 2 and ColorInterp.palette not in kinds:
-        bands = [1, 1, 1]
-    elif len(kinds) in (3, 4):
-        bands = [1, 2, 3]
-    else:
-        raise RasterError(
-            f"no colours: {len(kinds)} bands ({', '.join(kind.name for kind in kinds)})",
-            where=path,
-            expected="grey or RGB, with or without alpha",
-            fix="gdal_translate -b for the bands, -expand rgb for a palette",
-        )
+    elif ColorInterp.palette not in kinds and len(kinds) <= 4:
+        bands = [1, 1, 1] if len(kinds) <= 2 else [1, 2, 3]
     dtypes = {dataset.dtypes[band - 1] for band in bands}
     if dtypes != {"uint8"}:
+        named = ", ".join(
+            f"{kind.name} {one}" for kind, one in zip(kinds, dataset.dtypes, strict=True)
+        )
         raise RasterError(
-            f"colours are {', '.join(sorted(dtypes))}",
+            f"no colours: its bands are {named[:200]}",
             where=path,
-            expected="8 bit (uint8)",
-            fix="gdal_translate -ot Byte -scale",
+            expected="grey or RGB of 8 bits (uint8), with or without alpha",
+            fix="gdal_translate -b for the bands, -expand rgb for a palette, -ot Byte -scale",
         )
     return bands

@@ -155,7 +155,11 @@ def _first_crossings(
     found = np.full(len(origins), np.nan)
     walk, cut = _started(origins, unit, field, max_range_m)
     while walk.row.size:
-        border = _next_border(walk)
+        # The lengths at which rays meet the next column and row of pixel centres.
+        line = walk.cell + (walk.step > 0.0)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            border = (line - walk.grid) / walk.step
+        border = np.where(walk.step == 0.0, np.inf, border)
         until = np.maximum(np.minimum(border.min(axis=-1), walk.end), walk.length)
         share = _meet(walk, until, field)
         hit = ~np.isnan(share)
@@ -206,31 +210,17 @@ def _over_raster(pixel: Floats, step: Floats, size: Ints) -> tuple[Floats, Float
     return np.maximum(near.max(axis=-1), 0.0), far.min(axis=-1)
 
 
-def _next_border(walk: _Walk) -> Floats:
-    """Return lengths (P, 2) at which rays meet the next column and row of pixel centres."""
-    line = walk.cell + (walk.step > 0.0)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        border = (line - walk.grid) / walk.step
-    return np.where(walk.step == 0.0, np.inf, border)
-
-
 def _meet(walk: _Walk, until: Floats, field: HeightField) -> Floats:
     """Return the share of its way through the cell at which each ray meets the surface, or NaN."""
     last = np.array(field.heights.shape[::-1]) - 1.0
     # Along the border the surface is level: the point is moved to the outermost pixel centres.
-    enter = np.clip(walk.at(walk.length), 0.0, last) - walk.cell
-    leave = np.clip(walk.at(until), 0.0, last) - walk.cell
+    start = np.clip(walk.at(walk.length), 0.0, last) - walk.cell
+    way = np.clip(walk.at(until), 0.0, last) - walk.cell - start
     heights = field.corner_heights(walk.cell)
-    z = walk.z + walk.length * walk.sink
-    return first_in_cell(heights, enter, leave - enter, z, (until - walk.length) * walk.sink)
-
-
-def first_in_cell(heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats) -> Floats:
-    """Return the smallest u in [0, 1] at which the ray is on the surface or below; NaN without."""
+    z, drop = walk.z + walk.length * walk.sink, (until - walk.length) * walk.sink
     known = ~np.isnan(heights)
-    whole = known.all(axis=-1)
+    whole, first = known.all(axis=-1), np.full(len(heights), np.nan)
     part = known.any(axis=-1) & ~whole
-    first = np.full(len(heights), np.nan)
     for pick, meet in ((whole, _first_on_bilinear), (part, _first_on_nearest)):
         if pick.any():
             first[pick] = meet(heights[pick], start[pick], way[pick], z[pick], drop[pick])
@@ -240,7 +230,10 @@ def first_in_cell(heights: Floats, start: Floats, way: Floats, z: Floats, drop: 
 def _first_on_bilinear(
     heights: Floats, start: Floats, way: Floats, z: Floats, drop: Floats
 ) -> Floats:
-    """Return the first root from above of c0 + c1 u + c2 u^2, the ray minus the surface."""
+    """Return the smallest u in [0, 1] at which the ray is on the surface or below; NaN without.
+
+    It is the first root from above of c0 + c1 u + c2 u^2, the ray minus the surface.
+    """
     h00, h10, h01, h11 = heights.T
     (a, b), (da, db) = start.T, way.T
     slope_a, slope_b, twist = h10 - h00, h01 - h00, (h11 - h01) - (h10 - h00)

@@ -55,7 +55,7 @@ def test_every_reader_of_heights_makes_metres(
         assert lazy.heights_at(np.array([3]), np.array([2]))[0] == wanted
         assert lazy.height_range == (wanted, wanted)
     found = survey_heights(path, 0.0, 1000.0)
-    assert (found.low, found.high, found.valid_share) == (wanted, wanted, 1.0)
+    assert (found.low, found.high, found.valid) == (wanted, wanted, found.pixels)
     assert lift([[3.5, 2.5]], info, path, jobs=1).points[0, 2] == wanted
 
 
