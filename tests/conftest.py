@@ -33,7 +33,7 @@ settings.register_profile(
 LONGEST = (
     "engines/test_tracks.py",
     "reconstruction/test_track.py",
-    "leaderboard/ci/test_walk_through.py",
+    "leaderboard/test_walk_through.py",
     "matching/test_baseline.py",
     "cli/all_tracks/test_tables.py",
     "cli/test_reconstruction_notes.py",

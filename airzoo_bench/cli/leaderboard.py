@@ -103,7 +103,7 @@ def score(
     """
     check_limits()
     run = Run(_MEMORY_BYTES, jobs=os.cpu_count() or 1, limits=Limits(_MEMORY_BYTES))
-    rules = Rules(read_board(root / BOARD_FILE), root, data_root(), run, _say)
+    rules = Rules(read_board(root / BOARD_FILE), root, data_root(), run)
     folder = out if event is None else work
     if sealed is None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
@@ -158,13 +158,12 @@ def keep(
     the last try.
     """
     with tempfile.TemporaryDirectory() as folder:
-        branch = DataBranch(Path(folder) / "data.git", remote)
+        branch = DataBranch(Path(folder) / "data", remote)
         if found.is_dir():
-            for path in branch.add_runs(found):
-                put(f"{path}\n")
+            branch.add_runs(found)
             return
         finding, files = read_found(found), {}
-        outcome = "started" if started else "scored" if finding.truth else "failed"
+        outcome = "started" if started else "scored" if finding.opened else "failed"
         if finding.answer is not None:
             answer = finding.answer.model_dump_json(by_alias=True).encode()
             files[answer_path(finding.tree)] = answer
@@ -198,7 +197,9 @@ def build(
         raise UsageError(what, where=runs, expected="runs/benchmark/track/folder/number/ in it")
     rules = read_board(root / BOARD_FILE)
     with working("building the board"):
-        build_board(runs / "runs", root / "submissions", rules, data_root(), out, say)
+        faults = build_board(runs / "runs", root / "submissions", rules, data_root(), out)
+    for fault in faults:
+        say(fault)
     put(f"{out / 'index.html'}\n")
 
 

@@ -7,15 +7,13 @@ from typing import Annotated, Any
 
 import typer
 
-from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.cli.common import Format, examples, progress, put, say, show
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.evaluation.opening import ReadBy, open_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, board_root, known_submissions, read_board
-from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
-from airzoo_bench.leaderboard.scoring import score_submission
+from airzoo_bench.leaderboard.checks import FETCHING_S, check_submission
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 from airzoo_bench.leaderboard.submitting import (
     ask_missing,
@@ -30,13 +28,11 @@ PANELS = {
     "Questions": (
         *("protocol", "method", "team", "contact", "author", "licence", "training_data", "stages"),
     ),
-    "More": ("more", "url", "reader", "names"),
+    "More": ("more", "url", "reader"),
     "Board": ("board", "force", "commit"),
 }
 
 app = typer.Typer(help="Check a submission to a board.", no_args_is_help=True)
-
-_FETCHING_S = 3600.0
 
 
 def _option(help_: str, *flags: str) -> Any:
@@ -65,7 +61,6 @@ def submit(
         Text, _option("Where CI fetches the predictions; then they are not copied.")
     ] = None,
     reader: Annotated[Text, _option("The reader of a method's own files.")] = None,
-    names: Annotated[Path | None, _option("A list of images, if files name none.")] = None,
     board: Annotated[
         Path, _option("The board's repository (default: where leaderboard.toml is, above).")
     ] = Path(),
@@ -82,13 +77,12 @@ def submit(
     and opens the pull request by gh, or prints the commands for that. On a terminal it asks for
     missing options. docs/submission.md explains each key.
     """
-    root, data, read_by = board_root(board), data_root(), ReadBy(reader, names)
+    root, data = board_root(board), data_root()
     rules = read_board(root / BOARD_FILE)
-    for path in filter(None, (predictions, names)):
-        if not path.exists():
-            raise UsageError("no such file or folder", where=path)
+    if not predictions.exists():
+        raise UsageError("no such file or folder", where=predictions)
     given = {
-        "protocol": protocol or _protocol_of(predictions, read_by, data),
+        "protocol": protocol or _protocol_of(predictions, ReadBy(reader), data),
         "method": method,
         "team": team,
         "contact": contact,
@@ -101,8 +95,8 @@ def submit(
     account = gh_account() if commit else None
     values = ({} if account is None else {"account": account}) | values
     place = find_place(values["protocol"], values["method"], rules, data)
-    folder, most = root / place.path, rules.limits.committed_bytes
-    write_submission(folder, values, predictions, url, read_by, most, replace=force)
+    folder = root / place.path
+    write_submission(folder, values, predictions, url, reader, rules.limits, replace=force)
     put(f"{folder}\n")
     if not _passes(folder, root, fetch=False):
         say(f"mend {folder / SUBMISSION_FILE}, or submit again with --force; nothing was sent")
@@ -149,36 +143,21 @@ def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     """Check a submission, score it where that can be done, print, and say whether it passes."""
     data, rules, run = data_root(), read_board(root / BOARD_FILE), Run(progress=progress)
     checked = check_submission(
-        folder, rules, data, known=known_submissions(root), seconds=_FETCHING_S * fetch, run=run
+        folder, rules, data, known=known_submissions(root), seconds=FETCHING_S * fetch, run=run
     )
-    for warning in checked.warnings:
-        say(f"{folder}: {warning}")
-    done = "checked"
-    if not checked.errors:
-        sealed = rules.archive(checked.place.benchmark) is not None
-        if hindrance := _hindrance(checked, data, sealed=sealed):
-            say(f"{folder}: not scored: {hindrance}")
-        else:
-            try:
-                show(scenes_table(score_submission(checked, data, run).result), Format.TERMINAL)
-                done = "checked and scored"
-            except UserError as refusal:
-                checked.errors.append(refusal)
-    for error in checked.errors:
-        say(str(error))
+    done, said = "checked", [*checked.warnings]
+    if not checked.errors and checked.predictions is None:
+        said.append("not scored: the predictions are at an address; add --fetch")
+    elif not checked.errors:
+        try:
+            show(scenes_table(checked.score(data, run).result), Format.TERMINAL)
+            done = "checked and scored"
+        except BenchmarkError as error:  # the truth is not here, or sealed
+            said.append(f"not scored: {error.what}")
+        except UserError as refusal:
+            checked.errors.append(refusal)
+    for line in (*(f"{folder}: {one}" for one in said), *checked.errors):
+        say(str(line))
     if not checked.errors:
         put(f"{folder}: {done}, nothing wrong was found\n")
     return not checked.errors
-
-
-def _hindrance(checked: CheckedSubmission, data: Path, *, sealed: bool) -> str:
-    """Say why a sound submission cannot be scored here; nothing where it can."""
-    if checked.predictions is None:
-        return "the predictions are at an address; add --fetch"
-    if sealed:
-        return "the truth is sealed, and only CI has its key"
-    try:
-        find_benchmark(checked.place.benchmark, data)
-    except BenchmarkError as error:
-        return error.what
-    return ""

@@ -30,10 +30,7 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECAS
 
 
 class Limits(Strict):
-    """Limits of a submission's cost to the board; docs/leaderboard.md names them.
-
-    Each more entry of an account widens the rank ranges of all, since every two are compared.
-    """
+    """Limits of what a submission costs the board; docs/leaderboard.md says what each is."""
 
     committed_bytes: Count = 25_000_000
     url_bytes: Annotated[int, Field(ge=1, le=1 << 40)] = 20_000_000_000
@@ -101,12 +98,12 @@ class Place(NamedTuple):
 
     @classmethod
     def of_folder(cls, folder: Path) -> Place:
-        """Take it from the last three parts of a folder's path."""
+        """Return the place that the last three parts of a folder's path name."""
         return cls(*("", "", "", *folder.resolve().parts)[-3:])
 
     @property
     def path(self) -> str:
-        """Relative to the root of the board's repository."""
+        """Its folder in the board's repository."""
         return "/".join(("submissions", *self))
 
     @property

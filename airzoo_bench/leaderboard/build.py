@@ -9,14 +9,15 @@ import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.files import atomic_folder, check_new_folder, only_writer
+from airzoo_bench.core.files import atomic_folder, check_new_folder
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Board
-from airzoo_bench.leaderboard.measured import Entry, entries_of, forget_others, read_entries
+from airzoo_bench.leaderboard.measured import entries_of, forget_others, read_entries
 from airzoo_bench.leaderboard.pages import render_pages
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
@@ -29,7 +30,7 @@ _SCHEMA = 3
 _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored", "code", "paper")
 _PARTS = ("value", "low", "high", "standard_error")
 # An entry of a work whose commands are accents, letters and escaped signs, none of which acts.
-_WORK = re.compile(r"\s*@(?!comment|preamble|string)[a-z]+\s*\{", re.IGNORECASE)
+_WORK = re.compile(r"@(?!comment|preamble|string)[a-z]+\s*\{", re.IGNORECASE)
 _ACTS = re.compile(r"\\([A-Za-z]*@|[A-Za-z]{3})|\\\Z|\^\^")
 _TEX = {
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
@@ -38,64 +39,56 @@ _TEX = {
 }
 
 
-def build_board(
-    runs: Path, submissions: Path, board: Board, data: Path, out: Path, note: Callable[[str], None]
-) -> Path:
-    """Build the site in place of an earlier one; folders of runs and submissions may be missing."""
+def build_board(runs: Path, submissions: Path, board: Board, data: Path, out: Path) -> list[str]:
+    """Build the site in place of an earlier one, and return why submissions are not shown.
+
+    Folders of runs and submissions may be missing.
+    """
     cache = out.with_name(f"{out.name}.cache")
     check_new_folder(out, replace=True, mark=BOARD_JSON)
-    with only_writer(cache):
-        entries = read_entries(runs, submissions, cache, note)
-        versions = [one.measured for entry in entries for one in (entry, *entry.older)]
-        forget_others({one.key for one in versions if one is not None}, cache)
-        files = _site_files(_board_json(entries, board, data, cache), note)
-        with atomic_folder(out, replace=True, mark=BOARD_JSON) as folder:
-            for path, content in files.items():
-                target = folder / path
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_text(content, encoding="utf-8", newline="")
-    return out
+    cache.mkdir(parents=True, exist_ok=True)
+    content = board_json(runs, submissions, board, data, cache)
+    tables = content["tables"].values()
+    files = {f"tables/{table['id']}/table.csv": table_csv(table) for table in tables}
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    files |= {BOARD_JSON: f"{text}\n"} | render_pages(content)
+    with atomic_folder(out, replace=True, mark=BOARD_JSON) as folder:
+        for path, page in files.items():
+            target = folder / path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(page, encoding="utf-8", newline="")
+    failed = [row for table in tables for row in table["rows"] if row["kind"] == "failed"]
+    return [f"{row['id']}: no score: {row['reason']}" for row in failed]
 
 
-def _board_json(entries: list[Entry], board: Board, data: Path, cache: Path) -> dict[str, Any]:
+def board_json(
+    runs: Path, submissions: Path, board: Board, data: Path, cache: Path
+) -> dict[str, Any]:
     """Return all that the pages show, tables in the order of leaderboard.toml."""
-    tables = {}
+    entries, tables = read_entries(runs, submissions, cache), {}
+    versions = [one.measured for entry in entries for one in (entry, *entry.older)]
+    forget_others({one.key for one in versions if one is not None}, cache)
     for benchmark in board.benchmarks:
         for name in benchmark.protocols:
             protocol = find_protocol(name, data)
-            own = entries_of(entries, protocol)
-            tables[name] = make_table(protocol, benchmark.title, own, cache)[0]
-    dates = [row.rescored for table in tables.values() for row in table.rows if row.rescored]
+            made, _ = make_table(protocol, benchmark.title, entries_of(entries, protocol), cache)
+            tables[name] = json.loads(made.model_dump_json())
+            for row in tables[name]["rows"]:
+                row["bibtex"] = bibtex(row, board.title)
+    dates = [row["rescored"] for table in tables.values() for row in table["rows"]]
     return {
         "schema": _SCHEMA,
         "title": board.title,
         "url": board.url,
         "repository": board.repository,
-        "updated": max(dates, default=None),
+        "updated": max(filter(None, dates), default=None),
         "made_with": __version__,
         "benchmarks": [
             {"name": one.name, "title": one.title, "tables": list(one.protocols)}
             for one in board.benchmarks
         ],
-        "tables": {name: json.loads(table.model_dump_json()) for name, table in tables.items()},
+        "tables": tables,
     }
-
-
-def _site_files(board: dict[str, Any], note: Callable[[str], None]) -> dict[str, str]:
-    """Return the content of all files of the site by their paths."""
-    files = {}
-    for table in board["tables"].values():
-        for row in table["rows"]:
-            row["bibtex"] = bibtex(row, board["title"])
-            if row["kind"] == "failed":
-                note(f"{row['id']}: no score: {row['reason']}")
-        files[f"tables/{table['id']}/table.csv"] = table_csv(table)
-    text = json.dumps(board, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    files[BOARD_JSON] = f"{text}\n"
-    return files | render_pages(board)
-
-
-# --- downloads ---
 
 
 def table_csv(table: Mapping[str, Any]) -> str:
@@ -119,7 +112,10 @@ def table_csv(table: Mapping[str, Any]) -> str:
 def bibtex(row: Mapping[str, Any], board: str) -> str:
     """Return a BibTeX entry: the authors' own if it is valid, else one from the metadata."""
     own = row["bibtex"].strip()
-    if own and _is_one_entry(own):
+    # Braces are open from the first to the last letter, where they close.
+    depths = [*accumulate((c == "{") - (c == "}") for c in own[own.find("{") :])] or [0]
+    closes = depths[-1] == 0 and min(depths[:-1], default=0) > 0
+    if closes and _WORK.match(own) and not _ACTS.search(own):
         return f"{own}\n"
     address = re.sub(r"[{}\\%#]", "", row["paper"] or row["code"] or "")
     fields = {
@@ -133,33 +129,15 @@ def bibtex(row: Mapping[str, Any], board: str) -> str:
     return f"@misc{{{row['id']},\n" + ",\n".join(lines) + "\n}\n"
 
 
-def _is_one_entry(text: str) -> bool:
-    """Whether it is the entry of a work, braces close where it ends, and no command acts."""
-    depth, opened = 0, text.find("{")
-    for place, letter in enumerate(text):
-        depth += {"{": 1, "}": -1}.get(letter, 0)
-        if depth < 0 or (depth == 0 and opened < place < len(text) - 1):
-            return False
-    return depth == 0 and _ACTS.search(text) is None and _WORK.match(text) is not None
-
-
 def _escaped(text: str) -> str:
-    return "".join(_TEX.get(letter, letter) for letter in text if letter.isprintable())
-
-
-# --- serving ---
+    return "".join(_TEX.get(letter, letter) for letter in text)
 
 
 class _Handler(SimpleHTTPRequestHandler):
-    """Answers GET and HEAD; says nothing to the terminal, and lets no browser store a page."""
+    """Answers GET and HEAD, and says nothing to the terminal."""
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
         """Say nothing."""
-
-    def end_headers(self) -> None:
-        """Let no browser store a page that the next build replaces."""
-        self.send_header("Cache-Control", "no-store")
-        super().end_headers()
 
 
 def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
@@ -168,8 +146,7 @@ def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
         fix = f"airzoo-bench leaderboard build --out {site}"
         raise UsageError("not the site of a board", where=site, fix=fix)
     try:
-        handler = partial(_Handler, directory=str(site))
-        server = ThreadingHTTPServer((_ADDRESS, port), handler)
+        server = ThreadingHTTPServer((_ADDRESS, port), partial(_Handler, directory=str(site)))
     except OSError as error:
         what = f"port {port} cannot be used: {error.strerror}"
         raise UsageError(what, fix="name another by --port, or 0") from error

@@ -11,10 +11,7 @@ from pathlib import Path
 
 from airzoo_bench.core.errors import (
     BenchmarkError,
-    CameraError,
-    PredictionError,
     SubmissionError,
-    UsageError,
     UserError,
     agreeing,
     counted,
@@ -22,7 +19,7 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.evaluate import check
+from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
@@ -32,17 +29,17 @@ from airzoo_bench.leaderboard.submission import (
     EARLIER_KEYS,
     SUBMISSION_FILE,
     Submission,
-    alike,
     read_submission,
     skeleton,
 )
-from airzoo_bench.protocol.model import Protocol, find_protocol
+from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.results.result import Result
 
 MOST_FILES = 2000
 """The most files and folders that the folder of a submission may hold."""
 FETCHED = "fetched-predictions"
 """The folder in the data root that keeps predictions at an address, by their hash."""
+FETCHING_S = 3600.0
 
 _DEPTH = 12  # parts of a path in the repository
 _NEAR_PRIOR = 0.01
@@ -52,37 +49,28 @@ _NEAR_PRIOR = 0.01
 class CheckedSubmission:
     """A submission's folder, its errors and warnings.
 
-    `submission` is None where submission.toml cannot be read; `protocol` where the board does not
-    score by it; `predictions` where they are missing, not as announced, or were not to be fetched.
-    A submission with any error is refused; warnings are for submitter and maintainers.
+    `submission` is None where submission.toml cannot be read; `predictions` where they are missing,
+    not as announced, or were not to be fetched. A submission with any error is refused; warnings
+    are for submitter and maintainers.
     """
 
     folder: Path
-    place: Place
     submission: Submission | None = None
-    protocol: Protocol | None = None
     predictions: Path | None = None
     errors: list[UserError] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
-    @property
-    def read_by(self) -> ReadBy:
-        """How the predictions are read, for `evaluation`."""
-        if self.submission is None:
-            return ReadBy()
-        given = self.submission.predictions
-        return ReadBy(given.reader, None if given.names is None else self.folder / given.names)
-
-    def take(self, found: Iterable[UserError | str]) -> None:
-        """Add errors and warnings."""
-        try:
-            for one in found:
-                if isinstance(one, UserError):
-                    self.errors.append(one)
-                else:
-                    self.warnings.append(one)
-        except SubmissionError as error:
-            self.errors.append(error)
+    def score(self, data: Path, run: Run) -> Evaluation:
+        """Score a sound submission; an error of its pipeline shows only then."""
+        given, fix = self.submission, "mend the errors of `airzoo-bench submission check`"
+        if given is None or self.predictions is None:
+            raise SubmissionError("no predictions to score", where=self.folder, fix=fix)
+        scored = evaluate(
+            self.predictions, data=data, protocol=given.protocol, method=given.method, run=run,
+            read_by=ReadBy(given.predictions.reader),
+        )  # fmt: skip
+        check_pipeline(given, scored.result)
+        return scored
 
 
 def check_submission(
@@ -98,33 +86,44 @@ def check_submission(
 
     Predictions at an address are fetched within `seconds`, and not where these are 0.
     """
-    found = CheckedSubmission(folder, Place.of_folder(folder))
-    found.take(check_listing(_listing(folder), folder, board.limits))  # before anything is read
-    if found.errors:
-        return found
+    found = CheckedSubmission(folder)
     try:
-        found.submission = submission = read_submission(folder / SUBMISSION_FILE)
-    except SubmissionError as error:
-        found.errors.append(error)
-        return found
-    found.take(_check_names(submission, found.place, known))
-    found.take(_check_stated(folder, submission))
-    try:
-        found.protocol = _find_protocol(found.place, submission, board, data)
-    except SubmissionError as error:
-        found.errors.append(error)
-    found.take(_find_predictions(found, submission, board.limits, data, seconds))
-    if found.protocol is None or found.predictions is None:
-        return found
-    try:
-        path, named = found.predictions, submission.protocol
-        checked = check(path, data=data, protocol=named, run=run, read_by=found.read_by)
-        found.take([*checked.errors, *checked.notes])
+        for one in _find_faults(found, board, data, known, seconds, run):
+            if isinstance(one, UserError):
+                found.errors.append(one)
+            else:
+                found.warnings.append(one)
     except BenchmarkError as error:
-        found.take([f"predictions were not compared with the benchmark: {error.what}"])
-    except (PredictionError, CameraError, UsageError) as error:
+        found.warnings.append(f"predictions were not compared with the benchmark: {error.what}")
+    except UserError as error:
         found.errors.append(error)
     return found
+
+
+def _find_faults(
+    found: CheckedSubmission,
+    board: Board,
+    data: Path,
+    known: Mapping[Place, Submission],
+    seconds: float,
+    run: Run,
+) -> Iterator[UserError | str]:
+    """Yield errors and warnings, and raise an error that hides what would come after it."""
+    folder, place = found.folder, Place.of_folder(found.folder)
+    for fault in check_listing(_listing(folder), folder, board.limits):  # before any is opened
+        raise fault
+    found.submission = given = read_submission(folder / SUBMISSION_FILE)
+    yield from _check_names(given, place, known)
+    yield from _check_stated(folder, given)
+    _check_protocol(place, given, board, data)
+    path = _find_predictions(folder, given, board.limits, data, seconds)
+    if path is not None and path.exists():
+        _check_announced(path, given)
+        found.predictions = path
+        read_by = ReadBy(given.predictions.reader)
+        checked = check(path, data=data, protocol=given.protocol, run=run, read_by=read_by)
+        yield from checked.errors
+        yield from checked.notes
 
 
 # --- files ---
@@ -152,8 +151,8 @@ def check_listing(
         total += size
         if fault := _fault_of_file(path, mode, names):
             fix = "copy there the file itself, with a name of A-Z, a-z, 0-9, _, . and -"
-            shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in path[:200])
-            yield SubmissionError(fault, where=f"{where}/{shown}", expected="plain files", fix=fix)
+            place = f"{where}/{printable(path)}"
+            yield SubmissionError(fault, where=place, expected="plain files", fix=fix)
             return
         names.add(path.casefold())
         if len(names) > MOST_FILES:
@@ -181,6 +180,11 @@ def _fault_of_file(path: str, mode: int, names: set[str]) -> str:
     return "is an executable file" if stat.S_ISREG(mode) and mode & stat.S_IXUSR else ""
 
 
+def printable(path: str) -> str:
+    """Return a stranger's path for messages: on one line, without bytes that are no text."""
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in path[:200])
+
+
 def size_of_tree(path: Path) -> int:
     """Return the bytes of a file, or of all files of a folder."""
     files = [path] if path.is_file() else [one for one in path.rglob("*") if one.is_file()]
@@ -195,117 +199,115 @@ def _wrong(what: str, fix: str) -> SubmissionError:
 
 
 def _check_names(
-    submission: Submission, place: Place, known: Mapping[Place, Submission]
+    given: Submission, place: Place, known: Mapping[Place, Submission]
 ) -> Iterator[UserError | str]:
     """Yield names that readers would take for another's, and predictions that are another's."""
     others = {at: one for at, one in known.items() if at != place}
-    strangers = [one for one in others.values() if one.team != submission.team]
+    strangers = [one for one in others.values() if one.team != given.team]
     for key, name, taken in (
-        ("team", submission.team, [one.team for one in others.values()]),
-        ("method", submission.method, [one.method for one in strangers]),
+        ("team", given.team, [one.team for one in others.values()]),
+        ("method", given.method, [one.method for one in strangers]),
     ):
-        if other := next((other for other in taken if alike(name, other)), None):
-            fix = f"{key} = {other!r} if it is the same, else another name"
-            yield _wrong(f"key '{key}' is {name!r}, which looks like {other!r} on this board", fix)
-    if "official" in submission.method.casefold() and strangers:
-        yield f"method {submission.method!r} says that it is official: see whether it is"
+        for other in taken:
+            if name != other and skeleton(name) == skeleton(other):
+                what = f"key '{key}' is {name!r}, which looks like {other!r} on this board"
+                yield _wrong(what, f"{key} = {other!r} if it is the same, else another name")
+                break
+    if "official" in given.method.casefold() and strangers:
+        yield f"method {given.method!r} says that it is official: see whether it is"
     for at, one in others.items():
         if at[:2] != place[:2]:
             continue
-        by, same_team = f"of team {one.team!r}, in {at.folder}", one.team == submission.team
-        if not same_team and one.predictions.sha256 == submission.predictions.sha256:
+        by, same_team = f"of team {one.team!r}, in {at.folder}", one.team == given.team
+        if not same_team and one.predictions.sha256 == given.predictions.sha256:
             yield f"the predictions are to the last byte those of {one.method!r} {by}"
-        if same_team and skeleton(one.method) == skeleton(submission.method):
+        if same_team and skeleton(one.method) == skeleton(given.method):
             fix = f"put the new version into {at.folder}, or name it otherwise"
             yield _wrong(f"your team has a method {one.method!r} here already, in {at.folder}", fix)
-        elif one.method == submission.method:
+        elif one.method == given.method:
             yield f"{one.method!r} is on this board already, {by}"
 
 
-def _check_stated(folder: Path, submission: Submission) -> Iterator[UserError | str]:
+def _check_stated(folder: Path, given: Submission) -> Iterator[UserError | str]:
     """Yield faults of submission.toml against the day and against the files next to it."""
-    given = submission.predictions
-    for key in EARLIER_KEYS:
-        if getattr(submission, key) is not None:
-            yield f"key '{key}' is ignored"
+    yield from (
+        f"key '{key}' is ignored" for key in EARLIER_KEYS if getattr(given, key) is not None
+    )
     today = datetime.datetime.now(datetime.UTC).date()
-    if submission.date > today + datetime.timedelta(days=1):  # it may be tomorrow elsewhere
-        yield _wrong(f"key 'date' is {submission.date}, which is to come", f"such as {today}")
-    stated = {SUBMISSION_FILE, CLAIMED_FILE, given.file, given.names}
+    if given.date > today + datetime.timedelta(days=1):  # it may be tomorrow elsewhere
+        yield _wrong(f"key 'date' is {given.date}, which is to come", f"such as {today}")
+    stated, file = {SUBMISSION_FILE, CLAIMED_FILE, given.predictions.file}, given.predictions.file
     strange = sorted(entry.name for entry in folder.iterdir() if entry.name not in stated)
     if strange:
         what = f"holds files that submission.toml does not name: {first_of(strange, noun='entry')}"
         yield SubmissionError(what, where=folder, fix="remove them")
-    for key, name in (("file", given.file), ("names", given.names)):
-        if name is not None and not (folder / name).exists():
-            what = f"key 'predictions.{key}' is {name!r}, which is not there"
-            raise SubmissionError(what, where=folder, fix="copy it there, or correct the key")
+    if file is not None and not (folder / file).exists():
+        what = f"key 'predictions.file' is {file!r}, which is not there"
+        raise SubmissionError(what, where=folder, fix="copy it there, or correct the key")
 
 
-def _find_protocol(place: Place, submission: Submission, board: Board, data: Path) -> Protocol:
-    """Find the protocol, which is one of the folder's place."""
+def _check_protocol(place: Place, given: Submission, board: Board, data: Path) -> None:
+    """Refuse a protocol that is none of the folder's place."""
     benchmarks = {one.name: one for one in board.benchmarks}
     if place.benchmark not in benchmarks or not place.is_plain:
         what = f"no place for a submission{nearest(place.benchmark, [*benchmarks])}"
         expected = f"submissions/BENCHMARK/TRACK/FOLDER, BENCHMARK of {', '.join(benchmarks)}"
         raise SubmissionError(what, where=place.path, expected=expected)
-    protocols = benchmarks[place.benchmark].protocols
-    if submission.protocol not in protocols:
-        near, what = nearest(submission.protocol, [*protocols]), submission.protocol
-        what = f"key 'protocol' is {what!r}, by which this board does not score {place.benchmark}"
+    protocols, named = benchmarks[place.benchmark].protocols, given.protocol
+    if named not in protocols:
+        what = f"key 'protocol' is {named!r}, by which this board does not score {place.benchmark}"
+        near = nearest(named, [*protocols])
         raise _wrong(f"{what}{near}", f"one of {', '.join(protocols)}")
-    protocol = find_protocol(submission.protocol, data)
+    protocol = find_protocol(named, data)
     if (protocol.benchmark, protocol.track) != place[:2]:
         raise _wrong(
-            f"key 'protocol' is {protocol.name!r}, of the {protocol.track} track of "
-            f"{protocol.benchmark}; the folder is of {place.track} of {place.benchmark}",
+            f"key 'protocol' is {named!r}, of the {protocol.track} track of {protocol.benchmark}; "
+            f"the folder is of {place.track} of {place.benchmark}",
             "move the folder, or correct the key",
         )
-    return protocol
 
 
 # --- predictions ---
 
 
 def _find_predictions(
-    found: CheckedSubmission, submission: Submission, limits: Limits, data: Path, seconds: float
-) -> Iterator[UserError]:
-    """Find the predictions, once they are known to be the announced ones."""
-    given = submission.predictions
-    path = None if given.file is None else found.folder / given.file
-    if given.url is not None:
-        parse_address(given.url)  # which is refused without a network too
-        if given.size > limits.url_bytes:
-            fix = f"at most {limits.url_bytes:,}, the limit of this board"
-            raise _wrong(f"key 'predictions.bytes' is {given.size:,}", fix)
-        home = data / FETCHED / given.sha256
-        # A name that begins with a dot is of a file that is being fetched.
-        path = next(iter(sorted(home.glob("[!.]*"))), None)
-        if seconds:
-            path = fetch(given.url, home, size=given.size, sha256=given.sha256, seconds=seconds)
-    if path is None or not path.exists():
-        return
+    folder: Path, given: Submission, limits: Limits, data: Path, seconds: float
+) -> Path | None:
+    """Return where the predictions lie, once they are fetched if they are to be."""
+    stated = given.predictions
+    if stated.url is None:
+        return folder / str(stated.file)
+    parse_address(stated.url)  # which is refused without a network too
+    if stated.size > limits.url_bytes:
+        fix = f"at most {limits.url_bytes:,}, the limit of this board"
+        raise _wrong(f"key 'predictions.bytes' is {stated.size:,}", fix)
+    home = data / FETCHED / stated.sha256
+    if seconds:
+        return fetch(stated.url, home, size=stated.size, sha256=stated.sha256, seconds=seconds)
+    # A name that begins with a dot is of a file that is being fetched.
+    return next(iter(sorted(home.glob("[!.]*"))), None)
+
+
+def _check_announced(path: Path, given: Submission) -> None:
+    """Refuse predictions that are not the announced ones."""
     for key, announced, measure in (
-        ("bytes", given.size, size_of_tree),
-        ("sha256", given.sha256, sha256_of_tree),
+        ("bytes", given.predictions.size, size_of_tree),
+        ("sha256", given.predictions.sha256, sha256_of_tree),
     ):
         if (there := measure(path)) != announced:
-            yield _wrong(
+            raise _wrong(
                 f"key 'predictions.{key}' is {announced}, but that of {path.name} is {there}",
                 f"write {key} = {there}, or put the right predictions there",
             )
-            return
-    found.predictions = path
 
 
-def check_pipeline(submission: Submission, result: Result) -> UserError | None:
-    """Return an error where predictions are the prior and the submission does not say so."""
+def check_pipeline(given: Submission, result: Result) -> None:
+    """Refuse predictions that are the prior where the submission does not say so."""
     near = sum(counts.get("near_prior", 0) for counts in result.counts.values())
     total = sum(counts["queries"] for counts in result.counts.values())
-    if near <= _NEAR_PRIOR * total or "prior" in submission.pipeline.uses:
-        return None
-    return SubmissionError(
-        f"{near:,} of {counted(total, 'pose')} {agreeing(near, 'is', 'are')} the photo's own "
-        "prior, which pipeline.uses does not name",
-        fix='add "prior" to pipeline.uses, or leave queries without an answer out',
-    )
+    if near > _NEAR_PRIOR * total and "prior" not in given.pipeline.uses:
+        raise SubmissionError(
+            f"{near:,} of {counted(total, 'pose')} {agreeing(near, 'is', 'are')} the photo's own "
+            "prior, which pipeline.uses does not name",
+            fix='add "prior" to pipeline.uses, or leave queries without an answer out',
+        )

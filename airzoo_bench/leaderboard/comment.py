@@ -16,8 +16,7 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.core.validation import Name
 from airzoo_bench.leaderboard.board import Place
-from airzoo_bench.leaderboard.data_branch import SealedAnswer
-from airzoo_bench.leaderboard.measured import Model, Row, Scene, Score
+from airzoo_bench.leaderboard.measured import Measured, Model, Row, Scene, Score
 from airzoo_bench.leaderboard.submission import Account
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.model import plain, show_number
@@ -38,19 +37,21 @@ _NOT_OPENED = (
     "Nothing is wrong with it. It was not scored against the sealed truth: the job was not "
     "approved, or failed by no fault of the submission. This does not count as a try.\n"
 )
+_ROUNDED = "Rounded to half a standard error, so that no try tells the answer of one query.\n"
+_WITHDRAWN = "Its rows leave the board when this is merged; its scores stay in its history.\n"
 
 
 class Found(Model):
     """The findings on a pull request at the commit `head`.
 
     The kind is ``nothing`` where it changes no submission, and ``sealed`` where it is sound and to
-    be scored, or scored, against a sealed truth. `tree` is git's id of the submission's folder,
-    `truth` the fingerprint of the truth once it was opened. `row` is the one that the board would
-    show, among `ranked` methods, of which those of `alike` are not told apart from it.
+    be scored, or scored, against a sealed truth. `tree` is a hash of the submission's files, and
+    `opened` whether the truth was. `row` is the one that the board would show, among `ranked`
+    methods, of which those of `alike` are not told apart from it.
     """
 
-    schema_version: Literal[2] = Field(default=2, alias="schema")
-    kind: Literal["nothing", "refused", "scored", "sealed", "withdrawn"]
+    schema_version: Literal[3] = Field(default=3, alias="schema")
+    kind: Literal["nothing", "refused", "scored", "sealed", "withdrawn"] = "nothing"
     pull_request: Account
     account: Account
     head: Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
@@ -67,8 +68,8 @@ class Found(Model):
     row: Row | None = None
     ranked: int = 0
     alike: tuple[str, ...] = ()
-    truth: str = ""
-    answer: SealedAnswer | None = None
+    opened: bool = False
+    answer: Measured | None = None
 
     @property
     def place(self) -> Place:
@@ -122,58 +123,50 @@ def _parts(found: Found) -> Iterator[str]:
     end = {"refused": " is refused", "withdrawn": " is withdrawn"}.get(found.kind, "")
     yield f"### {name}{end}\n"
     yield from map(_block, found.problems)
-    if found.kind == "withdrawn":
-        yield "Its rows leave the board when this is merged; its scores stay in its history.\n"
     if found.row is not None:
         yield from _scores(found, found.row)
+    if found.kind == "withdrawn":
+        yield _WITHDRAWN
     if found.kind == "sealed":
-        yield (
-            "Rounded to half a standard error, so that no try tells the answer of one query.\n"
-            if found.row
-            else _NOT_OPENED
-        )
+        yield _ROUNDED if found.row else _NOT_OPENED
     for title, lines in (("Warnings", found.warnings), ("Notes", found.row and found.row.notes)):
         if lines:
-            yield f"{title}:\n"
-            yield _block("\n".join(lines))
+            yield f"{title}:\n\n" + _block("\n".join(lines))
     if found.kind == "refused":
-        counts = "The truth was opened: this is a try" if found.truth else "This is no try"
+        counts = "The truth was opened: this is a try" if found.opened else "This is no try"
         yield f"`airzoo-bench submission check FOLDER` finds faults on your machine. {counts}.\n"
 
 
 def _scores(found: Found, row: Row) -> Iterator[str]:
     columns = [column for column in found.columns if column.headline]
     first = row.scores.get(columns[0].key) if columns else None
-    if first is not None and first.rank is not None and found.ranked:
+    if first is not None and first.rank is not None:
         ranks = " to ".join(map(str, dict.fromkeys(first.rank)))
         yield f"Rank **{ranks}** of {found.ranked} by {code(columns[0].title)}.\n"
-        if found.alike:
-            names = ", ".join(code(name) for name in found.alike[:_MOST_PARTS])
-            yield f"Not told apart from {names} (paired test, 5 %, Holm).\n"
+    if found.alike:
+        names = ", ".join(code(name) for name in found.alike[:_MOST_PARTS])
+        yield f"Not told apart from {names} (paired test, 5 %, Holm).\n"
     lines = [
         [code(scene.title), f"{scene.queries or 0:,}"]
         + [_text(c, *row.scenes[scene.id].get(c.key, (None,))) for c in columns]
         for scene in found.scenes[:_MOST_PARTS]
         if scene.id in row.scenes
     ]
-    every = f"{sum(scene.queries or 0 for scene in found.scenes):,}"
-    lines.append(["`average`", every, *(_estimate(c, row.scores.get(c.key)) for c in columns)])
-    yield _table(columns, lines)
+    every = ["`average`", f"{sum(scene.queries or 0 for scene in found.scenes):,}"]
+    overall = [row.scores.get(column.key, Score()) for column in columns]
+    yield _table(columns, [*lines, every + list(map(_estimate, columns, overall))])
     if len(row.history) > 1:
-        before = row.history[1].scores
-        pairs = [(c, row.scores.get(c.key, Score()).value, before.get(c.key)) for c in columns]
-        changed = [f"{_text(c, old)} → {_text(c, new)}" for c, new, old in pairs]
-        if any(new != old for _, new, old in pairs):
-            yield "Changed since the last version:\n\n"
-            yield _table(columns, [["`average`", every, *changed]])
+        before = [row.history[1].scores.get(column.key) for column in columns]
+        pairs = list(zip(columns, before, (one.value for one in overall), strict=True))
+        if any(old != new for _, old, new in pairs):
+            changed = [f"{_text(c, old)} → {_text(c, new)}" for c, old, new in pairs]
+            yield f"Changed since the last version:\n\n{_table(columns, [every + changed])}"
         else:
             yield "No score differs from those of the last version.\n"
 
 
-def _estimate(column: ScoreColumn, score: Score | None) -> str:
+def _estimate(column: ScoreColumn, score: Score) -> str:
     """Write an average with its interval or, of a sealed truth, its standard error."""
-    if score is None:
-        return "–"
     if score.standard_error is None:
         return _text(column, score.value, score.low, score.high)
     return f"{_text(column, score.value)} ± {_text(column, score.standard_error)}"

@@ -9,115 +9,68 @@ from __future__ import annotations
 
 import csv
 import datetime
-import io
 import re
+import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, TypeVar
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, counted
 from airzoo_bench.core.files import atomic_write, read_text
-from airzoo_bench.core.validation import Name, Strict, validation_message
+from airzoo_bench.core.validation import Strict, validation_message
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Limits, Place
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, submission_text
-from airzoo_bench.results.result import ScoreColumn
 
 DATA_BRANCH = "leaderboard-data"
-RUN_FILE, ANSWER_FILE = "run.json", "answer.json"
+RUN_FILE, RESULT_FILE, ANSWER_FILE = "run.json", "result.json", "answer.json"
 FAULT_FILE = "fault.txt"
 """Why CI could not score the files of a submission that were merged last."""
 
-_THEIRS, _OURS = f"refs/heads/{DATA_BRANCH}", "refs/heads/data"
+_BRANCH, _COPY = f"refs/heads/{DATA_BRANCH}", "refs/remotes/origin/data"
 _PUSHES = 10
 _TRIES_FILE = "tries.csv"
 _WHEN = "%Y-%m-%dT%H:%M:%SZ"
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-ObjectId = Annotated[str, Field(pattern=r"^([0-9a-f]{40}|[0-9a-f]{64})$")]
+# Git's words where somebody else has pushed since, before or while this push was received.
+_OVERTAKEN = re.compile(rb"\[rejected\]|cannot lock ref|failed to update ref|incorrect old value")
 
 
 # --- runs ---
 
 
-class Run(Strict):
-    """The time (UTC), commit and version of airzoo-bench of a scored submission.
+class RunFacts(Strict):
+    """When (UTC) and by which version of airzoo-bench a submission was scored.
 
-    `tree` is git's id of the submission's folder: the same files have the same.
+    `tree` is a hash of the submission's files.
     """
 
     model_config = ConfigDict(extra="ignore")  # older runs say more
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
     scored: Annotated[datetime.datetime, Field(strict=False)]  # JSON has texts for times
-    commit: ObjectId
-    tree: ObjectId
+    tree: str
     version: str
 
 
-class Estimate(Strict):
-    """A score, a multiple of `step`, and its standard error; None is infinite or not known."""
-
-    value: Finite | None
-    standard_error: Finite | None
-    step: Finite | None = None
-
-
-class SealedAnswer(Strict):
-    """Scores of a sealed benchmark, coarse enough that no try tells the answer of one query.
-
-    `truth_commitment` is SHA-256 over the truth and its salt, which lies in the archive.
-    """
-
-    model_config = ConfigDict(extra="ignore")  # earlier answers told scenes by themselves
-
-    schema_version: Literal[1] = Field(alias="schema")
-    sealed: Literal[True] = True
-    track: str
-    protocol: Name
-    protocol_version: int
-    protocol_fingerprint: str
-    benchmark: Name
-    truth_commitment: str
-    method: str
-    predictions_sha256: str
-    columns: tuple[ScoreColumn, ...]
-    queries: dict[str, int]
-    scene_titles: dict[str, str]
-    overall: dict[str, Estimate]
-    versions: dict[str, str]
-
-
-M = TypeVar("M", Run, SealedAnswer)
-
-
-def read_run(folder: Path) -> Run:
+def read_facts(run: Path) -> RunFacts:
     """Read the facts of a run."""
-    return _read_json(folder / RUN_FILE, Run, "run file")
-
-
-def read_answer(folder: Path) -> SealedAnswer:
-    """Read the sealed answer of a run."""
-    return _read_json(folder / ANSWER_FILE, SealedAnswer, "sealed answer")
-
-
-def _read_json(path: Path, model: type[M], what: str) -> M:
+    path = run / RUN_FILE
     try:
-        return model.model_validate_json(read_text(path, SubmissionError, what))
+        return RunFacts.model_validate_json(read_text(path, SubmissionError, "run file"))
     except ValidationError as error:
-        raise SubmissionError(validation_message(error, model), where=path) from error
+        raise SubmissionError(validation_message(error, RunFacts), where=path) from error
 
 
-def write_facts(run: Path, submission: Submission, commit: str, tree: str) -> None:
-    """Write next to its scores the facts of a run."""
+def write_facts(run: Path, given: Submission, tree: str, scored: datetime.datetime | None) -> None:
+    """Write next to its scores the facts of a run, which was scored now where nothing is said."""
     now = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
-    facts = Run(scored=now, commit=commit, tree=tree, version=__version__)
+    facts = RunFacts(scored=scored or now, tree=tree, version=__version__)
     with atomic_write(run / SUBMISSION_FILE, "w") as stream:
-        stream.write(submission_text(submission.public()))
+        stream.write(submission_text(given.public()))
     with atomic_write(run / RUN_FILE, "w") as stream:
         stream.write(facts.model_dump_json(by_alias=True, indent=1) + "\n")
 
@@ -181,29 +134,26 @@ def check_tries(tries: Sequence[Try], new: Try, limits: Limits) -> None:
 
 
 class DataBranch:
-    """The branch, read and written without a work tree."""
+    """A clone of the branch, with a work tree: nobody but CI writes to it."""
 
     def __init__(self, folder: Path, remote: str) -> None:
-        self._repository = Repository(folder, remote)
-        self._fetch()
+        self.folder, self._repository = folder, Repository(folder, remote)
+        self._update()
 
-    def read(self, path: str) -> bytes | None:
-        """Return the content of a file, None where there is none."""
-        found = self._repository.resolve(f"{_OURS}:{path}")
-        return self._repository.blob(found) if found else None
-
-    def export(self, place: Place, into: Path) -> None:
-        """Write the runs of a submission to disk, below ``runs/``."""
-        tip = self._repository.resolve(_OURS)
-        for path, _, object_id in self._repository.entries(tip, place.runs) if tip else ():
-            (into / path).parent.mkdir(parents=True, exist_ok=True)
-            (into / path).write_bytes(self._repository.blob(object_id))
+    def copy_runs(self, places: Iterable[Place], out: Path) -> None:
+        """Copy the runs of some submissions into a folder, below ``runs/``."""
+        for place in places:
+            if (self.folder / place.runs).is_dir():
+                shutil.copytree(self.folder / place.runs, out / place.runs, dirs_exist_ok=True)
 
     def tries(self) -> list[Try]:
         """Return the list of tries."""
-        text = (self.read(_TRIES_FILE) or b"").decode("utf-8")
+        path = self.folder / _TRIES_FILE
+        if not path.is_file():
+            return []
         try:
-            return [Try(*row) for row in list(csv.reader(io.StringIO(text)))[1:]]
+            with path.open(encoding="utf-8", newline="") as stream:
+                return [Try(*row) for row in list(csv.reader(stream))[1:]]
         except TypeError as error:
             fix = "put back the file that CI wrote: `git log` of the branch has it"
             raise BoardError("not a list of tries", where=_TRIES_FILE, fix=fix) from error
@@ -211,53 +161,51 @@ class DataBranch:
     def add_try(self, line: Try, limits: Limits, files: Mapping[str, bytes]) -> None:
         """Add a line to the list of tries, refused where it starts one too many, and files."""
 
-        def change() -> Mapping[str, bytes]:
+        def change() -> None:
             tries = self.tries()
             if line.outcome == "started":
                 check_tries(tries, line, limits)
-            stream = io.StringIO(newline="")
-            csv.writer(stream, lineterminator="\n").writerows([Try._fields, *tries, line])
-            return {**files, _TRIES_FILE: stream.getvalue().encode()}
+            with (self.folder / _TRIES_FILE).open("w", encoding="utf-8", newline="") as stream:
+                csv.writer(stream, lineterminator="\n").writerows([Try._fields, *tries, line])
+            for name, content in files.items():
+                (self.folder / name).parent.mkdir(exist_ok=True)
+                (self.folder / name).write_bytes(content)
 
         self._write(change, f"{line.outcome}: {line.benchmark}")
 
-    def add_runs(self, root: Path) -> list[str]:
-        """Add the runs below a folder that the branch does not have, and return their paths."""
-        runs = {
-            path.parent.relative_to(root).as_posix(): path.parent
-            for path in sorted(root.glob(f"runs/*/*/*/*/{RUN_FILE}"))
-        }
-        added: list[str] = []
+    def add_runs(self, root: Path) -> None:
+        """Add the runs below a folder, in place of those of the same number."""
+        fault = shutil.ignore_patterns(FAULT_FILE)
+        source, target = root / "runs", self.folder / "runs"
+        self._write(
+            lambda: shutil.copytree(source, target, dirs_exist_ok=True, ignore=fault), "runs"
+        )
 
-        def change() -> Mapping[str, bytes]:
-            added[:] = [name for name in runs if self.read(f"{name}/{RUN_FILE}") is None]
-            return {
-                f"{name}/{path.name}": path.read_bytes()
-                for name in added
-                for path in sorted(runs[name].iterdir())
-            }
-
-        self._write(change, "runs")
-        return added
-
-    def _write(self, change: Callable[[], Mapping[str, bytes]], message: str) -> None:
-        """Commit files and push them; where somebody else was faster, again on top of that."""
+    def _write(self, change: Callable[[], object], message: str) -> None:
+        """Commit a change and push it; where somebody else was faster, again on top of that."""
+        git = self._repository
         for number in range(_PUSHES):
-            files = change()
-            if not files:
+            change()
+            git.run("add", "--all", "--force")
+            if not git.run("status", "--porcelain"):
                 return
-            commit = self._repository.commit(self._repository.resolve(_OURS), files, message)
-            pushed = self._repository.push(commit, _THEIRS)
-            time.sleep(0 if pushed else 0.1 * number)
-            self._fetch()
-            if pushed:
+            git.run("commit", "--quiet", "-m", message)
+            done = git.call("push", "--quiet", "--porcelain", "origin", f"HEAD:{_BRANCH}")
+            if not done.returncode:
                 return
+            if not _OVERTAKEN.search(done.stdout):
+                raise BoardError(f"git push failed: {done.stderr.decode(errors='replace')[-500:]}")
+            time.sleep(0.1 * number)
+            self._update()
         raise BoardError(
             f"{DATA_BRANCH} was pushed to by others {_PUSHES} times in a row",
-            where=self._repository.remote,
+            where=git.remote,
             fix="run the job again; if it fails again, see whether the token may push",
         )
 
-    def _fetch(self) -> None:
-        if self._repository.run("ls-remote", "origin", _THEIRS).strip():
-            self._repository.fetch({_THEIRS: _OURS}, blobs=True, depth=1)
+    def _update(self) -> None:
+        git = self._repository
+        if git.run("ls-remote", "origin", _BRANCH).strip():
+            git.fetch({_BRANCH: _COPY}, "--depth=1")
+            git.run("reset", "--quiet", "--hard", _COPY)
+            git.run("clean", "--quiet", "-dffx")

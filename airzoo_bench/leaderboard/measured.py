@@ -1,41 +1,37 @@
-"""The numbers that a board takes of results: scores, intervals, conditions, values to compare.
+"""The parts of board.json, and the numbers that a board takes of each result.
 
-They lie in a folder beside the site by the hash of result and records, so that a build measures
+Numbers lie in a folder beside the site by the hash of result and records, so that a build measures
 only changed results. Whatever cannot be read there is measured again.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 from zipfile import BadZipFile
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.files import atomic_write, read_text, write_npz
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.data_branch import (
     ANSWER_FILE,
     FAULT_FILE,
-    Estimate,
-    SealedAnswer,
-    read_answer,
-    read_run,
+    RESULT_FILE,
+    read_facts,
     run_folders,
 )
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparison import make_sample, score_intervals
-from airzoo_bench.results.files import records_path
 from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.result import Reference, ScoreColumn, read_result
-from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.results.result import Reference, Result, ScoreColumn, read_result
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import (
     condition_names,
@@ -45,10 +41,13 @@ from airzoo_bench.tables.breakdown import (
 )
 from airzoo_bench.tables.intervals import intervals_made, resampled
 
-OVERALL = ""
-"""The key of the average over scenes."""
-
 Number = float | None
+
+_RESAMPLING = ResamplingConfig()
+_FORMAT = "8"
+_NONE = (None, None)
+
+# --- board.json ---
 
 
 class Model(BaseModel):
@@ -166,58 +165,54 @@ class Table(Head):
     paper: str | None = None
 
 
-RESULT_FILE = "result.json"
-
-_RESAMPLING = ResamplingConfig()
-_FORMAT = "7"
-_NORMAL = 1.959964
-_SEALED = "95 % intervals: the rounded score and 1.96 rounded standard errors to each side."
-
-
-class Grouped(Conditions):
-    """Headline scores by the groups of a condition; `members` is a hash of who is in which."""
-
-    members: str
-    values: dict[str, tuple[float | None, ...]]
+# --- a result ---
 
 
 class Measured(Model):
-    """The numbers of a result, and what they depend on.
+    """The numbers of a result, or the answer of a sealed truth.
 
-    Scores are by scene, with `OVERALL` for the average, then by key. `groups` are the names and
-    sizes of the parts of `values` (V, N), a row a headline score; a sealed answer has none.
-    `queries` is a hash of the names of all records, `key` the name of these numbers in the cache.
+    `row` has its scores, `floors` those without a method. `members` are by condition a hash of who
+    is in which group; `groups` are the names and sizes of the parts of `values` (V, N), a row a
+    headline score; `queries` is a hash of the names of all records. `key` names these numbers in
+    the cache.
     """
 
     head: Head
     made_with: str
     columns: tuple[ScoreColumn, ...]
-    scores: dict[str, dict[str, Score]]
-    notes: tuple[str, ...] = ()
-    about_intervals: str = _SEALED
-    references: dict[str, Reference] = Field(default_factory=dict)
-    conditions: tuple[Grouped, ...] = ()
+    row: Row
+    floors: tuple[Row, ...] = ()
+    about_intervals: str = ""
+    conditions: tuple[Conditions, ...] = ()
+    members: dict[str, str] = {}
     groups: tuple[tuple[str, int], ...] = ()
     queries: str = ""
     values: Any = Field(default=None, exclude=True)
     key: str = Field(default="", exclude=True)
 
 
-def measure(file: Path, cache: Path) -> Measured:
-    """Measure a result or a sealed answer, or take it from the cache."""
-    parts = [part for part in (file, records_path(file)) if part.is_file()]
-    content = b"".join(part.read_bytes() for part in parts)
-    key = hashlib.sha256(f"{_FORMAT} {__version__} {file.name}".encode() + content).hexdigest()
-    path = cache / f"{key}.npz"
-    if arrays := load_arrays(path):
+def read_answer(path: Path) -> Measured:
+    """Read the answer of a sealed truth."""
+    try:
+        return Measured.model_validate_json(read_text(path, SubmissionError, "sealed answer"))
+    except ValidationError as error:
+        raise SubmissionError("not the answer of a sealed truth", where=path) from error
+
+
+def measure(run: Path, cache: Path) -> Measured:
+    """Measure the result of a run, or take it from the cache; or read its sealed answer."""
+    files = [run / RESULT_FILE, run / "records.csv", run / ANSWER_FILE]
+    content = b"".join(path.read_bytes() for path in files if path.is_file())
+    key = hashlib.sha256(f"{_FORMAT} {__version__}".encode() + content).hexdigest()
+    if files[2].is_file():
+        return read_answer(files[2]).model_copy(update={"key": key})
+    if arrays := load_arrays(cache / f"{key}.npz"):
         found = Measured.model_validate_json(arrays["facts"].tobytes())
         return found.model_copy(update={"values": arrays["values"], "key": key})
-    found = (
-        measure_answer(read_answer(file.parent)) if file.name == ANSWER_FILE else _of_result(file)
-    )
+    result = read_result(files[0])
+    found = _measured(Scored(result.predictions.method, result, read_records(files[0], result)))
     text = np.frombuffer(found.model_dump_json().encode(), np.uint8)
-    values = np.zeros((0, 0)) if found.values is None else found.values
-    store_arrays(path, {"facts": text, "values": values})
+    store_arrays(cache / f"{key}.npz", {"facts": text, "values": found.values})
     return found.model_copy(update={"key": key})
 
 
@@ -243,117 +238,110 @@ def forget_others(keys: Collection[str], cache: Path) -> None:
             file.unlink()
 
 
-def _of_result(file: Path) -> Measured:
-    result = read_result(file)
-    method = Scored(result.predictions.method, result, read_records(file, result))
+def _measured(method: Scored) -> Measured:
+    """Measure a result with its records."""
+    result = method.result
     headline = [column for column in result.columns if column.headline]
-    intervals = score_intervals(method, headline, _RESAMPLING)
-    by_scene = {OVERALL: intervals.overall} | intervals.groups
+    found = score_intervals(method, headline, _RESAMPLING)
     sample, records = make_sample([method], headline), method.records["query"].astype(str)
-    made: list[Interval] = [one for row in by_scene.values() for one in row]
+    made = [one for part in (found.overall, *found.groups.values()) for one in part]
     about = intervals_made(made, _RESAMPLING, resampled(result.unit))
+    limits = {
+        scene: {c.key: (one.low, one.high) for c, one in zip(headline, part, strict=False)}
+        for scene, part in {"": found.overall, **found.groups}.items()
+    }
+    conditions, members, by_condition = _by_condition(method, headline)
+    row = Row(
+        kind="re-scored",
+        method=method.name,
+        notes=result.notes,
+        scores={
+            key: Score(
+                value=value, low=limits[""].get(key, _NONE)[0], high=limits[""].get(key, _NONE)[1]
+            )
+            for key, value in result.overall.items()
+        },
+        scenes={
+            scene: {
+                key: (value, *limits.get(scene, {}).get(key, _NONE)) for key, value in part.items()
+            }
+            for scene, part in result.scenes.items()
+        },
+        conditions=by_condition,
+    )
     return Measured(
-        head=Head(
-            benchmark=result.truth.benchmark,
-            benchmark_version=result.truth.version,
-            track=result.track,
-            protocol=result.protocol.name,
-            protocol_version=result.protocol.version,
-            protocol_fingerprint=result.protocol.fingerprint,
-            truth=result.truth.fingerprint,
-            unit=result.unit,
-            scenes=tuple(
-                Scene(
-                    id=scene,
-                    title=result.truth.scene_titles[scene],
-                    queries=result.counts[scene]["queries"],
-                )
-                for scene in result.scenes
-            ),
-        ),
+        head=head_of(result),
         made_with=result.versions["airzoo-bench"],
         columns=result.columns,
-        scores={
-            scene: _with_intervals(part, headline, by_scene.get(scene, ()))
-            for scene, part in ({OVERALL: result.overall} | result.scenes).items()
-        },
-        notes=result.notes,
+        row=row,
+        floors=tuple(_floor(name, part) for name, part in result.references.items()),
         about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
-        references=result.references,
-        conditions=tuple(_conditions(method, headline)),
+        conditions=conditions,
+        members=members,
         groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
         queries=hashlib.sha256("\n".join(records).encode()).hexdigest(),
         values=np.concatenate(sample.values, axis=1),
     )
 
 
-def _with_intervals(
-    part: Mapping[str, float], headline: Sequence[ScoreColumn], found: Sequence[Interval]
-) -> dict[str, Score]:
-    limits = {c.key: (one.low, one.high) for c, one in zip(headline, found, strict=False)}
-    none = (None, None)
-    return {
-        key: Score(value=value, low=limits.get(key, none)[0], high=limits.get(key, none)[1])
-        for key, value in part.items()
-    }
-
-
-def _conditions(method: Scored, scores: Sequence[ScoreColumn]) -> Iterator[Grouped]:
-    """Yield the headline scores within the groups of every condition, over all scenes."""
-    if method.result.unit != "query" or not scores:
-        return
-    values = np.array([method.records[score.key].to_numpy(np.float64) for score in scores])
-    medians = np.array([score.average == "median" for score in scores])
-    for by in condition_names(method):
-        grouping = group_records(method.records, by)
-        means = group_averages(values, medians, grouping.codes, len(grouping.labels))
-        shown = [[None if np.isnan(one) else one for one in row] for row in means.tolist()]
-        yield Grouped(
-            by=by,
-            title=condition_title(by),
-            labels=grouping.labels,
-            counts=tuple(grouping.counts.tolist()),
-            members=hashlib.sha256(grouping.codes.tobytes()).hexdigest(),
-            values={s.key: tuple(row) for s, row in zip(scores, shown, strict=True)},
-        )
-
-
-def measure_answer(answer: SealedAnswer) -> Measured:
-    """Return the numbers of a sealed answer."""
-    return Measured(
-        head=Head(
-            benchmark=answer.benchmark,
-            track=answer.track,
-            protocol=answer.protocol,
-            protocol_version=answer.protocol_version,
-            protocol_fingerprint=answer.protocol_fingerprint,
-            truth=answer.truth_commitment,
-            sealed=True,
-            scenes=tuple(
-                Scene(id=scene, title=answer.scene_titles[scene], queries=count)
-                for scene, count in answer.queries.items()
-            ),
+def head_of(result: Result) -> Head:
+    """Return what a result measures."""
+    truth, titles = result.truth, result.truth.scene_titles
+    return Head(
+        benchmark=truth.benchmark,
+        benchmark_version=truth.version,
+        track=result.track,
+        protocol=result.protocol.name,
+        protocol_version=result.protocol.version,
+        protocol_fingerprint=result.protocol.fingerprint,
+        truth=truth.fingerprint,
+        unit=result.unit,
+        scenes=tuple(
+            Scene(id=scene, title=titles[scene], queries=result.counts[scene]["queries"])
+            for scene in result.scenes
         ),
-        made_with=answer.versions.get("airzoo-bench", ""),
-        columns=answer.columns,
-        scores={
-            OVERALL: {
-                c.key: _estimated(answer.overall[c.key], c)
-                for c in answer.columns
-                if c.key in answer.overall
-            }
+    )
+
+
+def _floor(name: str, part: Reference) -> Row:
+    return Row(
+        kind="floor",
+        method=name,
+        source=part.meaning,
+        scores={key: Score(value=value) for key, value in part.overall.items()},
+        scenes={
+            scene: {key: (value, None, None) for key, value in numbers.items()}
+            for scene, numbers in part.scenes.items()
         },
     )
 
 
-def _estimated(estimate: Estimate, column: ScoreColumn) -> Score:
-    """Return a rounded score with the interval of its standard error; no value is infinite."""
-    value, error = estimate.value, estimate.standard_error
-    if value is None or error is None:
-        return Score(value=np.inf if value is None else value, standard_error=error)
-    most = 1.0 if column.unit == "share" else np.inf
-    low, high = max(0.0, value - _NORMAL * error), float(min(most, value + _NORMAL * error))
-    return Score(value=value, low=low, high=high, standard_error=error)
+def _by_condition(
+    method: Scored, scores: Sequence[ScoreColumn]
+) -> tuple[tuple[Conditions, ...], dict[str, str], dict[str, dict[str, tuple[Number, ...]]]]:
+    """Return conditions, hashes of who is in which group, and headline scores by group."""
+    conditions, members, found = [], {}, {}
+    if method.result.unit != "query" or not scores:
+        return (), {}, {}
+    values = np.array([method.records[score.key].to_numpy(np.float64) for score in scores])
+    medians = np.array([score.average == "median" for score in scores])
+    for by in condition_names(method):
+        grouping = group_records(method.records, by)
+        means = group_averages(values, medians, grouping.codes, len(grouping.labels)).tolist()
+        conditions.append(
+            Conditions(
+                by=by,
+                title=condition_title(by),
+                labels=grouping.labels,
+                counts=tuple(grouping.counts.tolist()),
+            )
+        )
+        members[by] = hashlib.sha256(grouping.codes.tobytes()).hexdigest()
+        found[by] = {
+            score.key: tuple(None if np.isnan(one) else one for one in row)
+            for score, row in zip(scores, means, strict=True)
+        }
+    return tuple(conditions), members, found
 
 
 # --- entries ---
@@ -380,9 +368,7 @@ class Entry:
         return self.submission.method if self.submission is not None else self.place.folder
 
 
-def read_entries(
-    runs: Path, submissions: Path, cache: Path, note: Callable[[str], None]
-) -> list[Entry]:
+def read_entries(runs: Path, submissions: Path, cache: Path) -> list[Entry]:
     """Read the submissions below a folder of runs, and those that have no run yet.
 
     An entry that cannot be shown has a reason instead, and keeps no other from the board.
@@ -390,10 +376,7 @@ def read_entries(
     found: dict[Place, Entry] = {}
     for folder in sorted(path for path in runs.glob("*/*/*") if path.is_dir()):
         place = Place.of_folder(folder)
-        entry = _newest(folder, place, cache, note) if place.is_plain else None
-        if entry is None:
-            note(f"{folder}: no submission, and skipped")
-        else:
+        if place.is_plain and (entry := _newest(folder, place, cache)):
             found[place] = entry
     for path in sorted(submissions.glob(f"*/*/*/{SUBMISSION_FILE}")):
         place = Place.of_folder(path.parent)
@@ -416,14 +399,12 @@ def entries_of(entries: Sequence[Entry], protocol: Protocol) -> list[Entry]:
     ]
 
 
-def _newest(folder: Path, place: Place, cache: Path, note: Callable[[str], None]) -> Entry | None:
+def _newest(folder: Path, place: Place, cache: Path) -> Entry | None:
     """Return the newest version that can be shown, else the reason why none can."""
-    versions = [_version(path, place, cache) for path in run_folders(folder)]
+    versions = [_read_version(path, place, cache) for path in run_folders(folder)]
     reasons = [f"version {one.number}: {one.reason}" for one in versions if one.reason]
     if (folder / FAULT_FILE).is_file():  # CI could not score the files that were merged last
         reasons.insert(0, (folder / FAULT_FILE).read_text(encoding="utf-8").strip())
-    for reason in reasons:
-        note(f"{place.path}: {reason}")
     shown = [one for one in versions if one.measured is not None]
     if shown:
         why = f"a later version is not shown: {reasons[0]}" if reasons else ""
@@ -432,26 +413,14 @@ def _newest(folder: Path, place: Place, cache: Path, note: Callable[[str], None]
     return Entry(place, submission=stated, reason=reasons[0]) if reasons else None
 
 
-def _version(folder: Path, place: Place, cache: Path) -> Entry:
-    entry = Entry(place, int(folder.name))
+def _read_version(run: Path, place: Place, cache: Path) -> Entry:
+    entry = Entry(place, int(run.name))
     try:
-        files = [folder / name for name in (RESULT_FILE, ANSWER_FILE) if (folder / name).is_file()]
-        stated = read_submission(folder / SUBMISSION_FILE, public=True)
-        entry = replace(entry, submission=stated)
-        if len(files) != 1:
-            raise SubmissionError(f"holds {len(files)} of {RESULT_FILE} and {ANSWER_FILE}")
-        measured = measure(files[0], cache)
-        # Numbers of another folder or protocol would be shown under a wrong name.
-        head = measured.head
-        if (*place[:2], stated.protocol) != (head.benchmark, head.track, head.protocol):
-            raise SubmissionError(
-                f"scored by {head.protocol} of {head.benchmark} ({head.track}), but submitted for "
-                f"{stated.protocol} in {place.path}"
-            )
-        scored = read_run(folder).scored.date().isoformat()
+        entry = replace(entry, submission=read_submission(run / SUBMISSION_FILE, public=True))
+        scored = read_facts(run).scored.date().isoformat()
+        return replace(entry, scored=scored, measured=measure(run, cache))
     except UserError as error:
         return replace(entry, reason=_reason(error))
-    return replace(entry, scored=scored, measured=measured)
 
 
 def _reason(error: UserError) -> str:

@@ -1,21 +1,18 @@
 """The pages of a board, made of board.json alone.
 
 A page holds its style, its script and its data, so that it works from disk and loads nothing; its
-policy allows these by their hashes. Whatever strangers wrote is shown on one line, without letters
-that are not seen, and escaped; of their addresses only https links are left.
+policy allows these by their hashes. The rules of submission.toml keep hidden letters and other
+addresses than https out of strangers' texts; pages escape them.
 """
 
 from __future__ import annotations
 
 import datetime
 import math
-import re
-import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
 from typing import Any
-from urllib.parse import urlsplit
 
 import jinja2
 from markupsafe import Markup
@@ -30,10 +27,7 @@ FEW = 20
 
 _SCORED = ("re-scored", "sealed")
 _LEADING, _RECENT = 3, 8
-_MOST, _MARKS = 300, 3  # marks on one letter: a pile of them covers other lines
-_HIDDEN = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
-_BLANK = frozenset(" \N{REPLACEMENT CHARACTER}\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0")
-_URL = re.compile(r"https://[^\s<>\"'`\\]+")
+_UNITS = {"share": "%", "m": "m", "deg": "°"}
 
 
 def render_pages(board: Json) -> dict[str, str]:
@@ -57,17 +51,19 @@ def render_pages(board: Json) -> dict[str, str]:
     page("about.html", "about.html", tables=tables)
     for table in tables:
         home, lead = f"tables/{table['id']}", _lead(table)
+        values = [*_values(table["rows"], lead, "value", "low", "high")] or [0.0]
+        ends = min(values), max(values)
         views = {
             "views": _views(table),
-            "ends": _ends(table, lead),
+            "ends": ends if ends[0] < ends[1] else None,
             "curve": _timeline(table, lead),
         }
         data = {"parts": _parts(table)}
         page(f"{home}/index.html", "table.html", "board.js", data, table=table, lead=lead, **views)
-        if table["pairs"]:
-            compared = _compared(table)
+        ranked: list[str] = next(iter(table["pairs"].values()), {"ids": []})["ids"]
+        if ranked:
+            compared = _compared(table, ranked)
             page(f"{home}/compare.html", "compare.html", "compare.js", compared, table=table)
-        ranked = {name for one in table["pairs"].values() for name in one["ids"]}
         for row in table["rows"]:
             if row["kind"] != "floor":
                 path, comparable = f"{home}/{row['id']}.html", row["id"] in ranked
@@ -91,37 +87,14 @@ def _environment(board: Json) -> jinja2.Environment:
         loader=jinja2.FunctionLoader(_read),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
-        finalize=_visible,  # of whatever a template forgot to have cleaned
+        finalize=_visible,
         trim_blocks=True,
         lstrip_blocks=True,
         auto_reload=False,
     )
-    env.filters |= {"shown": shown, "safe_url": safe_url, "host": _host, "number": _number}
+    env.filters["number"] = _number
     env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
     return env
-
-
-# --- texts of strangers ---
-
-
-@lru_cache(maxsize=4096)
-def _shown(text: str, most: int) -> str:
-    line = " ".join(text.split())
-    letters, marks = [], 0
-    for letter in line[: 4 * most]:
-        kind = unicodedata.category(letter)
-        marks = marks + 1 if kind in ("Mn", "Me") else 0
-        if marks <= _MARKS:
-            letters.append("\N{REPLACEMENT CHARACTER}" if kind in _HIDDEN else letter)
-    if all(letter in _BLANK for letter in letters):
-        return "(no visible text)"
-    found = "".join(letters)
-    return found if len(found) <= most else found[: most - 1] + "…"
-
-
-def shown(text: object, most: int = _MOST) -> str:
-    """Return a text as it may stand in a page, on one line; it is still to be escaped."""
-    return _shown(str(text), most)
 
 
 def _visible(value: Any) -> Any:
@@ -129,24 +102,8 @@ def _visible(value: Any) -> Any:
     if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable():
         return value
     return "".join(
-        "\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in _HIDDEN and c != "\n" else c
-        for c in value
+        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in value
     )
-
-
-def safe_url(address: object) -> str | None:
-    """Return an address that may stand in a link: https, a host, no user; None of any other."""
-    if not isinstance(address, str) or not _URL.fullmatch(address) or not address.isprintable():
-        return None
-    return address if _host(address) else None
-
-
-def _host(address: str) -> str | None:
-    try:
-        parts = urlsplit(address)
-        return None if "@" in parts.netloc else parts.hostname
-    except ValueError:
-        return None
 
 
 # --- numbers ---
@@ -172,12 +129,6 @@ def _values(rows: Sequence[Json], lead: Json, *keys: str) -> Iterator[float]:
             value = _number(row["scores"].get(lead["key"], {}).get(key))
             if value is not None and math.isfinite(value):
                 yield value
-
-
-def _ends(table: Json, lead: Json) -> tuple[float, float] | None:
-    """Return the scale on which a table draws its intervals."""
-    ends = [*_values(table["rows"], lead, "value", "low", "high")]
-    return (min(ends), max(ends)) if ends and min(ends) < max(ends) else None
 
 
 def _lead(table: Json) -> Json:
@@ -224,7 +175,7 @@ def _timeline(table: Json, lead: Json) -> list[tuple[Any, ...]]:
         best = pick(best, value)
         up = [(one - min(values)) / (max(values) - min(values)) for one in (value, best)]
         across = (day - days[0]) / (days[-1] - days[0])
-        found.append((date, across, *up, shown(name), _text(lead, value)))
+        found.append((date, across, *up, name, _text(lead, value)))
     return found
 
 
@@ -237,13 +188,13 @@ def _views(table: Json) -> list[tuple[str, list[tuple[int, str, bool]]]]:
     kinds = [("Scenes", [(s["title"], s["queries"]) for s in table["scenes"]])]
     for one in table["conditions"]:
         groups = list(zip(one["labels"], one["counts"], strict=True))
-        kinds.append((shown(one["title"]).capitalize(), groups))
+        kinds.append((one["title"].capitalize(), groups))
     for title, groups in kinds:
         options = []
         for label, count in groups:
             said = "" if count is None else f" ({count:,} {'query' if count == 1 else 'queries'})"
             few = count is not None and count < FEW and table["unit"] == "query"
-            options.append((place, f"{shown(label)}{said}", few))
+            options.append((place, f"{label}{said}", few))
             place += 1
         found.append((title, options))
     return found
@@ -253,32 +204,29 @@ def _parts(table: Json) -> list[list[list[list[Any]]]]:
     """Return the numbers of scenes and conditions: a list a part, in it a row, in it a score."""
     factors = {c["key"]: 100 if c["unit"] == "share" else 1 for c in table["scores"]}
 
-    def rounded(key: str, values: Sequence[Any]) -> list[Any]:
-        numbers = map(_number, values)
-        return [n if n is None or math.isinf(n) else round(n * factors[key], 2) for n in numbers]
+    def rounded(part: Json) -> list[list[Any]]:
+        rows = [(factor, map(_number, part.get(key, ()))) for key, factor in factors.items()]
+        return [
+            [n if n is None or math.isinf(n) else round(n * factor, 2) for n in numbers]
+            for factor, numbers in rows
+        ]
 
-    parts = []
-    for scene in table["scenes"]:
-        found = [row["scenes"].get(scene["id"], {}) for row in table["rows"]]
-        parts.append([[rounded(key, one.get(key, ())) for key in factors] for one in found])
+    parts = [
+        [rounded(row["scenes"].get(scene["id"], {})) for row in table["rows"]]
+        for scene in table["scenes"]
+    ]
     for condition in table["conditions"]:
         found = [row["conditions"].get(condition["by"], {}) for row in table["rows"]]
-        for group in range(len(condition["labels"])):
-            parts.append(
-                [
-                    [rounded(k, one[k][group : group + 1] if k in one else ()) for k in factors]
-                    for one in found
-                ]
-            )
+        for n in range(len(condition["labels"])):
+            parts.append([rounded({key: v[n : n + 1] for key, v in one.items()}) for one in found])
     return parts
 
 
-def _compared(table: Json) -> dict[str, Any]:
+def _compared(table: Json, ids: Sequence[str]) -> dict[str, Any]:
     """Return the data of the page that compares two methods, the best first in its lists."""
-    by_id = {row["id"]: row for row in table["rows"]}
-    rows = [by_id[name] for name in next(iter(table["pairs"].values()))["ids"]]
-    names = [shown(row["method"]) for row in rows]
     order = {row["id"]: place for place, row in enumerate(table["rows"])}
+    rows = [table["rows"][order[name]] for name in ids]
+    names = [row["method"] for row in rows]
 
     def of_scene(row: Json, scene: Json, key: str) -> float | None:
         return _number(row["scenes"].get(scene["id"], {}).get(key, [None])[0])
@@ -287,18 +235,18 @@ def _compared(table: Json) -> dict[str, Any]:
         "methods": [
             {
                 "id": row["id"],
-                "name": f"{name} ({shown(row['team'])})" if names.count(name) > 1 else name,
+                "name": f"{name} ({row['team']})" if names.count(name) > 1 else name,
                 "run": row["history"][0]["files"] if row["history"] else None,
             }
             for row, name in zip(rows, names, strict=True)
         ],
         "order": sorted(range(len(rows)), key=lambda n: order[rows[n]["id"]]),
         "scene": table["scenes"][0]["id"],
-        "scenes": [shown(scene["title"]) for scene in table["scenes"]],
+        "scenes": [scene["title"] for scene in table["scenes"]],
         "scores": [
             {
-                "title": shown(column["title"]),
-                "unit": {"share": "%", "m": "m", "deg": "°"}[column["unit"]],
+                "title": column["title"],
+                "unit": _UNITS[column["unit"]],
                 "share": column["unit"] == "share",
                 "higher": column["higher_is_better"],
                 "values": [_number(row["scores"][key]["value"]) for row in rows],

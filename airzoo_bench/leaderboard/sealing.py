@@ -12,13 +12,14 @@ import hashlib
 import importlib
 import io
 import os
+import re
 import secrets
 import shutil
 import tarfile
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from pathlib import Path, PurePath, PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -54,7 +55,7 @@ KEY_VARIABLE = "AIRZOO_BENCH_KEY"
 MANIFEST = "manifest.json"
 """The first member of an archive; the files of the folder stand below `files/`."""
 
-_SECRET, _PUBLIC = "AGE-SECRET-KEY-1", "age1"
+_SECRET = "AGE-SECRET-KEY-1"
 _GRID = ("x", "y", "width", "height")
 _TRANSFORM = (*"abcdef", "crs")
 _TILES = (
@@ -95,18 +96,14 @@ def load_pyrage() -> Any:
 
 def read_key() -> Any:
     """Read the key that opens an archive from the environment."""
-    text = os.environ.get(KEY_VARIABLE)
-    if text is None:
-        fix = f"put the content of its file in ${KEY_VARIABLE}"
-        raise UsageError("there is no key to open the archive with", fix=fix)
-    found = [line.strip() for line in text.splitlines() if line.strip().startswith(_SECRET)]
-    pyrage = load_pyrage()
+    lines = os.environ.get(KEY_VARIABLE, "").splitlines()
+    found, pyrage = [line.strip() for line in lines if line.startswith(_SECRET)], load_pyrage()
     try:
         [line] = found
         return pyrage.x25519.Identity.from_str(line)
     except (ValueError, pyrage.IdentityError):
         # Neither the key nor the library's words on it are repeated.
-        what = f"holds {len(found)} keys" if len(found) != 1 else "holds a key that is damaged"
+        what = "holds a key that is damaged" if len(found) == 1 else f"holds {len(found)} keys"
         expected = f"one line that begins with {_SECRET}, as age-keygen writes it"
         raise UsageError(what, where=f"${KEY_VARIABLE}", expected=expected) from None
 
@@ -120,7 +117,7 @@ def recipient(text: str) -> Any:
         what = f"no recipient: {text[:80]!r}"
         if text.strip().upper().startswith(_SECRET):
             what = "this is the secret key, which is now in the shell's history: make another"
-        expected = f"a public key as age-keygen prints it, which begins with {_PUBLIC}"
+        expected = "a public key as age-keygen prints it, which begins with age1"
         raise UsageError(what, where="--to", expected=expected) from None
 
 
@@ -140,7 +137,6 @@ class SealedFile(Strict):
     sha256: Sha256
     size: Annotated[int, Field(ge=0, le=1 << 50)]
     how: Literal["public", "sealed", "cut"]
-    cuts: tuple[tuple[int, int], ...] = ()  # of earlier archives, without use
 
 
 class Contents(Strict):
@@ -203,20 +199,16 @@ def seal(
 
 def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -> None:
     source, out, file = (path.resolve() for path in (folder, public, archive))
-    if not (folder / "benchmark.toml").is_file():
-        fix = "give its path: a folder to seal is not looked for in the data root"
-        raise UsageError("no benchmark folder here", where=folder, fix=fix)
-    if out.parent != file.parent:
-        what = f"{public} and {archive} lie in two folders, and cannot appear in one step"
+    if out.parent != file.parent:  # they could not appear in one step
+        what = f"{public} and {archive} lie in two folders"
         raise UsageError(what, where="--out, --archive", expected="both in one folder")
     if source in (out, *out.parents) or out in source.parents:
         raise UsageError("lies in the folder that is sealed, or around it", where=public)
     check_new_folder(public, replace=replace)
     check_output_file(archive)
     if archive.exists() and not replace:
-        raise UsageError(
-            "the archive exists already", where=archive, fix="name another, or --force"
-        )
+        fix = "name another, or --force"
+        raise UsageError("the archive exists already", where=archive, fix=fix)
 
 
 def _refuse_known_truth(benchmark: Benchmark) -> None:
@@ -251,7 +243,8 @@ def public_files(benchmark: Benchmark) -> dict[str, tuple[str, ...]]:
     folder = benchmark.folder
     found = dict.fromkeys(sorted((folder / "protocols").glob("*.toml")), _COPY)
     for scene in benchmark.file.scenes:
-        _refuse_outside(benchmark, scene)
+        for place in (scene.images, scene.dom, scene.dsm, scene.gallery, scene.maps, scene.cloud):
+            _below(folder, benchmark.resolve(place or "."))
         home = benchmark.scene_folder(scene.id)
         found |= {home / name: columns for name, columns in _TABLES.items()}
         found[home / "matching/map.json"] = _COPY
@@ -293,23 +286,13 @@ def _data_files(
             yield from ((path, _COPY) for path in own_map(benchmark.resolve(given.maps), photo))
 
 
-def _refuse_outside(benchmark: Benchmark, scene: SceneFile) -> None:
-    places = (scene.images, scene.dom, scene.dsm, scene.gallery, scene.maps, scene.cloud)
-    for place in (PurePosixPath(one) for one in places if one is not None):
-        if place.is_absolute() or ".." in place.parts:
-            raise _outside(benchmark.folder, place)
-
-
-def _outside(folder: Path, path: PurePath) -> BenchmarkError:
-    what = f"data outside the folder: {path}"
-    return BenchmarkError(what, where=folder, fix="prepare it again with --copy")
-
-
 def _below(folder: Path, path: Path) -> str:
-    try:
-        return path.absolute().relative_to(folder.absolute()).as_posix()
-    except ValueError:
-        raise _outside(folder, path) from None
+    """Return a path within the folder that is sealed, which has to hold all its data."""
+    found = os.path.relpath(path, folder)
+    if found.startswith(".."):
+        what = f"data outside the folder: {path}"
+        raise BenchmarkError(what, where=folder, fix="prepare it again with --copy")
+    return Path(found).as_posix()
 
 
 # --- writing ---
@@ -382,6 +365,8 @@ _END, _SCAN, _JFIF, _ADOBE = 0xD9, 0xDA, 0xE0, 0xEE
 # Frames (except hierarchical ones), tables of Huffman, arithmetic and quantisation, DNL, DRI.
 _JPEG_KEPT = frozenset((*range(0xC0, 0xC5), *range(0xC9, 0xCD), 0xDB, 0xDC, 0xDD, _END, _SCAN))
 _JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD8), _END))
+# A scan, with its coded data: up to a marker that is no stuffed byte and no restart.
+_CODED = re.compile(rb"(?:[^\xff]|\xff[\x00\xd0-\xd7])*+", re.DOTALL)
 _PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
 # Pillow may know these of a file that holds a picture alone.
 _KNOWN = {"jfif", "jfif_version", "jfif_unit", "jfif_density", "dpi", "adobe", "adobe_transform"}
@@ -401,12 +386,11 @@ def write_bare_photo(source: Path, place: Path) -> None:
 
 def bare_photo(data: bytes, where: Path) -> bytes:
     """Return the parts of a JPEG or PNG that make the picture."""
-    parts = {_PNG: _png_parts, _JPEG: _jpeg_parts}
-    kind = next((kind for kind in parts if data.startswith(kind)), None)
     what = "is neither JPEG nor PNG"
     try:
-        if kind is not None:
-            return b"".join(data[first:end] for first, end in parts[kind](data))
+        for mark, parts in ((_JPEG, _jpeg_parts), (_PNG, _png_parts)):
+            if data.startswith(mark):
+                return b"".join(parts(data))
     except (IndexError, ValueError) as error:
         what = f"is damaged: {error}"
     raise BenchmarkError(
@@ -432,9 +416,9 @@ def leftovers(path: Path) -> list[str]:
     return found
 
 
-def _jpeg_parts(data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield the beginnings and ends of the parts that stay; a scan has its coded data with it."""
-    yield 0, 2
+def _jpeg_parts(data: bytes) -> Iterator[bytes]:
+    """Yield the parts that stay; a scan has its coded data with it."""
+    yield data[:2]
     place, code = 2, 0
     while code != _END:
         if data[place] != 0xFF:
@@ -446,25 +430,19 @@ def _jpeg_parts(data: bytes) -> Iterator[tuple[int, int]]:
             end += int.from_bytes(data[end : end + 2], "big")
             if end > len(data) or end < place + 4:
                 raise ValueError(f"the segment at byte {place} has no end")
-        while code == _SCAN:
-            end = data.index(b"\xff", end)
-            if data[end + 1] and not 0xD0 <= data[end + 1] <= 0xD7:
-                break
-            end += 2
-        if code in _JPEG_KEPT or _is_plain(code, data[place + 4 : end]):
-            yield place, end
+        body = data[place + 4 : end]
+        # JFIF without a preview, and how the colours are coded.
+        plain = len(body) == 14 and body.startswith(b"JFIF\0") and body[12:] == b"\0\0"
+        plain = plain if code == _JFIF else len(body) == 12 and body.startswith(b"Adobe")
+        if code == _SCAN and (coded := _CODED.match(data, end)):
+            end = coded.end()
+        if code in _JPEG_KEPT or (code in (_JFIF, _ADOBE) and plain):
+            yield data[place:end]
         place = end
 
 
-def _is_plain(code: int, body: bytes) -> bool:
-    """Whether a segment is JFIF without a preview, or says how the colours are coded."""
-    if code == _JFIF:
-        return len(body) == 14 and body.startswith(b"JFIF\0") and body[12:] == b"\0\0"
-    return code == _ADOBE and len(body) == 12 and body.startswith(b"Adobe")
-
-
-def _png_parts(data: bytes) -> Iterator[tuple[int, int]]:
-    yield 0, len(_PNG)
+def _png_parts(data: bytes) -> Iterator[bytes]:
+    yield _PNG
     place, kind = len(_PNG), b""
     while kind != b"IEND":
         kind = data[place + 4 : place + 8]
@@ -472,5 +450,5 @@ def _png_parts(data: bytes) -> Iterator[tuple[int, int]]:
         if len(kind) < 4 or end > len(data):
             raise ValueError(f"the chunk at byte {place} has no end")
         if kind in _PNG_KEPT:
-            yield place, end
+            yield data[place:end]
         place = end

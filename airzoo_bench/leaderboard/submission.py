@@ -1,4 +1,4 @@
-"""Submissions: the keys of ``submission.toml`` and their rules."""
+"""Submissions: the keys of ``submission.toml``, and what names may hold."""
 
 from __future__ import annotations
 
@@ -14,6 +14,15 @@ from pydantic import AfterValidator, Field, model_validator
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.validation import Name, Strict, read_toml, validated
 
+SUBMISSION_FILE = "submission.toml"
+CLAIMED_FILE = "result.json"
+"""A result that may lie next to submission.toml, as in earlier submissions; nothing reads it."""
+EARLIER_KEYS = ("supersedes", "cost", "baseline")
+"""Keys of earlier submissions, which are ignored."""
+
+# A key of this many dots takes tomllib a second, and four times that of twice.
+_LIMIT_BYTES = 16 << 10
+
 # --- names: nothing hidden in them, nothing that acts ---
 
 # Letters and marks that show nothing, and that Unicode counts as printable all the same.
@@ -21,7 +30,8 @@ _BLANK = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\u3164\uffa0\ufe00-\ufe0f\U000e0000-\U000e0fff]"
 )
 _MOST_MARKS = 2
-_MARKUP = re.compile(r"[<>`\\|]")
+# What a spreadsheet, a page or a comment takes for a formula, for markup or for a link.
+_ACTS = re.compile(r"^[=+@-]|[<>`\\|]|://|^javascript:|^www\.", re.IGNORECASE)
 _EXTRA = frozenset("¹²³⁰⁴⁵⁶⁷⁸⁹₀₁₂₃₄₅₆₇₈₉×·ー")
 # The beginnings of the names that Unicode gives to letters, and the letters that names may have.
 _ALPHABETS = {
@@ -50,41 +60,49 @@ def plain_line(text: str) -> str:
     marks = "".join("m" if unicodedata.combining(letter) else "." for letter in text)
     if "m" * (_MOST_MARKS + 1) in marks:
         raise ValueError(f"has more than {_MOST_MARKS} marks on one letter")
-    if text != text.strip() or "  " in text:
+    if text != " ".join(text.split()):
         raise ValueError("has a blank at an end, or two in a row")
     return text
 
 
 def shown_line(text: str) -> str:
     """Refuse, beside what `plain_line` does, what a page, a comment or a spreadsheet acts on."""
-    plain_line(text)
-    if text[:1] in "=+-@":
-        raise ValueError(f"begins with {text[:1]!r}, as formulas of spreadsheets do")
-    if found := _MARKUP.search(text):
-        raise ValueError(f"has {found[0]!r}, which is markup")
-    if "://" in text or text.casefold().startswith(("javascript:", "www.")):
-        raise ValueError("has an address in it, which has a key of its own")
+    if found := _ACTS.search(plain_line(text)):
+        raise ValueError(f"has {found[0]!r} there, which pages or spreadsheets act on")
     return text
 
 
 def board_name(text: str) -> str:
-    """Refuse, beside what `shown_line` does, odd letters, and an alphabet within another."""
-    shown_line(text)
+    """Refuse, beside what `shown_line` does, odd letters, and letters of two alphabets."""
     alphabets: dict[str, str] = {}
-    for letter in text:
-        script = _script(letter)
-        if not (letter.isascii() or letter in _EXTRA or script):
+    for letter in shown_line(text):
+        script = _script_of(letter)
+        if not (script or letter.isascii() or letter in _EXTRA):
             raise ValueError(
                 f"has {_named(letter)}: names have Latin, Greek, Cyrillic, Chinese, Japanese or "
                 "Korean letters, digits and plain punctuation"
             )
         if script in _ALPHABETS and letter not in "πΔλ":  # as in formulas
             alphabets.setdefault(script, letter)
-        if len(alphabets) > 1:
-            raise ValueError(f"has {_named(letter)} among {next(iter(alphabets)).title()} letters")
+    if len(alphabets) > 1:
+        shown = " and ".join(map(_named, alphabets.values()))
+        raise ValueError(f"has letters of two alphabets, {shown}")
     if not any(letter.isalnum() for letter in text):
         raise ValueError("has neither letter nor digit")
     return text
+
+
+def _script_of(letter: str) -> str:
+    """Return the script of a letter that names may have."""
+    if unicodedata.category(letter) not in ("Lu", "Ll", "Lo"):
+        return ""
+    name, base = unicodedata.name(letter, ""), unicodedata.normalize("NFD", letter)[0]
+    scripts = (*(s for s, letters in _ALPHABETS.items() if letters.match(base)), *_OTHER_SCRIPTS)
+    return next((script for script in scripts if name.startswith(script)), "")
+
+
+def _named(letter: str) -> str:
+    return f"U+{ord(letter):04X} {unicodedata.name(letter, 'without a name')}"
 
 
 def skeleton(name: str) -> str:
@@ -97,47 +115,16 @@ def skeleton(name: str) -> str:
     return folded
 
 
-def alike(one: str, other: str) -> bool:
-    """Whether two different names could be taken for each other."""
-    return one != other and skeleton(one) == skeleton(other)
-
-
-def _script(letter: str) -> str:
-    """Return the script of a letter, as far as names may have it."""
-    if unicodedata.category(letter) not in ("Lu", "Ll", "Lo"):
-        return ""
-    name, base = unicodedata.name(letter, ""), unicodedata.normalize("NFD", letter)[0]
-    if script := next((script for script in _ALPHABETS if name.startswith(script)), ""):
-        return script if _ALPHABETS[script].match(base) else ""
-    return next((script for script in _OTHER_SCRIPTS if name.startswith(script)), "")
-
-
-def _named(letter: str) -> str:
-    return f"U+{ord(letter):04X} {unicodedata.name(letter, 'without a name')}"
-
-
-Line = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(shown_line)]
-"""A line that pages show."""
-BoardName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(board_name)]
-"""What a board calls a method or a team."""
-
-
 # --- submission.toml ---
 
-SUBMISSION_FILE = "submission.toml"
-CLAIMED_FILE = "result.json"
-"""A result that may lie next to submission.toml, as in earlier submissions; nothing reads it."""
-EARLIER_KEYS = ("supersedes", "cost", "baseline")
-"""Keys of earlier submissions, which are ignored."""
-
-# A key of this many dots takes tomllib a second, and four times that of twice.
-_LIMIT_BYTES = 16 << 10
 # A host without a user before it, which could pass for one, then what RFC 3986 has but quotes.
-_URL = r"^https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?$"
+_URL = re.compile(
+    r"https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?"
+)
 
 
 def _https(address: str) -> str:
-    if not re.search(_URL, address) or address.endswith("\n"):
+    if not _URL.fullmatch(address):
         raise ValueError(
             "an address begins with https:// and a host, without a user; other characters than "
             "those of addresses are percent-encoded, in hosts as xn--"
@@ -146,10 +133,9 @@ def _https(address: str) -> str:
 
 
 def _reachable(contact: str) -> str:
-    plain_line(contact)
     if not re.search(r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$", contact):
         raise ValueError("an e-mail address, an account such as @name, or an https address")
-    return contact
+    return plain_line(contact)
 
 
 def _entry(text: str) -> str:
@@ -158,6 +144,10 @@ def _entry(text: str) -> str:
     return text
 
 
+Line = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(shown_line)]
+"""A line that pages show."""
+BoardName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(board_name)]
+"""What a board calls a method or a team."""
 Url = Annotated[str, Field(max_length=500), AfterValidator(_https)]
 Account = Annotated[int, Field(ge=1, lt=1 << 63)]
 Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
@@ -183,15 +173,13 @@ class PredictionsGiven(Strict):
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = _key("SHA-256.", "0" * 64)
     size: Annotated[int, Field(ge=1, le=1 << 50)] = _key("Size in bytes.", 52431, alias="bytes")
     reader: Name | None = _key("The reader of a method's own files.", "hloc-poses", None)
-    names: Name | None = _key("A list of image names next to this file.", "names.txt", None)
 
     @model_validator(mode="after")
     def _one_place(self) -> PredictionsGiven:
         if (self.file is None) == (self.url is None):
             raise ValueError('either file or url, such as file = "predictions.npz"')
-        given = [name for name in (self.file, self.names) if name is not None]
-        if len({*given, SUBMISSION_FILE, CLAIMED_FILE}) < len(given) + 2:
-            raise ValueError("file and names are other files than submission.toml and result.json")
+        if self.file in (SUBMISSION_FILE, CLAIMED_FILE):
+            raise ValueError(f"file is another one than {SUBMISSION_FILE} and {CLAIMED_FILE}")
         return self
 
 

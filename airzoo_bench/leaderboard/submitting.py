@@ -19,9 +19,8 @@ from pydantic import TypeAdapter, ValidationError
 from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, validation_message
-from airzoo_bench.evaluation.opening import ReadBy
-from airzoo_bench.leaderboard.board import Board, Place
-from airzoo_bench.leaderboard.checks import size_of_tree
+from airzoo_bench.leaderboard.board import Board, Limits, Place
+from airzoo_bench.leaderboard.checks import check_listing, size_of_tree
 from airzoo_bench.leaderboard.submission import (
     CLAIMED_FILE,
     SUBMISSION_FILE,
@@ -88,23 +87,25 @@ def _ask(key: str, protocols: Sequence[str]) -> Any:
     example = field.examples[0]
     shown = ", ".join(example) if isinstance(example, list) else example
     hint = f"one of {', '.join(known)}" if known else f"such as {shown}"
-    typer.echo(f"\n{field.description} ({hint})", err=True)
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
-    while True:
-        try:
-            answer = typer.prompt(key, default="", show_default=False, err=True).strip()
-        except typer.Abort:  # Ctrl-C, or the end of the input
-            raise KeyboardInterrupt from None
-        value: Any = answer
+
+    def convert(answer: str) -> Any:
+        value: Any = answer.strip()
         if key in _OPTIONS:
             value = tuple(part.strip() for part in answer.split(",") if part.strip())
-        said = hint if not value or (known and value not in known) else ""
+        if not value or (known and value not in known):
+            raise typer.BadParameter(f"{answer!r}{nearest(answer, known)}: {hint}")
         try:
-            if not said:
-                return adapter.validate_python(value)
+            return adapter.validate_python(value)
         except ValidationError as error:
             said = error.errors()[0]["msg"].removeprefix("Value error, ")
-        typer.echo(f"  {answer!r}{nearest(answer, known)}: {said}", err=True)
+            raise typer.BadParameter(f"{answer!r}: {said}") from None
+
+    typer.echo(f"\n{field.description} ({hint})", err=True)
+    try:
+        return typer.prompt(key, default="", show_default=False, value_proc=convert, err=True)
+    except typer.Abort:  # Ctrl-C, or the end of the input
+        raise KeyboardInterrupt from None
 
 
 # --- the folder ---
@@ -129,24 +130,21 @@ def write_submission(
     values: Mapping[str, Any],
     predictions: Path,
     url: str | None,
-    read_by: ReadBy,
-    most_bytes: int,
+    reader: str | None,
+    limits: Limits,
     *,
     replace: bool,
 ) -> None:
     """Write the folder of a submission; predictions that have a URL are not copied."""
-    size = size_of_tree(predictions)
     if url is not None and predictions.is_dir():
         fix = "pack it into an archive such as predictions.zip, and publish that"
         raise UsageError("a folder, which has no address", where=predictions, fix=fix)
-    if url is None and size > most_bytes:
-        fix = "publish it, such as on Zenodo or Hugging Face, and add --url https://..."
-        expected = f"at most {most_bytes:,} bytes in the repository"
-        raise UsageError(f"takes {size:,} bytes", where=predictions, expected=expected, fix=fix)
+    size = size_of_tree(predictions)
+    for fault in check_listing([("predictions", 0o100644, 0 if url else size)], "here", limits):
+        raise fault
     given: dict[str, Any] = {"sha256": sha256_of_tree(predictions), "bytes": size}
     given |= {"url": url} if url else {"file": _plain_name(predictions)}
-    given |= {"names": _plain_name(read_by.names)} if read_by.names else {}
-    given |= {"reader": read_by.reader} if read_by.reader else {}
+    given |= {"reader": reader} if reader else {}
     try:
         stated = Submission.model_validate({**values, "schema": 1, "predictions": given})
     except ValidationError as error:
@@ -162,8 +160,6 @@ def write_submission(
             shutil.copytree(predictions, staged / given["file"], copy_function=shutil.copyfile)
         elif url is None:
             shutil.copyfile(predictions, staged / given["file"])
-        if read_by.names is not None:
-            shutil.copyfile(read_by.names, staged / given["names"])
         (staged / SUBMISSION_FILE).write_text(submission_text(stated), "utf-8", newline="")
 
 

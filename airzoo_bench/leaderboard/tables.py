@@ -8,11 +8,10 @@ import re
 import unicodedata
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,6 @@ from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.about import about_file, about_of
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.leaderboard.measured import (
-    OVERALL,
-    Conditions,
     Entry,
     Head,
     Measured,
@@ -49,6 +46,7 @@ from airzoo_bench.statistics.significance import (
     unpaired_p_values,
 )
 from airzoo_bench.tables.published import (
+    OVERALL,
     published_sources,
     published_tables,
     read_source_file,
@@ -57,29 +55,42 @@ from airzoo_bench.tables.published import (
 _LONGEST = 40
 
 
+class Ranks(NamedTuple):
+    """One score of methods, in their order: of whom the folders are the `ids`.
+
+    `ranges` are rank ranges (V, 2), `apart` which two differ after the correction for all pairs
+    (V, V), `near_best` which cannot be told from the best by a test of these two alone (V,);
+    `pairs` is for board.json, and empty of a sealed table.
+    """
+
+    ids: tuple[str, ...]
+    ranges: NDArray[np.int64]
+    apart: Bools
+    near_best: Bools
+    pairs: dict[str, str]
+
+
 def make_table(
-    protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path | None
-) -> tuple[Table, dict[str, Ranked]]:
+    protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path
+) -> tuple[Table, dict[str, Ranks]]:
     """Rank the entries of a protocol, beside numbers of papers, floors and failed submissions.
 
-    The ranks are returned by score too. Every two methods are compared for the page only with a
-    cache, where those that the last build has compared are.
+    The ranks are returned by score too.
     """
-    members, faults = _members(entries)
-    head = _measured(members[0]).head if members else _head_of(protocol)
+    members, rows = _members(entries)
     measured = [_measured(entry) for entry in members]
+    head = measured[0].head if members else _head_of(protocol)
     columns = _columns(measured, protocol)
-    ranked = {c.key: _rank(members, c, cache) for c in columns if c.headline and members}
-    conditions = measured[0].conditions if measured else ()
-    rows = [_row(entry, n, ranked, conditions) for n, entry in enumerate(members)]
+    ranks = {c.key: _rank(members, c, cache) for c in columns if c.headline and members}
+    scored = [_scored_row(entry, n, ranks, measured[0]) for n, entry in enumerate(members)]
     reported = [] if head.sealed else _reported(head, columns)
     if not measured:
         printed = {key for row in reported for key in row.scores}
         columns = [column for column in columns if column.headline or column.key in printed]
-    known = {key for row in (*rows, *reported) for key in row.scores}
+    known = {key for row in (*scored, *reported) for key in row.scores}
     lead = next((column for column in columns if column.key in known), columns[0])
-    shown = sorted((*rows, *reported), key=lambda row: _order(lead, row))
-    shown = _with_ids([*shown, *_floors(measured), *faults])
+    floors = {row.method: row for one in reversed(measured) for row in one.floors}
+    shown = sorted((*scored, *reported), key=lambda row: _order(lead, row))
     notes = [f"scored by airzoo-bench {', '.join(sorted({one.made_with for one in measured}))}"]
     shipped = shipped_protocols().get(head.protocol)
     known_as = "" if shipped is None else load_protocol(shipped).fingerprint
@@ -92,18 +103,17 @@ def make_table(
         summary=" ".join(protocol.summary.split()),
         benchmark_title=benchmark_title,
         scores=tuple(columns),
-        conditions=tuple(
-            Conditions(**{key: getattr(one, key) for key in Conditions.model_fields})
-            for one in conditions
-        ),
-        rows=tuple(shown),
-        pairs={k: {"ids": one.ids} | one.pairs for k, one in ranked.items() if one.pairs},
+        conditions=measured[0].conditions if measured else (),
+        rows=_with_ids([*shown, *floors.values(), *rows]),
+        pairs={key: {"ids": one.ids} | one.pairs for key, one in ranks.items() if one.pairs},
         about_intervals=measured[0].about_intervals if measured else "",
         notes=tuple(notes if measured else notes[1:]),
-        data=_data_page(head.benchmark),
+        data=about_of(head.benchmark).page or None
+        if about_file(head.benchmark).is_file()
+        else None,
         paper=_paper(head.benchmark),
     )
-    return table, ranked
+    return table, ranks
 
 
 def _measured(entry: Entry) -> Measured:
@@ -122,28 +132,28 @@ def _members(entries: Sequence[Entry]) -> tuple[list[Entry], list[Row]]:
         head = _measured(entry).head
         return head.protocol_fingerprint, head.truth, head.sealed
 
+    def age(entry: Entry) -> tuple[Any, ...]:
+        head = _measured(entry).head
+        version = head.benchmark_version or 0
+        return head.protocol_version, version, entry.scored, times[basis(entry)], head.truth
+
     shown = [entry for entry in entries if entry.measured is not None]
-    faults = [_stated(entry, "failed", entry.reason) for entry in entries if entry not in shown]
+    faults = [_stated_row(entry, "failed", entry.reason) for entry in entries if entry not in shown]
     if not shown:
         return [], faults
     times = Counter(map(basis, shown))
-    newest = max(shown, key=lambda entry: _age(entry, times[basis(entry)]))
-    same = [entry for entry in shown if basis(entry) == basis(newest)]
+    newest = basis(max(shown, key=age))
+    same = [entry for entry in shown if basis(entry) == newest]
     queries = Counter(_measured(entry).queries for entry in same).most_common(1)[0][0]
     members = [entry for entry in same if _measured(entry).queries == queries]
     for entry in shown:
-        if entry not in same:
-            faults.append(_stated(entry, "failed", "scored by another protocol or truth, earlier"))
-        elif entry not in members:
-            why = "scored on other queries than most methods of this table"
-            faults.append(_stated(entry, "failed", why))
+        if entry not in members:
+            why = "scored by another protocol or truth, earlier"
+            why = (
+                "scored on other queries than most methods of this table" if entry in same else why
+            )
+            faults.append(_stated_row(entry, "failed", why))
     return sorted(members, key=lambda entry: (_measured(entry).key, entry.place)), faults
-
-
-def _age(entry: Entry, times: int) -> tuple[Any, ...]:
-    head = _measured(entry).head
-    version = head.benchmark_version or 0
-    return head.protocol_version, version, entry.scored, times, head.truth
 
 
 def _head_of(protocol: Protocol) -> Head:
@@ -171,7 +181,7 @@ def _columns(measured: Sequence[Measured], protocol: Protocol) -> list[ScoreColu
 # --- rows ---
 
 
-def _stated(entry: Entry, kind: Any, reason: str = "") -> Row:
+def _stated_row(entry: Entry, kind: Any, reason: str = "") -> Row:
     """Return a row with the statements of a submission's authors."""
     row = Row(id=entry.place.folder, kind=kind, method=entry.method, reason=reason)
     given = entry.submission
@@ -183,104 +193,68 @@ def _stated(entry: Entry, kind: Any, reason: str = "") -> Row:
     return row.model_copy(update=said)
 
 
-def _row(
-    entry: Entry, number: int, ranked: Mapping[str, Ranked], conditions: Sequence[Conditions]
-) -> Row:
-    """Return the row of an entry that was scored here; `number` is its place in `ranked`."""
+def _scored_row(entry: Entry, number: int, ranks: Mapping[str, Ranks], first: Measured) -> Row:
+    """Return the row of an entry that was scored here; `number` is its place in the ranks."""
     one = _measured(entry)
-    scores = {
-        key: score.model_copy(
-            update={
-                "rank": tuple(ranked[key].ranges[number].tolist()),
-                "near_best": bool(ranked[key].near_best[number]),
-            }
-            if key in ranked
-            else {}
+    scores = dict(one.row.scores)
+    for key in scores.keys() & ranks.keys():
+        rank = tuple(ranks[key].ranges[number].tolist())
+        near = bool(ranks[key].near_best[number])
+        scores[key] = scores[key].model_copy(update={"rank": rank, "near_best": near})
+    titles = {condition.by: condition.labels for condition in one.conditions}
+    history = (
+        Version(
+            number=version.number,
+            date=version.scored,
+            scores={key: score.value for key, score in _measured(version).row.scores.items()},
+            files=f"{version.place.runs}/{version.number}",
         )
-        for key, score in one.scores[OVERALL].items()
-    }
-    groups = {found.by: found for found in one.conditions}
-    return _stated(entry, "sealed" if one.head.sealed else "re-scored").model_copy(
+        for version in (entry, *entry.older)
+    )
+    return _stated_row(entry, one.row.kind).model_copy(
         update={
             "rescored": entry.scored,
             "version": entry.number,
-            "notes": (*one.notes, *filter(None, [entry.reason])),
+            "notes": (*one.row.notes, *filter(None, [entry.reason])),
             "scores": scores,
-            "scenes": _scenes(one.scores),
+            "scenes": one.row.scenes,
             "conditions": {
-                given.by: groups[given.by].values
-                for given in conditions
-                if given.by in groups and _same(given, groups[given.by])
+                given.by: one.row.conditions[given.by]
+                for given in first.conditions
+                if titles.get(given.by) == given.labels
+                and one.members[given.by] == first.members[given.by]
             },
-            "history": tuple(
-                Version(
-                    number=version.number,
-                    date=version.scored,
-                    scores={k: s.value for k, s in _measured(version).scores[OVERALL].items()},
-                    files=f"{version.place.runs}/{version.number}",
-                )
-                for version in (entry, *entry.older)
-            ),
+            "history": tuple(history),
         }
     )
-
-
-def _same(one: Any, other: Any) -> bool:
-    return bool((one.labels, one.members) == (other.labels, other.members))
-
-
-def _scenes(
-    scores: Mapping[str, Mapping[str, Score]],
-) -> dict[str, dict[str, tuple[float | None, float | None, float | None]]]:
-    return {
-        scene: {key: (score.value, score.low, score.high) for key, score in part.items()}
-        for scene, part in scores.items()
-        if scene != OVERALL
-    }
-
-
-def _floors(measured: Sequence[Measured]) -> Iterator[Row]:
-    """Yield scores without a method, of each name the first that a result states."""
-    found = {name: part for one in reversed(measured) for name, part in one.references.items()}
-    for name, part in found.items():
-        scores = {
-            scene: {key: Score(value=value) for key, value in numbers.items()}
-            for scene, numbers in ({OVERALL: part.overall} | part.scenes).items()
-        }
-        yield Row(
-            kind="floor",
-            method=name,
-            source=part.meaning,
-            scores=scores[OVERALL],
-            scenes=_scenes(scores),
-        )
 
 
 def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
     """Return the methods that papers print numbers of; a number comes from the first that does."""
     shares = {column.key: column.unit == "share" for column in columns}
     scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
-    numbers: dict[str, dict[str, dict[str, Score]]] = {}
+    numbers: dict[str, dict[str | None, dict[str, float]]] = {}
     sources: dict[str, dict[str, None]] = {}
-    for table in sorted(
-        published_tables(head.benchmark, head.track), key=lambda one: not one.has_scenes
-    ):
+    tables = published_tables(head.benchmark, head.track)
+    for table in sorted(tables, key=lambda one: not one.has_scenes):
         for method, printed in table.values.items():
             for title, part in printed.items():
-                if title not in scenes:
-                    continue
-                found = numbers.setdefault(method, {}).setdefault(scenes[title], {})
-                for key in part.keys() & shares.keys() - found.keys():
-                    value = part[key] / 100 if shares[key] else part[key]
-                    found[key] = Score(value=value)
-                    sources.setdefault(method, {})[f"{table.source}, {table.label}"] = None
+                found = numbers.setdefault(method, {}).setdefault(scenes.get(title), {})
+                for key, value in part.items():
+                    if title in scenes and key in shares and key not in found:
+                        found[key] = value / 100 if shares[key] else value
+                        sources.setdefault(method, {})[f"{table.source}, {table.label}"] = None
     return [
         Row(
             kind="reported",
             method=method,
             source="; ".join(sources[method]),
-            scores=numbers[method].get(OVERALL, {}),
-            scenes=_scenes(numbers[method]),
+            scores={key: Score(value=v) for key, v in numbers[method].get(OVERALL, {}).items()},
+            scenes={
+                scene: {key: (value, None, None) for key, value in part.items()}
+                for scene, part in numbers[method].items()
+                if scene
+            },
         )
         for method in sources
     ]
@@ -292,7 +266,7 @@ def _order(lead: ScoreColumn, row: Row) -> tuple[bool, float, str, str]:
     return value is None, signed, row.method, row.id
 
 
-def _with_ids(rows: Sequence[Row]) -> list[Row]:
+def _with_ids(rows: Sequence[Row]) -> tuple[Row, ...]:
     """Give each row a name for its page, which differs from the others' in more than case."""
     times, found = Counter(row.id.casefold() for row in rows if row.id), []
     for row in rows:
@@ -304,12 +278,7 @@ def _with_ids(rows: Sequence[Row]) -> list[Row]:
             times[name] += 1
             name = name if times[name] == 1 else f"{name}-{times[name]}"
         found.append(row.model_copy(update={"id": name}))
-    return found
-
-
-def _data_page(benchmark: str) -> str | None:
-    """Return the page of a published benchmark's data."""
-    return about_of(benchmark).page or None if about_file(benchmark).is_file() else None
+    return tuple(found)
 
 
 def _paper(benchmark: str) -> str | None:
@@ -321,34 +290,15 @@ def _paper(benchmark: str) -> str | None:
 # --- ranks ---
 
 
-@dataclass(frozen=True)
-class Ranked:
-    """One score of methods, in their order.
-
-    `ranges` are rank ranges (V, 2), `apart` which two differ after the correction for all pairs
-    (V, V), `near_best` which cannot be told from the best by a test of these two alone (V,).
-    `ids` are their folders; `pairs` is for the file of the board; a sealed table has none.
-    """
-
-    ids: tuple[str, ...]
-    ranges: NDArray[np.int64]
-    apart: Bools
-    near_best: Bools
-    pairs: dict[str, str]
-
-
-def _rank(entries: Sequence[Entry], column: ScoreColumn, cache: Path | None) -> Ranked:
+def _rank(entries: Sequence[Entry], column: ScoreColumn, cache: Path) -> Ranks:
     """Rank methods of one protocol and truth by a headline score."""
     methods = [_measured(entry) for entry in entries]
-    scores = [one.scores[OVERALL].get(column.key, Score(value=np.inf)) for one in methods]
+    scores = [one.row.scores.get(column.key, Score(value=np.inf)) for one in methods]
     values = np.array([score.value for score in scores], np.float64)
     limits: list[Floats] = []
     if methods[0].head.sealed:
         errors = np.array([score.standard_error for score in scores], np.float64)
         p_values = unpaired_p_values(values, errors)
-    elif cache is None:
-        resampling = ResamplingConfig(resamples_for(len(methods)))
-        _, _, p_values = compare_all(_sample_of(methods, column), resampling)
     else:
         *limits, p_values = _compare_pairs(entries, column, cache)
     corrected = correct_pairs(p_values)
@@ -360,7 +310,7 @@ def _rank(entries: Sequence[Entry], column: ScoreColumn, cache: Path | None) -> 
             pairs[name] = base64.b64encode(zlib.compress(content, 6)).decode()
     best = int(np.argmax(values if column.higher_is_better else -values))
     near = (p_values[best] > LEVEL) | (values == values[best])
-    return Ranked(
+    return Ranks(
         tuple(entry.place.folder for entry in entries),
         rank_ranges(values, corrected, higher_is_better=column.higher_is_better),
         told_apart(values, corrected),

@@ -3,33 +3,124 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import itertools
 import socket
+import ssl
+import subprocess
+import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from airzoo_bench.leaderboard.fetching import fetch
-from tests.leaderboard.web_server import (
-    CONTENT,
-    HOST,
-    OTHER,
-    PUBLIC,
-    URL,
-    WebServer,
-    head,
-    plain,
-    redirect,
-    refusal,
-    sha256,
-)
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.leaderboard import fetching
+
+HOST, OTHER, PUBLIC = "data.example.org", "cdn.example.net", "93.184.215.14"
+PATH = "/files/preds.npz"
+URL = f"https://{HOST}{PATH}"
+CONTENT = b"predictions" * 30_000
+
+Answer = Callable[[socket.socket], object]
 
 
-def arrived(web: WebServer, into: Path, url: str = URL, **changes: object) -> Path:
-    settings = {"size": len(CONTENT), "sha256": sha256(CONTENT), "network": web.network()}
-    return fetch(url, into, **(settings | changes))  # type: ignore[arg-type]
+def sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def head(*lines: str, status: str = "200 OK") -> bytes:
+    return "\r\n".join([f"HTTP/1.1 {status}", *lines, "", ""]).encode()
+
+
+def plain(content: bytes, *lines: str) -> Answer:
+    """Answer as an honest server does."""
+    return lambda peer: peer.sendall(head(f"Content-Length: {len(content)}", *lines) + content)
+
+
+def redirect(location: str) -> Answer:
+    lines = (f"Location: {location}", "Content-Length: 0")
+    return lambda peer: peer.sendall(head(*lines, status="302 Found"))
+
+
+class Web:
+    """Every host of the network, which answers by path; names lead to `addresses`."""
+
+    def __init__(self, listener: socket.socket, context: ssl.SSLContext) -> None:
+        self.place, self.context = listener.getsockname(), context
+        self.answers: dict[str, Answer] = {}
+        self.addresses: dict[str, list[str]] = {}
+        self.requests: list[bytes] = []
+        self.listener = listener
+
+    def accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                peer, _ = self.listener.accept()
+                peer.settimeout(60)
+                threading.Thread(target=self.serve, args=[peer], daemon=True).start()
+
+    def serve(self, plain_peer: socket.socket) -> None:
+        with suppress(OSError), self.context.wrap_socket(plain_peer, server_side=True) as peer:
+            request = b""
+            while b"\r\n\r\n" not in request and (more := peer.recv(4096)):
+                request += more
+            self.requests.append(request)
+            answer = self.answers.get(request.split(b" ")[1].decode())
+            (answer or plain(b""))(peer)
+
+    def resolve(self, host: str, *_: Any, **__: Any) -> list[Any]:
+        return [(0, 0, 0, "", (one, 443)) for one in self.addresses.get(host, [PUBLIC])]
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a self-signed certificate for the hosts, which is its own authority, with its key."""
+    file = tmp_path_factory.mktemp("authority") / "cert.pem"
+    call = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
+    call += ["-subj", "/CN=tests", "-addext", f"subjectAltName=DNS:{HOST},DNS:{OTHER}"]
+    call += ["-keyout", str(file.with_name("key.pem")), "-out", str(file)]
+    subprocess.run(call, check=True, capture_output=True)
+    return file
+
+
+@pytest.fixture
+def web(certificate: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Web]:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate, certificate.with_name("key.pem"))
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        found = Web(listener, context)
+
+        def reach(_: object, wait: float) -> socket.socket:
+            peer = socket.socket()
+            peer.settimeout(wait)
+            peer.connect(found.place)
+            return peer
+
+        thread = threading.Thread(target=found.accept, daemon=True)
+        thread.start()
+        monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
+        monkeypatch.setattr(fetching.socket, "getaddrinfo", found.resolve)
+        monkeypatch.setattr(fetching.socket, "create_connection", reach)
+        yield found
+        listener.shutdown(socket.SHUT_RDWR)
+    thread.join()
+
+
+def fetched(into: Path, url: str = URL, **changes: Any) -> Path:
+    settings = {"size": len(CONTENT), "sha256": sha256(CONTENT), "seconds": 60.0}
+    return fetching.fetch(url, into, **(settings | changes))
+
+
+def refusal(into: Path, url: str = URL, **changes: Any) -> str:
+    """Fetch what must not arrive; nothing of it may be left on disk."""
+    with pytest.raises(SubmissionError) as caught:
+        fetched(into, url, **changes)
+    assert not into.exists() or not list(into.iterdir())
+    return str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -41,77 +132,69 @@ def arrived(web: WebServer, into: Path, url: str = URL, **changes: object) -> Pa
         ("/a/.ssh", "predictions"),
     ],
 )
-def test_a_file_arrives_under_its_name(
-    web: WebServer, tmp_path: Path, path: str, name: str
-) -> None:
+def test_a_file_arrives_under_its_name(web: Web, tmp_path: Path, path: str, name: str) -> None:
     web.answers[path] = plain(CONTENT)
-    found = arrived(web, tmp_path, f"https://{HOST}{path}")
+    found = fetched(tmp_path, f"https://{HOST}{path}")
     assert (found, found.read_bytes()) == (tmp_path / name, CONTENT)
     assert b"\r\nHost: data.example.org\r\n" in web.requests[0]
+    assert fetched(tmp_path, f"https://{HOST}{path}") == found
+    assert len(web.requests) == 1  # what is there is not fetched again
 
 
-class TestContent:
-    def test_an_endless_body_is_cut(self, web: WebServer, tmp_path: Path) -> None:
-        sent = itertools.count()
+def test_an_endless_body_is_cut(web: Web, tmp_path: Path) -> None:
+    sent = itertools.count()
 
-        def endless(_: str, peer: socket.socket) -> None:
-            peer.sendall(head())
-            with suppress(OSError):
-                while True:
-                    peer.sendall(bytes(1 << 16))
-                    next(sent)
+    def endless(peer: socket.socket) -> None:
+        peer.sendall(head())
+        while True:
+            peer.sendall(bytes(1 << 16))
+            next(sent)
 
-        web.answers["/files/preds.npz"] = endless
-        assert "more than" in refusal(web, tmp_path, size=1 << 20)
-        time.sleep(0.1)
-        assert next(sent) < 1000  # 64 MB: as much as buffers hold, not as much as could be sent
-
-    @pytest.mark.parametrize(
-        ("answer", "said"),
-        [
-            (plain(CONTENT + b"x"), f"more than {len(CONTENT)} bytes"),
-            (plain(CONTENT[:-1]), f"{len(CONTENT) - 1} bytes"),
-            (plain(CONTENT[::-1]), sha256(CONTENT[::-1])),
-            (plain(gzip.compress(bytes(len(CONTENT))), "Content-Encoding: gzip"), "bytes"),
-            (lambda _, p: p.sendall(head("Content-Length: 9") + b"x"), "breaks off"),
-            (lambda _, p: p.sendall(head("Content-Length: 0", status="404 No")), "answers 404"),
-            (lambda _, p: p.sendall(head("Content-Length: 0", status="206 No")), "answers 206"),
-            (lambda _, p: p.sendall(b"no HTTP at all\r\n\r\n"), URL),
-            (lambda _, p: p.sendall(head(status="500 \x1b[31mred")), "answers 500"),
-        ],
-    )
-    def test_another_answer_is_refused(
-        self, web: WebServer, tmp_path: Path, answer: object, said: str
-    ) -> None:
-        web.answers["/files/preds.npz"] = answer  # type: ignore[assignment]
-        message = refusal(web, tmp_path)
-        assert said in message
-        assert "\x1b" not in message
-
-    def test_a_certificate_of_nobody_is_refused(self, web: WebServer, tmp_path: Path) -> None:
-        web.answers["/files/preds.npz"] = plain(CONTENT)
-        assert "certificate" in refusal(web, tmp_path, network=web.network(trusted=False))
+    web.answers[PATH] = endless
+    assert "more than" in refusal(tmp_path, size=1 << 20)
+    time.sleep(0.1)
+    assert next(sent) < 1000  # 64 MB: as much as buffers hold, not as much as could be sent
 
 
 @pytest.mark.parametrize(
-    ("begin", "drop"),
+    ("answer", "said"),
     [
-        (b"HTTP/1.1 200 OK\r\n", b"X"),
-        (head(f"Content-Length: {len(CONTENT)}"), b"p"),
+        (plain(CONTENT + b"x"), f"more than {len(CONTENT)} bytes"),
+        (plain(CONTENT[:-1]), f"{len(CONTENT) - 1} bytes"),
+        (plain(CONTENT[::-1]), sha256(CONTENT[::-1])),
+        (plain(gzip.compress(bytes(len(CONTENT))), "Content-Encoding: gzip"), "bytes"),
+        (lambda p: p.sendall(head("Content-Length: 9") + b"x"), "breaks off"),
+        (lambda p: p.sendall(head("Content-Length: 0", status="404 No")), "answers 404"),
+        (lambda p: p.sendall(head("Content-Length: 0", status="206 No")), "answers 206"),
+        (lambda p: p.sendall(b"no HTTP at all\r\n\r\n"), URL),
+        (lambda p: p.sendall(head(status="500 \x1b[31mred")), "answers 500"),
     ],
 )
-def test_a_host_that_drips_is_left(
-    begin: bytes, drop: bytes, web: WebServer, tmp_path: Path
-) -> None:
-    def answer(_: str, peer: socket.socket) -> None:
-        with suppress(OSError):
-            peer.sendall(begin)
-            while True:
-                time.sleep(0.02)
-                peer.sendall(drop)
+def test_another_answer_is_refused(web: Web, tmp_path: Path, answer: Answer, said: str) -> None:
+    web.answers[PATH] = answer
+    message = refusal(tmp_path)
+    assert said in message
+    assert "\x1b" not in message
 
-    web.answers["/files/preds.npz"] = answer
-    assert "too slow" in refusal(web, tmp_path, seconds=2.0)
+
+def test_a_certificate_of_nobody_is_refused(
+    web: Web, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    web.answers[PATH] = plain(CONTENT)
+    monkeypatch.delenv("SSL_CERT_FILE")
+    assert "certificate" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("begin", [b"HTTP/1.1 200 OK\r\n", head("Content-Length: 330000")])
+def test_a_host_that_drips_is_left(begin: bytes, web: Web, tmp_path: Path) -> None:
+    def drip(peer: socket.socket) -> None:
+        peer.sendall(begin)
+        while True:
+            time.sleep(0.02)
+            peer.sendall(b"X")
+
+    web.answers[PATH] = drip
+    assert "too slow" in refusal(tmp_path, seconds=0.5)
 
 
 @pytest.mark.parametrize(
@@ -140,19 +223,14 @@ def test_a_host_that_drips_is_left(
         "",
     ],
 )
-def test_other_addresses_are_refused_before_any_look_up(
-    url: str, web: WebServer, tmp_path: Path
-) -> None:
-    def nobody(host: str) -> list[str]:
-        raise AssertionError("a refused address must not be looked up")
-
-    message = refusal(web, tmp_path, url, network=web.network(nobody))
+def test_other_addresses_are_refused_before_any_look_up(url: str, web: Web, tmp_path: Path) -> None:
+    message = refusal(tmp_path, url)
     assert "expected: https://HOST/PATH" in message
     assert "\r" not in message
-    with_redirect = redirect(url.replace("\r\n", ""))
+    assert not web.requests
     if url.startswith(("https://", "http:", "file")) and url.isascii() and "///a" not in url:
-        web.answers["/files/preds.npz"] = with_redirect
-        refusal(web, tmp_path)
+        web.answers[PATH] = redirect(url.replace("\r\n", ""))
+        refusal(tmp_path)
         assert len(web.requests) == 1
 
 
@@ -162,29 +240,26 @@ def test_other_addresses_are_refused_before_any_look_up(
         *("127.0.0.1", "0.0.0.0", "10.1.2.3", "172.16.0.1", "192.168.1.1", "100.64.0.1"),
         *("169.254.169.254", "192.0.2.1", "198.18.0.1", "224.0.0.1", "240.0.0.1", "::", "::1"),
         *("::ffff:127.0.0.1", "fe80::1%eth0", "fd00:ec2::254", "ff02::1", "2001:db8::1"),
-        *("2002:7f00:1::", "64:ff9b::7f00:1", "not an address"),
+        *("2002:7f00:1::", "64:ff9b::7f00:1"),
     ],
 )
-def test_addresses_that_are_not_public(address: str, web: WebServer, tmp_path: Path) -> None:
-    network = web.network(lambda host: [PUBLIC, address])
-    assert "is not public" in refusal(web, tmp_path, network=network)
+def test_addresses_that_are_not_public(address: str, web: Web, tmp_path: Path) -> None:
+    web.addresses = {OTHER: [PUBLIC, address]}
+    assert "is not public" in refusal(tmp_path, f"https://{OTHER}/x")
     assert web.requests == []
-    web.answers["/files/preds.npz"] = redirect(f"https://{OTHER}/x")
-    network = web.network({HOST: [PUBLIC], OTHER: [PUBLIC, address]}.__getitem__)
-    assert "is not public" in refusal(web, tmp_path, network=network)
+    web.answers[PATH] = redirect(f"https://{OTHER}/x")
+    assert "is not public" in refusal(tmp_path)
     assert len(web.requests) == 1
 
 
-def test_redirects_to_public_hosts_are_followed(web: WebServer, tmp_path: Path) -> None:
-    """As Hugging Face and releases of GitHub do: to a signed address of a long name."""
+def test_redirects_to_public_hosts_are_followed_but_not_without_end(
+    web: Web, tmp_path: Path
+) -> None:
+    """Hugging Face and releases of GitHub lead to a signed address of a long name."""
     there = "/signed" + "a" * 2500 + "?Expires=5"
-    web.answers["/files/preds.npz"] = redirect(f"https://{OTHER}{there}")
-    web.answers[there] = plain(CONTENT)
-    assert arrived(web, tmp_path).name == "preds.npz"
+    web.answers |= {PATH: redirect(f"https://{OTHER}{there}"), there: plain(CONTENT)}
+    assert fetched(tmp_path / "a").name == "preds.npz"
     assert f"\r\nHost: {OTHER}\r\n".encode() in web.requests[1]
-
-
-def test_redirects_without_end(web: WebServer, tmp_path: Path) -> None:
-    web.answers["/files/preds.npz"] = redirect("/files/preds.npz")
-    assert "leads on more than 5 times" in refusal(web, tmp_path)
-    assert len(web.requests) == 6
+    web.answers[PATH] = redirect(PATH)
+    assert "leads on more than 5 times" in refusal(tmp_path / "b")
+    assert len(web.requests) == 2 + 6

@@ -1,9 +1,10 @@
-"""A board of runs: rows, ranks, history, pairs, and what is no row."""
+"""A board of runs: rows, ranks, history, pairs, rows with a reason, and the same bytes again."""
 
 from __future__ import annotations
 
 import base64
 import json
+import shutil
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -12,19 +13,29 @@ from typing import Any
 import numpy as np
 import pytest
 
+from airzoo_bench.leaderboard.board import Place
+from airzoo_bench.leaderboard.measured import Head, Measured, Row, Scene, Score
+from airzoo_bench.leaderboard.scoring import find_standing
+from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_scored
 from airzoo_bench.statistics.samples import ResamplingConfig
-from tests.leaderboard.site.support import (
+from airzoo_bench.statistics.significance import LEVEL
+from tests.leaderboard.made import (
+    HOME,
+    PROTOCOL,
     board_of,
     built,
+    files_of,
     method,
     rows_of,
-    some_runs,
-    table_of,
-    write_version,
+    write_run,
+    write_runs,
 )
 from tests.statistics.support import ERROR, HIT, made_method
+
+RUNS = "runs/made/retrieval"
+KEYS = ("recall@1", "recall@5", "ap@5")
 
 
 def matrix(pairs: Any, name: str) -> np.ndarray:
@@ -35,37 +46,39 @@ def matrix(pairs: Any, name: str) -> np.ndarray:
     return found
 
 
-def test_rows_their_facts_and_their_numbers(root: Path) -> None:
+def test_rows_their_facts_numbers_and_history(root: Path) -> None:
     rows = rows_of(root / "site")
     assert list(rows) == ["m3", "m2", "m1", "m0"]  # the best first
     row = rows["m0"]
     assert (row["kind"], row["version"]) == ("re-scored", 2)
     assert (row["team"], row["date"], row["rescored"]) == ("Team", "2026-03-01", "2026-04-01")
     assert "contact" not in json.dumps(rows)
-    [scored] = read_scored([root / "runs/made/retrieval/m2/1"])
+    [scored] = read_scored([root / RUNS / "m2/1"])
     score = rows["m2"]["scores"]["recall@1"]
     assert score["value"] == value_of(scored, scored.result.columns[0])
     assert 0 < score["low"] < score["value"] < score["high"] < 1
     east = rows["m2"]["scenes"]["east"]["recall@1"]
     assert east[0] == scored.result.scenes["east"]["recall@1"]
     assert list(rows["m2"]["scenes"]) == ["east", "west"]
+    history = row["history"]
+    assert [one["number"] for one in history] == [2, 1]
+    assert history[0]["scores"]["recall@1"] > history[1]["scores"]["recall@1"]
+    assert history[0]["files"] == f"{RUNS}/m0/2"
     board = board_of(root / "site")
     assert (board["title"], board["updated"]) == ("A board", "2026-04-04")
-    assert board["benchmarks"][0] == {"name": "made", "title": "Made", "tables": ["made"]}
+    assert board["benchmarks"][1] == {"name": "made", "title": "Made", "tables": [PROTOCOL]}
 
 
 def test_any_two_as_compare_prints_them(root: Path) -> None:
-    scored = read_scored([root / f"runs/made/retrieval/m{n}/{2 - (n > 0)}" for n in range(4)])
+    scored = read_scored([root / RUNS / f"m{n}/{1 + (n == 0)}" for n in range(4)])
     by_id = {f"m{n}": one for n, one in enumerate(scored)}
-    for key in ("recall@1", "recall@5", "ap@5"):
-        pairs = table_of(root / "site")["pairs"][key]
+    for key in KEYS:
+        pairs = board_of(root / "site")["tables"][PROTOCOL]["pairs"][key]
         found = {name: matrix(pairs, name) for name in ("low", "high", "p", "p_holm")}
         first, other = by_id[pairs["ids"][0]], by_id[pairs["ids"][2]]
         column = next(c for c in first.result.columns if c.key == key)
-        made = compare(
-            [other, first], [column], reference=other.name, resampling=ResamplingConfig()
-        )
-        [pair] = made.pairs
+        options = {"reference": other.name, "resampling": ResamplingConfig()}
+        [pair] = compare([other, first], [column], **options).pairs
         assert found["low"][0, 2] == pytest.approx(pair.interval.low, rel=1e-5)
         assert found["high"][0, 2] == pytest.approx(pair.interval.high, rel=1e-5)
         if pair.test.p_value > 0.01:
@@ -73,29 +86,39 @@ def test_any_two_as_compare_prints_them(root: Path) -> None:
         assert (found["p_holm"] >= found["p"] - 1e-6)[np.triu_indices(4, 1)].all()
 
 
+def test_a_comment_says_of_a_method_what_the_board_says(tmp_path: Path) -> None:
+    write_runs(tmp_path, 5)
+    write_run(tmp_path, "near", 1, method("Near", 0.31))
+    write_run(tmp_path, "far", 1, method("Far", 0.9))
+    table = board_of(built(tmp_path))["tables"][PROTOCOL]
+    pairs, rows = table["pairs"]["recall@1"], {row["id"]: row for row in table["rows"]}
+    holm = matrix(pairs, "p_holm")
+    alike = np.nan_to_num(holm, nan=0.0) + np.nan_to_num(holm, nan=0.0).T > LEVEL
+    assert 0 < alike.sum() < alike.size - len(alike)
+    protocol = find_protocol(PROTOCOL, tmp_path / "data")
+    for own, name in enumerate(pairs["ids"]):
+        place = Place("made", "retrieval", name)
+        found = find_standing(place, protocol, tmp_path / "runs", tmp_path / "of comment")
+        assert found["row"].model_dump(mode="json")["scores"] == rows[name]["scores"]
+        others = [rows[one]["method"] for n, one in enumerate(pairs["ids"]) if alike[own, n]]
+        assert (found["ranked"], found["alike"]) == (7, tuple(sorted(others)))
+
+
 def test_others_do_not_move_who_cannot_be_told_from_the_best(tmp_path: Path) -> None:
     for name, rate in (("a", 0.6), ("b", 0.57), ("c", 0.1)):
-        write_version(tmp_path / "runs", name, 1, method(name.upper(), rate))
+        write_run(tmp_path, name, 1, method(name.upper(), rate))
 
-    def near() -> dict[str, bool]:
+    def near() -> list[bool]:
         rows = rows_of(built(tmp_path))
-        return {name: rows[name]["scores"]["recall@1"]["near_best"] for name in "abc"}
+        return [rows[name]["scores"]["recall@1"]["near_best"] for name in "abc"]
 
-    before = near()
-    assert before == {"a": True, "b": True, "c": False}
+    assert near() == [True, True, False]
     for n in range(12):
-        write_version(tmp_path / "runs", f"x{n}", 1, method(f"X {n}", 0.2 + n / 100))
-    assert near() == before
+        write_run(tmp_path, f"x{n}", 1, method(f"X {n}", 0.2 + n / 100))
+    assert near() == [True, True, False]
 
 
-def test_history_is_the_newest_first(root: Path) -> None:
-    found = rows_of(root / "site")["m0"]["history"]
-    assert [one["number"] for one in found] == [2, 1]
-    assert found[0]["scores"]["recall@1"] > found[1]["scores"]["recall@1"]
-    assert found[0]["files"] == "runs/made/retrieval/m0/2"
-
-
-def test_what_is_published_stands_there_from_the_first_day(root: Path) -> None:
+def test_published_numbers_stand_there_from_the_first_day(root: Path) -> None:
     rows = rows_of(root / "site", "uav-visloc-retrieval")
     assert {row["kind"] for row in rows.values()} == {"reported"}
     salad = next(row for row in rows.values() if row["method"] == "SALAD")
@@ -104,22 +127,10 @@ def test_what_is_published_stands_there_from_the_first_day(root: Path) -> None:
     assert "airzoo-paper" in salad["source"]
 
 
-def test_two_teams_with_one_method_are_told_apart(tmp_path: Path) -> None:
-    """Whoever runs SALAD calls it SALAD; were that a fault, anybody could stop the board."""
-    for folder, rate in (("a", 0.4), ("b", 0.5), ("c", 0.6)):
-        name = "Other" if folder == "c" else "SALAD"
-        scored = method(name, rate, seed=ord(folder))
-        write_version(tmp_path / "runs", folder, 1, scored, team=f"Team {folder}")
-    page = (built(tmp_path) / "tables/made/compare.html").read_text(encoding="utf-8")
-    assert "SALAD (Team a)" in page
-    assert "Other (" not in page
-
-
 def test_an_earlier_truth_is_a_grey_row_and_not_ranked(tmp_path: Path) -> None:
-    some_runs(tmp_path / "runs", 2)
+    write_runs(tmp_path, 2)
     for name, skill in (("late", 0.9), ("later", 0.3)):
-        other = method(name.title(), skill, truth="u" * 64)
-        write_version(tmp_path / "runs", name, 1, other, day=20)
+        write_run(tmp_path, name, 1, method(name.title(), skill, truth="u" * 64), day=20)
     rows = rows_of(built(tmp_path))
     assert list(rows)[:2] == ["late", "later"]
     ranks = [rows[name]["scores"]["recall@1"]["rank"] for name in ("late", "later")]
@@ -130,12 +141,12 @@ def test_an_earlier_truth_is_a_grey_row_and_not_ranked(tmp_path: Path) -> None:
 def test_medians_with_infinite_errors(tmp_path: Path) -> None:
     for n in range(3):
         made = method(f"Net {n}", 0.2 + n / 3, columns=(ERROR, HIT))
-        write_version(tmp_path / "runs", f"n{n}", 1, made)
+        write_run(tmp_path, f"n{n}", 1, made)
     failing = {
         scene: {"error_m": [np.inf] * size, "recall@1": [0.0] * size}
         for scene, size in (("east", 30), ("west", 20))
     }
-    write_version(tmp_path / "runs", "none", 1, made_method(failing, (ERROR, HIT), "None"))
+    write_run(tmp_path, "none", 1, made_method(failing, (ERROR, HIT), "None"))
     site = built(tmp_path)
     score = rows_of(site)["none"]["scores"]["error_m"]
     assert (score["value"], score["rank"], score["near_best"]) == ("Infinity", [4, 4], False)
@@ -148,9 +159,9 @@ def test_conditions_are_those_of_the_same_groups(tmp_path: Path, same: bool) -> 
     for n in range(2):
         made = method(f"Net {n}", 0.4 + n / 5)
         made.records["weather"] = np.where((np.arange(50) + n * (not same)) % 2, "fog", "sun")
-        write_version(tmp_path / "runs", f"n{n}", 1, made)
+        write_run(tmp_path, f"n{n}", 1, made)
     site = built(tmp_path)
-    [condition] = table_of(site)["conditions"]
+    [condition] = board_of(site)["tables"][PROTOCOL]["conditions"]
     assert (condition["labels"], condition["counts"]) == (["fog", "sun"], [25, 25])
     rows = rows_of(site)
     fog = method("Net 1", 0.6).records["recall@1"].to_numpy()[np.arange(50) % 2 == 1].mean()
@@ -160,7 +171,7 @@ def test_conditions_are_those_of_the_same_groups(tmp_path: Path, same: bool) -> 
         assert sum("weather" in row["conditions"] for row in rows.values()) == 1
 
 
-# --- what cannot be shown ---
+# --- rows with a reason ---
 
 
 def spoil(path: Path, old: str, new: str) -> None:
@@ -169,7 +180,16 @@ def spoil(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
-RUN = "runs/made/retrieval/m1/1"
+def _fault(run: Path) -> None:
+    (run / "../fault.txt").write_text("too late")
+    (run / "run.json").unlink()
+
+
+def _other_queries(run: Path) -> None:
+    scored = method("Method 1", 0.5, {"east": 30, "west": 21})
+    write_run(run.parents[4], "m1", 1, scored)
+
+
 FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "damaged": (lambda run: (run / "result.json").write_text("{"), "result.json: not a result"),
     "edited": (
@@ -181,91 +201,50 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda run: spoil(run / "records.csv", ",0,0,0.2", ",0,1,0.2"),
         "not the records of the result",
     ),
-    "no result": (lambda run: (run / "result.json").unlink(), "holds 0 of result.json and answer"),
-    "no submission": (
-        lambda run: (run / "submission.toml").unlink(),
-        "no such submission file",
-    ),
-    "no run": (lambda run: (run / "run.json").unlink(), "no such run file"),
-    "not scored": (
-        lambda run: ((run / "../fault.txt").write_text("too late"), (run / "run.json").unlink()),
-        "too late",
-    ),
-    "other queries": (
-        lambda run: write_version(
-            run.parents[3], "m1", 1, method("Method 1", 0.5, {"east": 30, "west": 21})
-        ),
-        "scored on other queries than most methods",
-    ),
+    "no result": (lambda run: (run / "result.json").unlink(), "result.json: no such"),
+    "no submission": (lambda run: (run / "submission.toml").unlink(), "no such submission file"),
+    "no facts": (lambda run: (run / "run.json").unlink(), "no such run file"),
+    "not scored": (_fault, "too late"),
+    "other queries": (_other_queries, "scored on other queries than most methods"),
 }
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(
-    tmp_path: Path, name: str
+    root: Path, tmp_path: Path, name: str
 ) -> None:
-    some_runs(tmp_path / "runs", 4)
+    shutil.copytree(root / "runs", tmp_path / "runs")
     spoiled, reason = FAULTS[name]
-    spoiled(tmp_path / RUN)
+    spoiled(tmp_path / RUNS / "m1/1")
     notes: list[str] = []
     site = built(tmp_path, notes=notes)
     rows = rows_of(site)
     failed = {n: row["reason"] for n, row in rows.items() if row["kind"] == "failed"}
     assert list(failed) == ["m1"]
     assert reason in failed["m1"]
-    assert reason in (site / "tables/made/index.html").read_text(encoding="utf-8")
+    page = site / f"tables/{PROTOCOL}/index.html"
+    assert reason in page.read_text(encoding="utf-8")
     assert any(reason in note for note in notes)
     ranked = {n for n, row in rows.items() if row["scores"].get("recall@1", {}).get("rank")}
     assert ranked == {"m0", "m2", "m3"}
 
 
-def test_a_version_that_cannot_be_shown_leaves_the_one_before(tmp_path: Path) -> None:
-    some_runs(tmp_path / "runs", 2)
-    (tmp_path / "runs/made/retrieval/m0/2/result.json").write_text("{")
-    row = rows_of(built(tmp_path))["m0"]
-    assert (row["kind"], row["version"]) == ("re-scored", 1)
-    assert "a later version is not shown: version 2: result.json: not a result" in row["notes"][0]
-
-
-@pytest.mark.parametrize("name", ["void", "a b/1", ".old/1"])
-def test_what_is_no_submission_is_named_and_skipped(tmp_path: Path, name: str) -> None:
-    some_runs(tmp_path / "runs", 2)
-    (tmp_path / "runs/made/retrieval" / name).mkdir(parents=True)
-    notes: list[str] = []
-    assert set(rows_of(built(tmp_path, notes=notes))) == {"m0", "m1"}
-    assert [name.removesuffix("/1") in note for note in notes] == [True]
-
-
-def test_what_waits_is_a_grey_row(tmp_path: Path) -> None:
-    write_version(tmp_path / "runs", "a", 1, method("A", 0.5))
-    for name in ("a", "b"):
-        folder = tmp_path / "submissions/made/retrieval" / name
-        folder.mkdir(parents=True)
-        (folder / "submission.toml").touch()
+def test_what_waits_or_is_no_submission(tmp_path: Path) -> None:
+    write_runs(tmp_path, 2)
+    (tmp_path / RUNS / "m0/2/result.json").write_text("{")
+    for name in ("void", "a b/1", ".old/1"):
+        (tmp_path / RUNS / name).mkdir(parents=True)
+    for name in ("m1", "waits"):
+        (tmp_path / HOME / name).mkdir(parents=True)
+        (tmp_path / HOME / name / "submission.toml").touch()
     rows = rows_of(built(tmp_path))
-    assert [(name, row["kind"]) for name, row in rows.items()] == [
-        ("a", "re-scored"),
-        ("b", "failed"),
-    ]
+    kinds = {name: row["kind"] for name, row in rows.items()}
+    assert kinds == {"m1": "re-scored", "m0": "re-scored", "waits": "failed"}
+    assert rows["m0"]["version"] == 1
+    assert "a later version is not shown: version 2: result.json" in rows["m0"]["notes"][0]
 
 
 # --- a sealed truth ---
-
-
-def sealed(runs: Path, folder: str, value: float | None, error: float | None) -> None:
-    place = write_version(runs, folder, 1, method(folder, 0.5))
-    for name in ("result.json", "records.csv"):
-        (place / name).unlink()
-    one = {"value": value, "standard_error": error}
-    answer = {
-        **{"schema": 1, "sealed": True, "track": "retrieval", "protocol": "made"},
-        **{"protocol_version": 1, "protocol_fingerprint": "p" * 64, "benchmark": "made"},
-        **{"truth_commitment": "t" * 64, "method": folder, "predictions_sha256": "0" * 64},
-        **{"columns": [HIT.model_dump()], "queries": {"a": 50}, "scene_titles": {"a": "A"}},
-        **{"scenes": {"a": {"recall@1": one}}, "overall": {"recall@1": one}},
-        "versions": {"airzoo-bench": "1"},
-    }
-    (place / "answer.json").write_text(json.dumps(answer), encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -278,11 +257,42 @@ def sealed(runs: Path, folder: str, value: float | None, error: float | None) ->
 def test_sealed_answers_have_conservative_ranges_and_no_pairs(
     tmp_path: Path, answers: list[tuple[float, float | None]], expected: list[list[int]]
 ) -> None:
+    facts = {"benchmark": "made", "track": "retrieval", "protocol": PROTOCOL, "sealed": True}
+    scenes = (Scene(id="a", title="A", queries=50),)
+    head = Head(protocol_version=1, protocol_fingerprint="p", truth="t", scenes=scenes, **facts)
     for folder, (value, error) in zip("abc", answers, strict=True):
-        sealed(tmp_path / "runs", folder, value, error)
-    table = table_of(built(tmp_path))
+        run = write_run(tmp_path, folder, 1, method(folder, 0.5))
+        for name in ("result.json", "records.csv"):
+            (run / name).unlink()
+        scores = {"recall@1": Score(value=value, standard_error=error)}
+        row = Row(kind="sealed", method=folder, scores=scores)
+        answer = Measured(head=head, made_with="1", columns=(HIT,), row=row)
+        (run / "answer.json").write_text(answer.model_dump_json(), encoding="utf-8")
+    table = board_of(built(tmp_path))["tables"][PROTOCOL]
     assert table["sealed"]
     assert [row["kind"] for row in table["rows"]] == ["sealed"] * 3
     assert [row["scores"]["recall@1"]["rank"] for row in table["rows"]] == expected
     assert table["rows"][0]["scores"]["recall@1"]["standard_error"] == 0.02
     assert table["pairs"] == {}
+
+
+# --- the same bytes ---
+
+
+def test_the_same_bytes_from_nothing_from_a_cache_and_in_any_order(
+    root: Path, tmp_path: Path
+) -> None:
+    expected = files_of(root / "site")
+    shutil.copytree(root / "runs", tmp_path / "runs", copy_function=shutil.copy)
+    moved = sorted((tmp_path / RUNS).iterdir(), reverse=True)
+    for path in moved:  # entries come back in another order
+        path.rename(path.with_name(f"{path.name}~")).rename(path)
+    write_run(tmp_path, "m1", 2, method("Method 1", 0.9))
+    changed = files_of(built(tmp_path))  # fills the cache, with a method that is not there later
+    for damage in (lambda content: b"", lambda content: content[:-9] + bytes(9)):
+        for path in (tmp_path / "site.cache").glob("*.npz"):
+            path.write_bytes(damage(path.read_bytes()))
+        assert files_of(built(tmp_path)) == changed
+    shutil.rmtree(tmp_path / RUNS / "m1/2")
+    assert files_of(built(tmp_path)) == expected
+    assert files_of(built(tmp_path, out="other")) == expected

@@ -1,4 +1,4 @@
-"""What tries at a sealed AirZoo-Mini teach: ``python -m tests.leaderboard.sealed.attack FOLDER``.
+"""What tries at a sealed AirZoo-Mini teach: ``python -m tests.leaderboard.attack FOLDER``.
 
 Of a folder with its truth it prints the R@1 that who starts from tiles at random reaches, when a
 try changes one tile in each scene and is kept if the score that is told rises.
@@ -14,12 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.leaderboard.sealed_scoring import round_score
-from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.retrieval.truth import RetrievalTruth, read_truth
+from tests.statistics.support import HIT
 
-R1 = ScoreColumn(
-    key="recall@1", title="R@1", unit="share", higher_is_better=True, average="mean", headline=True
-)
 TRIES = (0, 4, 48, 480)
 """None; a month and a year of the limit of `Limits`; ten accounts for a year."""
 RUNS = 40
@@ -32,7 +29,7 @@ def exact(hits: Hits) -> float:
 
 
 def rounded(hits: Hits) -> float:
-    return round_score(exact(hits), hits, R1).value or 0.0
+    return round_score(exact(hits), hits, HIT)[0]
 
 
 def attacked(

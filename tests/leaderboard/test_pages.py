@@ -1,0 +1,413 @@
+"""The pages: links, policies, hostile texts, CSV, BibTeX; in Chromium, sorting and comparing."""
+
+from __future__ import annotations
+
+import base64
+import copy
+import csv
+import hashlib
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from html.parser import HTMLParser
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import urldefrag
+
+import numpy as np
+import pytest
+
+from airzoo_bench.leaderboard.build import bibtex, table_csv
+from airzoo_bench.leaderboard.pages import render_pages
+from tests.leaderboard.made import COLUMNS, PROTOCOL, board_of, built, method, write_run
+from tests.report.browser import NEEDS_CHROMIUM, Opened
+from tests.statistics.support import SOFT
+from tests.support import HANGS_S
+
+TABLE = f"tables/{PROTOCOL}/"
+NAMES = ("SALAD", "Net & Co", "MegaLoc 龍", "a" * 64, "R&D 100 % <3".replace("<", "("))
+TEAMS = ('The "best" team', "O'Neil & {{ 7 * 7 }}", "W" * 64, "Team ${x}", "Größe")
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Return a board with scored, reported, failed rows, a floor, and numbers of every kind."""
+    root, count = tmp_path_factory.mktemp("sample"), 12
+    for n in range(count):
+        name = NAMES[n] if n < len(NAMES) else f"Method {n}"
+        made = method(name, 0.9 - 0.6 * n / count, columns=(*COLUMNS, SOFT))
+        made.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
+        stages, uses = ("single-stage", "re-ranked")[n % 2], ["prior"][: n % 2]
+        facts: dict[str, Any] = {
+            "team": TEAMS[n % 5],
+            "training_data": ((), ("airzoo", "gta-uav"), ("university-1652",))[n % 3],
+            "pipeline": {"stages": stages, "uses": uses},
+            "summary": "<script>window.caught = 1</script> =1+1 `x` {{ 7919 * 7907 }} " + "x" * 200,
+        }
+        if n % 2:
+            facts |= {"code": "https://example.org/code", "paper": "https://example.org/p?a=1&b=2"}
+        write_run(root, f"method-{n}", 1 + (n == 2), made, day=n + 1, **facts)
+    board: dict[str, Any] = board_of(built(root))
+    table = board["tables"][PROTOCOL]
+    reported = board["tables"]["uav-visloc-retrieval"]["rows"][:2]
+    failed = copy.deepcopy(table["rows"][-1]) | {"id": "failed", "kind": "failed", "scores": {}}
+    failed["reason"] = "p.npz: not a prediction file <img src=x onerror=window.caught=1>\x1b[31m"
+    floor = copy.deepcopy(table["rows"][-1]) | {"id": "floor-chance", "kind": "floor", "team": ""}
+    table["rows"] += [*copy.deepcopy(reported), floor, failed]
+    table["rows"][3]["scores"]["recall@5"] |= {"value": "Infinity"}
+    table["rows"][5]["scores"]["recall@5"] |= {"value": None, "low": None, "high": None}
+    table["rows"][1]["notes"] = ["2 queries </script><script>window.caught = 1</script>"]
+    return board
+
+
+@pytest.fixture(scope="module")
+def texts(sample: dict[str, Any]) -> dict[str, str]:
+    return render_pages(sample)
+
+
+class Page(HTMLParser):
+    """Tags of a page, with their attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def values(self, name: str) -> list[str]:
+        return [attrs[name] or "" for _, attrs in self.tags if name in attrs]
+
+
+def test_every_relative_link_leads_to_a_page_and_a_place_in_it(texts: dict[str, str]) -> None:
+    pages, links = {path: Page(text) for path, text in texts.items()}, 0
+    for path, page in pages.items():
+        for address in page.values("href"):
+            target, fragment = urldefrag(address)
+            joined = os.path.normpath(PurePosixPath(path).parent / target) if target else path
+            if address.startswith(("https://", "data:")) or joined.endswith((".json", ".csv")):
+                continue
+            links += 1
+            assert joined in pages, (path, address)
+            assert "=" in fragment or not fragment or fragment in pages[joined].values("id")
+    assert links > 100
+
+
+def test_pages_load_nothing_and_strangers_texts_are_no_markup(texts: dict[str, str]) -> None:
+    for path, text in texts.items():
+        page = Page(text)
+        assert page.values("src") == [], path
+        tags = {tag for tag, _ in page.tags}
+        assert not tags & {"iframe", "object", "embed", "base", "img", "video", "audio"}
+        for tag, attrs in page.tags:
+            assert not any(name.startswith("on") or name == "style" for name in attrs), path
+            if tag == "a" and (attrs["href"] or "").startswith("https:"):
+                assert attrs["rel"] == "noopener nofollow"
+        assert not re.findall("[\x00-\x08\x0b-\x1f\x7f\u200b-\u200f\u202a-\u202e]", text), path
+        assert "62615533" not in text, path  # 7919 * 7907
+        scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+        styles = re.findall(r"<style>(.*?)</style>", text, re.DOTALL)
+        assert (len(styles), len(scripts) <= 1) == (1, True), path
+        assert not re.search(r"url\(|@import", styles[0])
+        # The policy allows this style and script by their hashes alone.
+        policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)
+        assert policy is not None
+        said = policy[1].replace("&#39;", "'")
+        assert said.startswith("default-src 'none'; ")
+        assert "unsafe" not in said
+        hashes = [hash_of(content) for content in (*styles, *scripts)]
+        assert re.findall(r"'sha256-[^']+'", said) == hashes, path
+
+
+def hash_of(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def test_reported_and_failed_rows_are_apart_and_small_groups_grey(texts: dict[str, str]) -> None:
+    page = texts[f"{TABLE}index.html"]
+    rows = re.findall(r"<tr data-at.*?</tr>", page, re.DOTALL)
+    reported = [row for row in rows if 'class="reported"' in row]
+    assert len(reported) == 2
+    assert all("reported, not re-scored" in re.sub("<[^>]*>", "", row) for row in reported)
+    assert not any("checkbox" in row for row in reported)
+    [failed] = [row for row in rows if 'class="failed"' in row]
+    assert "p.npz: not a prediction file" in failed
+    few = re.findall(r'<option value="\d+" class="few">([^<]*)<', page)
+    assert few == ["fog (12 queries), few"]
+
+
+def test_two_teams_with_one_method_are_told_apart(sample: dict[str, Any]) -> None:
+    """Whoever runs SALAD calls it SALAD; were that a fault, anybody could stop the board."""
+    board = copy.deepcopy(sample)
+    for row in board["tables"][PROTOCOL]["rows"][:2]:
+        row["method"] = "SALAD"
+    page = render_pages(board)[f"{TABLE}compare.html"]
+    assert "SALAD (Größe)" in page or "SALAD (The" in page
+    assert "MegaLoc 龍 (" not in page
+
+
+def test_a_board_without_any_entry_has_its_pages(sample: dict[str, Any]) -> None:
+    board = copy.deepcopy(sample)
+    for table in board["tables"].values():
+        table |= {"rows": [], "pairs": {}, "truth": ""}
+    empty = render_pages(board)
+    assert "No entry yet" in empty["index.html"]
+    assert "No entry yet" in empty[f"{TABLE}index.html"]
+    assert f"{TABLE}compare.html" not in empty
+    nothing = sample | {"benchmarks": [], "tables": {}}
+    assert "no benchmark yet" in render_pages(nothing)["index.html"]
+
+
+# --- downloads ---
+
+
+def test_csv_has_the_numbers_of_the_board(sample: dict[str, Any]) -> None:
+    table = copy.deepcopy(sample["tables"][PROTOCOL])
+    table["rows"][0]["source"] = "=cmd()"
+    lines = list(csv.DictReader(io.StringIO(table_csv(table))))
+    assert len(lines) == len(table["rows"])
+    score = table["rows"][0]["scores"]["recall@1"]
+    assert float(lines[0]["recall@1 value"]) == score["value"]
+    assert int(lines[0]["recall@1 rank_last"]) == score["rank"][1]
+    assert lines[0]["source"] == "'=cmd()"
+
+
+def row(text: str = "M", own: str = "") -> dict[str, Any]:
+    facts = {"id": "m", "method": text, "team": text, "authors": [text], "date": "2026-01-01"}
+    return facts | {"paper": None, "code": None, "source": "", "bibtex": own}
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["}, \\input{/etc/passwd}", "a} @misc{b", "100 % & $x_1^2$ #~ \\", '"quoted"', "@string{x}"],
+)
+def test_no_name_ends_a_bibtex_entry(text: str) -> None:
+    entry = bibtex(row(text), text)
+    inner = re.sub(r"\\[{}]", "", entry)
+    assert inner.count("{") == inner.count("}")
+    assert entry.startswith("@misc{m,\n")
+    assert re.sub(r"\{@\}", "", entry).count("@") == 1
+    assert r"\input" not in entry
+
+
+@pytest.mark.parametrize(
+    ("own", "kept"),
+    [
+        ("@article{a, title = {T}}", True),
+        ("@article{a, title = {T}} @preamble{x}", False),
+        ("@article{a, title = {\\input{x}}}", False),
+        ("@article{a}}{", False),
+        ("@article{a, title = {^^5cinput{x}}}", False),
+        ("@article{a, title = {\\def\\x{\\lstinputlisting{x}}}}", False),
+        ("@article{a, title = {\\@input{x}}}", False),
+        ('@preamble{"x"}', False),
+        ('@Article{a, title = {{S}ALAD in $\\pi^3$}, author = {M\\"uller and {\\L}ukasz}}', True),
+    ],
+)
+def test_an_entry_of_the_authors_is_kept_where_it_is_one(own: str, kept: bool) -> None:
+    assert (bibtex(row(own=own), "Board") == own + "\n") == kept
+
+
+def test_serving_a_built_site(root: Path) -> None:
+    serve = ["-m", "airzoo_bench", "leaderboard", "serve", str(root / "site"), "--port", "0"]
+    with subprocess.Popen(
+        [sys.executable, *serve], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        found = re.match(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())
+        assert found
+        with urllib.request.urlopen(f"{found[0]}board.json") as answer:
+            assert json.load(answer)["title"] == "A board"
+        for path in ("../secret", "%2e%2e/secret", "nothing"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                urllib.request.urlopen(found[0] + path)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=HANGS_S)
+    assert (process.returncode, said) == (0, "")
+
+
+# --- in a browser ---
+
+PAGES = [
+    *("index.html", "about.html", f"{TABLE}index.html", f"{TABLE}index.html#part=0&more=yes"),
+    *(f"{TABLE}compare.html#a=method-1&b=method-3", f"{TABLE}method-2.html", f"{TABLE}failed.html"),
+]
+
+
+@pytest.fixture(scope="module")
+def site(texts: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    for path, text in texts.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8", newline="")
+    return folder
+
+
+def visit(page: Opened, folder: Path, name: str) -> None:
+    path, mark, fragment = name.partition("#")
+    page.driver.get("about:blank")  # the same file with another fragment is not opened anew
+    page.driver.get((folder / path).as_uri() + mark + fragment)
+    if path.endswith("compare.html"):
+        page.until(lambda: page.all("#overall tbody tr"))
+
+
+@pytest.fixture
+def table(opened: Opened, site: Path) -> Opened:
+    visit(opened, site, f"{TABLE}index.html")
+    return opened
+
+
+def ids(page: Opened) -> list[str]:
+    rows = page.all("#results tbody:first-of-type tr:not([hidden])")
+    return [row.get_attribute("data-id") for row in rows]
+
+
+def column(page: Opened, name: str) -> list[str]:
+    """Return what the cells of a column are sorted by, as they stand."""
+    found: list[str] = page.driver.execute_script(
+        "const heads = [...document.querySelectorAll('#results thead th')];"
+        "const at = heads.findIndex((h) => h.dataset.name === arguments[0]);"
+        "return [...document.querySelectorAll('#results tbody:first-of-type tr')]"
+        ".filter((r) => !r.hidden).map((r) => r.cells[at].dataset.v)",
+        name,
+    )
+    return found
+
+
+@NEEDS_CHROMIUM
+def test_numbers_sort_both_ways_and_what_is_infinite_or_missing_stands_last(table: Opened) -> None:
+    before = ids(table)
+    for way in ("descending", "ascending", "descending"):
+        table.button('th[data-name="R@5"]', "").click()
+        assert table.one('th[data-name="R@5"]').get_attribute("aria-sort") == way
+        values = column(table, "R@5")
+        assert values[-2:] == ["inf", ""]
+        numbers = [float(value) for value in values[:-2]]
+        assert numbers == sorted(numbers, reverse=way == "descending")
+        assert f"sorted by R@5, {way}" in table.one("#said").text
+    assert sorted(ids(table)) == sorted(before)
+
+
+@NEEDS_CHROMIUM
+def test_filters_hide_rows_and_a_scene_is_shown_instead_of_the_average(
+    table: Opened, sample: dict[str, Any]
+) -> None:
+    whole, average = len(ids(table)), column(table, "R@1")
+    table.choose("#filters", "Rows", "reported, not re-scored")
+    assert len(ids(table)) == 2
+    assert table.one("#said").text == "2 of 15 methods shown."
+    table.one("#filters button").click()
+    table.until(lambda: len(ids(table)) == whole)
+    rows = {row["id"]: row for row in sample["tables"][PROTOCOL]["rows"]}
+    for option, part in (
+        ("East (30 queries)", lambda row: row["scenes"]["east"]["recall@1"][0]),
+        ("fog (12 queries), few", lambda row: row["conditions"]["weather"]["recall@1"][0]),
+    ):
+        table.choose("#filters", "Numbers", option)
+        shown = dict(zip(ids(table), column(table, "R@1"), strict=True))
+        for name in ("method-0", "method-5"):
+            assert float(shown[name]) == round(100 * part(rows[name]), 2)
+    assert "few" in table.one("#results").get_attribute("class")
+    table.choose("#filters", "Numbers", "average over scenes")
+    assert sorted(column(table, "R@1")) == sorted(average)
+    table.choose("#filters", "Training data", "without gta-uav")
+    assert len(ids(table)) == 8  # who says nothing is not without it
+    table.one("input[name=name]").send_keys("MÉTHOD")
+    left, address = ids(table), table.driver.current_url
+    assert 0 < len(left) < 8
+    table.driver.get("about:blank")
+    table.driver.get(address)  # which keeps the filters
+    assert ids(table) == left
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.parametrize(("a", "b"), [(0, 1), (7, 2)])
+def test_a_comparison_shows_the_pairs_of_the_board(
+    opened: Opened, site: Path, sample: dict[str, Any], a: int, b: int
+) -> None:
+    made = sample["tables"][PROTOCOL]
+    pairs, rows = made["pairs"]["recall@1"], {row["id"]: row for row in made["rows"]}
+    names, upper = pairs["ids"], np.triu_indices(len(pairs["ids"]), 1)
+    at = list(zip(*upper, strict=True)).index((min(a, b), max(a, b)))
+    low, high, p, holm = (
+        float(np.frombuffer(zlib.decompress(base64.b64decode(pairs[key])), "<f4")[at])
+        for key in ("low", "high", "p", "p_holm")
+    )
+    if a > b:
+        low, high = -high, -low
+    visit(opened, site, f"{TABLE}compare.html#a={names[a]}&b={names[b]}")
+    cells = [cell.text for cell in opened.all("#overall tbody tr:first-child td")]
+    one, other = (rows[names[n]]["scores"]["recall@1"]["value"] for n in (a, b))
+    difference = f"{100 * (one - other):+.2f}".replace("-", "−")
+    assert cells[:3] == [f"{100 * one:.2f}", f"{100 * other:.2f}", difference]
+    assert cells[3] == f"{100 * low:+.2f} to {100 * high:+.2f}".replace("-", "−")
+    assert cells[5:7] == ["< 0.0001" if v < 0.00005 else f"{v:.4f}" for v in (p, holm)]
+    better = "A is better" if one > other else "B is better"
+    assert cells[7] == (better if holm <= 0.05 else "cannot be told apart")
+    runs = [f"runs/made/retrieval/{names[n]}/{rows[names[n]]['version']}" for n in (a, b)]
+    command = f"airzoo-bench compare {' '.join(runs)} --scene east"
+    assert opened.one("#command code:last-child").text == command
+
+
+@contextmanager
+def screen(page: Opened, width: int, scheme: str = "light", media: str = "") -> Iterator[None]:
+    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500}
+    page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    setting = {"media": media, "features": features}
+    page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", setting)
+    try:
+        yield
+    finally:
+        page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+
+
+# The width of the page, what sticks out of it at the right without a box to scroll in; and what
+# strangers' texts have run or loaded.
+SEEN = """
+const wide = document.documentElement.clientWidth;
+return [document.documentElement.scrollWidth - wide, [...document.querySelectorAll("main *")]
+  .filter((n) => { const b = n.getBoundingClientRect();
+    return b.width && (b.right > wide + 1 || b.left < -1) && !n.closest(".scroll, .sr, pre"); })
+  .map((n) => n.outerHTML.slice(0, 200)), window.caught || 0,
+  performance.getEntriesByType('resource').map((e) => e.name)]
+"""
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.parametrize(("width", "media"), [(320, ""), (1440, ""), (703, "print")])
+def test_no_page_is_wider_than_the_screen_or_runs_strangers_texts(
+    opened: Opened, site: Path, width: int, media: str
+) -> None:
+    with screen(opened, width, media=media):
+        for name in PAGES:
+            visit(opened, site, name)
+            assert opened.driver.execute_script(SEEN) == [0, [], 0, []], name
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_axe_finds_nothing(opened: Opened, site: Path, width: int, scheme: str) -> None:
+    place = Path(os.environ.get("AIRZOO_AXE", "node_modules/axe-core/axe.min.js"))
+    if not place.is_file():
+        pytest.skip("axe-core is not there: npm pack axe-core, and AIRZOO_AXE=.../axe.min.js")
+    with screen(opened, width, scheme):
+        for name in PAGES:
+            visit(opened, site, name)
+            opened.driver.execute_script(place.read_text(encoding="utf-8"))
+            found = opened.driver.execute_async_script(
+                "axe.run().then((r) => arguments[0](r.violations.map((v) =>"
+                " [v.id, v.impact, v.nodes.map((n) => n.html.slice(0, 200))])))"
+            )
+            assert found == [], name

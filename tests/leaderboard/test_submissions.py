@@ -1,0 +1,516 @@
+"""Submissions: names, submission.toml, the check of a folder, and ``airzoo-bench submit``."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import pty
+import re
+import select
+import shutil
+import subprocess
+import sys
+import tomllib
+import unicodedata
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import confusable_homoglyphs
+import pytest
+import tomli_w
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
+from airzoo_bench.leaderboard.checks import (
+    FETCHED,
+    check_pipeline,
+    check_submission,
+    size_of_tree,
+)
+from airzoo_bench.leaderboard.submission import (
+    Submission,
+    board_name,
+    plain_line,
+    read_submission,
+    shown_line,
+    skeleton,
+    submission_text,
+)
+from tests.leaderboard.made import (
+    ADA,
+    AUTHOR,
+    BOARD,
+    HOME,
+    PROTOCOL,
+    Command,
+    checked,
+    git,
+    only_error,
+    submission,
+    values,
+    write_submission,
+)
+from tests.statistics.support import made_method
+from tests.support import write_predictions
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+
+# --- names ---
+
+TAKEN = [
+    "SALAD",
+    "π³",
+    "MASt3R++",
+    "DINOv2-B",
+    "Δ-Net",
+    "Яндекс",
+    "北京大学",
+    "トヨタ",
+    "삼성",
+    "Łódź",
+    "R&D",
+]
+REFUSED = {
+    "S\u0410LAD": "two alphabets",
+    "SALAD\u202egnp": "U+202E RIGHT-TO-LEFT OVERRIDE, which is not shown",
+    "SAL\u200bAD": "U+200B ZERO WIDTH SPACE",
+    "SALAD\u3164": "U+3164 HANGUL FILLER",
+    "SALAD\ufe0f": "U+FE0F VARIATION SELECTOR-16",
+    "\x1b[31mSALAD": "U+001B",
+    "SALAD\n@maintainers": "U+000A",
+    "=HYPERLINK(1)": "'='",
+    "+1": "'+'",
+    "-1": "'-'",
+    "@team": "'@'",
+    "<b>SALAD</b>": "'<'",
+    "`SALAD`": "'`'",
+    "SA|LAD": "'|'",
+    r"\input{x}": r"'\\'",
+    "https://example.org": "'://'",
+    "www.example.org": "'www.'",
+    "javascript:x": "'javascript:'",
+    "Ame\u0301lie": "NFC",
+    "q\u0327\u030a\u030b": "more than 2 marks",
+    " SALAD": "blank at an end",
+    "SA  LAD": "two in a row",
+    "\U0001d412ALAD": "MATHEMATICAL BOLD CAPITAL S",
+    "\ua4e2\ua4ee\ua4e1\ua4ee\ua4d3": "LISU LETTER SA",
+    "\uff33ALAD": "FULLWIDTH LATIN CAPITAL LETTER S",
+    "***": "neither letter nor digit",
+}
+
+
+@pytest.mark.parametrize("name", [*TAKEN, *REFUSED], ids=ascii)
+def test_names_are_printable_and_of_one_script(name: str) -> None:
+    if name in TAKEN:
+        assert board_name(name) == name
+        return
+    with pytest.raises(ValueError, match=r"^(has|is)") as error:
+        board_name(name)
+    assert REFUSED[name] in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "alike"),
+    [
+        *(("SALAD", other, True) for other in ("Salad", "SA-LAD", "SALAD.", '"SALAD"', "(SALAD)")),
+        *(("SALAD", other, True) for other in ("SALAD,", "SALAD~")),
+        *(("VGG16", "VGGl6", True), ("Cornet", "Comet", True), ("LoFTR", "L0FTR", True)),
+        *(("Ame", "Amé", True), ("СОСА", "COCA", True), ("ΑΒΕΖ", "ABEZ", True)),
+        ("Net²", "Net2", True),
+        *(("SALAD", "SALAD+", False), ("v1.1", "v11", False), ("DUSt3R", "MASt3R", False)),
+        ("π3", "Pi3", False),
+    ],
+)
+def test_names_that_look_alike_are_found(one: str, other: str, alike: bool) -> None:
+    assert (skeleton(one) == skeleton(other)) == alike
+
+
+@pytest.mark.parametrize("before", ["", "Net"])
+def test_unicodes_lookalikes_of_ascii_are_refused_or_have_its_skeleton(before: str) -> None:
+    place = Path(confusable_homoglyphs.__file__).parent / "confusables.json"
+    pairs = [
+        (letter, other["c"])
+        for letter, others in json.loads(place.read_text(encoding="utf-8")).items()
+        if len(letter) == 1 and ord(letter) > 127 and unicodedata.name(letter, "")
+        for other in others
+        if other["c"].isascii() and other["c"].isalnum()
+    ]
+    taken = 0
+    assert len(pairs) > 1000
+    for letter, plain in pairs:
+        with suppress(ValueError):
+            board_name(before + letter)
+            taken += 1
+            assert skeleton(before + letter) == skeleton(before + plain), (letter, plain)
+    assert taken > 5
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_taken_or_refused_and_what_is_shown_is_harmless(text: str) -> None:
+    for rule in (plain_line, shown_line, board_name):
+        try:
+            taken = rule(text)
+        except ValueError as error:
+            taken = str(error)  # shown as well
+        assert taken.isprintable()
+        assert not any(unicodedata.bidirectional(c) in ("RLO", "LRO", "RLE", "LRE") for c in taken)
+
+
+# --- submission.toml ---
+
+
+def refusal(path: Path, text: str) -> str:
+    path.write_bytes(text.encode())
+    with pytest.raises(SubmissionError) as error:
+        read_submission(path)
+    return str(error.value)
+
+
+def test_what_is_written_is_read_again_and_a_board_keeps_no_contact(tmp_path: Path) -> None:
+    path, stated = tmp_path / "a.toml", submission(bibtex="@article{key,\n\ttitle = {Title}\n}")
+    path.write_text(submission_text(stated), encoding="utf-8")
+    assert read_submission(path) == stated
+    text = submission_text(stated.public())
+    assert "contact" not in text
+    assert "ada@example.org" not in text
+    path.write_text(text, encoding="utf-8")
+    assert read_submission(path, public=True) == stated.public()
+    assert "key 'contact' is missing" in refusal(path, text)
+
+
+TWO_PLACES = {"file": "p.npz", "url": "https://a.b/p", "sha256": "0" * 64, "bytes": 1}
+WRONG: dict[str, tuple[dict[str, Any] | str, str]] = {
+    "missing": ({"training_data": None}, "key 'training_data' is missing (such as"),
+    "unknown": ({"methd": "SALAD"}, "unknown key 'methd' (did you mean 'method'?)"),
+    "type": ({"method": 3}, "key 'method' is 3"),
+    "date": ({"date": "2026-11-22"}, "(such as date = 2026-11-22)"),
+    "contact": ({"contact": "Ada"}, "key 'contact' is 'Ada'"),
+    "http": ({"paper": "http://example.org"}, "key 'paper' is 'http://example.org'"),
+    "user": ({"code": "https://github.com@evil.example/"}, "without a user"),
+    "script": ({"weights": "javascript:x"}, "key 'weights'"),
+    "stages": ({"pipeline": {"stages": "two"}}, "key 'pipeline.stages' is 'two'"),
+    "two places": ({"predictions": TWO_PLACES}, "key 'predictions': either file or url"),
+    "ANSI": ({"team": "\x1b[2Jlab"}, "key 'team' is '\\x1b[2Jlab': has U+001B"),
+    "large": ("x" * 50_000_000, "too large for a submission file"),
+    "arrays": ("method = " + "[" * 15_000, "not valid TOML"),
+    "closed arrays": ("method = " + "[" * 300 + "]" * 300, "key 'method'"),
+    "tables": ("method = " + "{a=" * 5_000, "not valid TOML"),
+    "dotted key": ("method" + ".a" * 4_000 + " = 1", "key 'method'"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_each_mistake_is_named(kind: str, tmp_path: Path) -> None:
+    changes, said = WRONG[kind]
+    text = changes if isinstance(changes, str) else tomli_w.dumps(values(**changes))
+    message = refusal(tmp_path / "submission.toml", text)
+    assert said in message
+    assert message.replace("\n", "").isprintable()
+    assert len(message) < 2_000
+
+
+_ODD = ["=1", "<b>", "\x1b[31m", "\u202e", "../x", "https://a.b/c", "SALAD", "0" * 64]
+_LEAVES = st.text(max_size=20) | st.integers() | st.floats() | st.booleans() | st.dates()
+_TREES = st.recursive(
+    _LEAVES | st.sampled_from(_ODD),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=6,
+)
+_KEYS = st.sampled_from([*Submission.model_fields, "schema", "strange"])
+
+
+@given(st.dictionaries(_KEYS, _TREES, max_size=3))
+def test_any_values_are_refused_or_written_and_read_again(
+    tmp_path_factory: pytest.TempPathFactory, changes: dict[str, Any]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "fuzzed.toml"
+    path.write_bytes(tomli_w.dumps(values() | changes).encode())
+    with suppress(SubmissionError):
+        taken = read_submission(path)
+        again = Submission.model_validate(tomllib.loads(submission_text(taken)))
+        assert again.model_dump() == taken.model_dump()
+
+
+# --- the check of a folder ---
+
+
+@pytest.fixture
+def root(tmp_path: Path, data: Path) -> Path:
+    """Return a board to submit to."""
+    (tmp_path / "board").mkdir()
+    (tmp_path / "board" / BOARD_FILE).write_text(BOARD)
+    return tmp_path / "board"
+
+
+def write_limits(root: Path, limits: str) -> None:
+    """Give a board limits."""
+    (root / BOARD_FILE).write_text(BOARD.replace("[[", f"[limits]\n{limits}\n[[", 1))
+
+
+def test_a_sound_submission_has_no_fault(root: Path, data: Path, perfect: Any) -> None:
+    found = checked(write_submission(root, perfect), data)
+    assert (found.errors, found.warnings) == ([], [])
+    assert found.predictions == found.folder / "preds.npz"
+
+
+def _deep(home: Path) -> None:
+    (home / "a/b/c/d/e/f/g/h").mkdir(parents=True)
+    (home / "a/b/c/d/e/f/g/h/x").touch()
+
+
+def _change(home: Path, content: Callable[[bytes], bytes]) -> None:
+    (home / "preds.npz").write_bytes(content((home / "preds.npz").read_bytes()))
+
+
+FILES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "link": (lambda home: (home / "link").symlink_to("/etc/passwd"), "is no file: a link"),
+    "link to a folder": (lambda home: (home / "up").symlink_to(".."), "is no file: a link"),
+    "pipe": (lambda home: os.mkfifo(home / "pipe"), "a pipe or a device"),
+    "hidden": (lambda home: (home / ".env").touch(), "not plain"),
+    "executable": (lambda home: (home / "preds.npz").chmod(0o755), "executable"),
+    "case": (lambda home: (home / "Preds.npz").touch(), "only in case"),
+    "deep": (_deep, "more than 12 folders"),
+    "strange": (lambda home: (home / "notes.txt").touch(), "does not name"),
+    "no predictions": (lambda home: (home / "preds.npz").unlink(), "'predictions.file'"),
+    "other bytes": (lambda h: _change(h, lambda c: c[:-1] + bytes([c[-1] ^ 1])), ".sha256'"),
+    "more bytes": (lambda home: _change(home, lambda c: c + b"x"), "'predictions.bytes'"),
+    "no submission": (lambda home: (home / "submission.toml").unlink(), "no such submission file"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_that_ci_refuses(root: Path, data: Path, perfect: Any, name: str) -> None:
+    home = write_submission(root, perfect)
+    change, said = FILES[name]
+    change(home)
+    assert said in only_error(checked(home, data))
+
+
+STATED: dict[str, tuple[str, dict[str, Any], str]] = {
+    "unknown benchmark": ("mad/retrieval/salad", {}, "'made'"),
+    "another track": ("made/matching/salad", {}, "the folder is of matching of made"),
+    "a device of Windows": ("made/retrieval/nul", {}, "no place for a submission"),
+    "another protocol": (
+        "made/retrieval/salad", {"protocol": "uav-visloc-retrieval"}, "does not score made",
+    ),
+    "a path as protocol": ("made/retrieval/salad", {"protocol": "own.toml"}, "does not score made"),
+    "a date to come": (
+        "made/retrieval/salad", {"date": datetime.date(9999, 12, 31)}, "'date' is 9999-12-31",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_statements_that_ci_refuses(
+    root: Path, data: Path, perfect: Any, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, changes, said = STATED[name]
+    monkeypatch.chdir(root)
+    (root / "own.toml").write_text("x", encoding="utf-8")
+    home, moved = write_submission(root, perfect, **changes), root / "submissions" / place
+    moved.parent.mkdir(parents=True, exist_ok=True)
+    shutil.move(home, moved)
+    assert said in only_error(checked(moved, data))
+
+
+def test_predictions_are_held_to_the_benchmark(root: Path, data: Path, perfect: Any) -> None:
+    perfect["ranked_ids"][0][1] = perfect["ranked_ids"][0][0]
+    home = write_submission(root, perfect)
+    assert "each tile once a query" in only_error(checked(home, data))
+    write_limits(root, "committed_bytes = 1000")
+    assert "at most 1,000 bytes" in only_error(checked(home, data))
+
+
+def by_address(root: Path, perfect: Any, **changes: Any) -> tuple[Path, dict[str, Any], Path]:
+    """Write a submission whose predictions are elsewhere; return it, what it states, and them."""
+    file = write_predictions(root / "preds.npz", PROTOCOL, **perfect)
+    given = {"url": "https://example.org/preds.npz", "bytes": file.stat().st_size}
+    given |= {"sha256": sha256_of_tree(file)} | changes
+    home = write_submission(root, perfect, predictions=given)
+    (home / "preds.npz").unlink()
+    return home, given, file
+
+
+def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
+    root: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home, stated, file = by_address(root, perfect)
+    asked = []
+
+    def fetch(url: str, into: Path, *, size: int, sha256: str, seconds: float) -> Path:
+        asked.append((url, size, sha256))
+        into.mkdir(parents=True)
+        (into / ".preds.npz.part").touch()
+        return Path(shutil.copy(file, into))
+
+    monkeypatch.setattr("airzoo_bench.leaderboard.checks.fetch", fetch)
+    assert checked(home, data).predictions is None
+    for seconds in (1.0, 0.0):
+        found = checked(home, data, seconds)
+        assert not found.errors
+        assert found.predictions is not None
+        assert found.predictions.is_relative_to(data / FETCHED)
+    assert asked == [(stated["url"], stated["bytes"], stated["sha256"])]
+    write_limits(root, "url_bytes = 100")
+    assert "at most 100" in only_error(checked(home, data))
+
+
+def test_an_address_that_is_never_fetched_is_refused_before(
+    root: Path, data: Path, perfect: Any
+) -> None:
+    home = by_address(root, perfect, url="https://169.254.169.254/preds.npz")[0]
+    assert "https://HOST/PATH" in only_error(checked(home, data))
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "warning"),
+    [
+        ({"method": "Salad", "team": "Other"}, "'Salad', which looks like 'SALAD'", ""),
+        ({"method": "New", "team": "Example Iab"}, "which looks like 'Example Lab'", ""),
+        ({}, "has a method 'SALAD' here already, in salad", ""),
+        ({"method": "S-A-L-A-D"}, "a method 'SALAD' here already, in salad", ""),
+        ({"method": "Mine", "team": "Other"}, "", "to the last byte those of 'SALAD'"),
+        ({"team": "Other"}, "", "'SALAD' is on this board already, of team 'Example Lab'"),
+        ({"team": "Other", "method": "Net (official)"}, "", "says that it is official"),
+        ({"supersedes": "nothing", "method": "Newer"}, "", "'supersedes' is ignored"),
+    ],
+)
+def test_names_and_predictions_that_are_there_already(
+    root: Path, data: Path, perfect: Any, changes: dict[str, Any], error: str, warning: str
+) -> None:
+    write_submission(root, perfect)
+    home = write_submission(root, perfect, "second", **changes)
+    if "supersedes" in changes:  # as earlier submissions have it
+        toml = home / "submission.toml"
+        toml.write_text('supersedes = "nothing"\n' + toml.read_text())
+    found = checked(home, data)
+    if error:
+        assert error in only_error(found)
+    else:
+        assert not found.errors
+        assert any(warning in one for one in found.warnings)
+
+
+def test_poses_that_are_the_prior_belong_to_its_class() -> None:
+    result = made_method({"east": {"recall@1": [1.0] * 10}}).result
+    counts = {scene: c | {"near_prior": 2} for scene, c in result.counts.items()}
+    result = result.model_copy(update={"counts": counts})
+    with pytest.raises(SubmissionError, match="2 of 10 poses are the photo's own prior"):
+        check_pipeline(submission(), result)
+    check_pipeline(submission(pipeline={"stages": "single-stage", "uses": ["prior"]}), result)
+
+
+def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> None:
+    """Those on AirZoo-Mini are scored where it is made: tests/datasets/mini/test_submissions.py."""
+    board, known = read_board(CHECKOUT / BOARD_FILE), known_submissions(CHECKOUT)
+    assert {place.benchmark for place in known} >= {"airzoo-demo", "airzoo-mini"}
+    for place in known:
+        found = check_submission(CHECKOUT / place.path, board, tmp_path, known=known)
+        assert not found.errors
+        if place.benchmark == "airzoo-demo":
+            assert found.score(tmp_path, Run()).result.counts["city"]["near_prior"] == 0
+    assert size_of_tree(CHECKOUT / "submissions") < 1_500_000
+
+
+# --- submit ---
+
+OPTIONS = [
+    *("--method", "SALAD", "--team", "Example Lab", "--contact", "ada@example.org"),
+    *("--author", "Ada Example", "--author", "Grace Example", "--licence", "CC-BY-4.0"),
+    *("--training-data", "none", "--stages", "single-stage", "--set", f"account={ADA}"),
+]
+FOLDER = f"{HOME}/salad"
+
+
+@pytest.fixture
+def clone(root: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a clone of a board, which is the current folder."""
+    for name, value in AUTHOR.items():
+        monkeypatch.setenv(name, value)
+    git(root, "init", "--quiet", "-b", "main")
+    git(root, "add", "-A")
+    git(root, "commit", "--quiet", "-m", "A board")
+    monkeypatch.chdir(root)
+    return root
+
+
+@pytest.fixture
+def preds(tmp_path: Path, perfect: Any) -> Path:
+    return write_predictions(tmp_path / "preds.npz", PROTOCOL, **perfect)
+
+
+def test_one_command_makes_a_branch_with_the_checked_folder(
+    clone: Path, preds: Path, command: Command
+) -> None:
+    more = ("--set", 'pipeline.uses=["prior"]', "--set", "code=https://example.org/salad")
+    made = command("submit", preds, *OPTIONS, *more)
+    assert made.exit_code == 0, made.output
+    assert "checked and scored, nothing wrong" in made.stdout
+    steps = ["git push -u origin submit-salad", "gh pr create --fill"]
+    assert made.stdout.splitlines()[-2:] == steps
+    assert git(clone, "branch", "--show-current") == "submit-salad"
+    changed = git(clone, "show", "--name-only", "--format=%s").splitlines()
+    names = ("preds.npz", "submission.toml")
+    assert changed == ["SALAD on made, retrieval", "", *(f"{FOLDER}/{name}" for name in names)]
+    stated = read_submission(clone / FOLDER / "submission.toml")
+    assert (stated.protocol, stated.account, stated.training_data) == (PROTOCOL, ADA, ())
+    assert stated.pipeline.uses == ("prior",)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (OPTIONS[:2], "--team, --contact, --author, --licence, --training-data, --stages"),
+        ([*OPTIONS, "--protocol", "made-retrieva"], "did you mean 'made-retrieval'"),
+        ([*OPTIONS, "--set", "paper"], "is no key with a value"),
+        ([*OPTIONS, "--set", "papr=https://a.org"], "papr"),
+        ([*OPTIONS, "--url", "ftp://a.org/p.npz"], "https"),
+    ],
+)
+def test_options_that_are_wrong(
+    clone: Path, preds: Path, command: Command, options: list[str], said: str
+) -> None:
+    made = command("submit", preds, *options)
+    assert made.exit_code != 0
+    assert said in str(made.exception) + made.output
+    assert not (clone / "submissions").exists()
+
+
+def test_an_earlier_version_is_replaced_only_by_force(
+    clone: Path, preds: Path, command: Command
+) -> None:
+    url = ("--url", "https://example.org/preds.npz")
+    made = command("submit", preds, *OPTIONS, "--no-commit", *url)  # which is not copied
+    assert made.exit_code == 0, made.output
+    assert [path.name for path in (clone / FOLDER).iterdir()] == ["submission.toml"]
+    stated = read_submission(clone / FOLDER / "submission.toml").predictions
+    assert (stated.url, stated.size) == (url[1], preds.stat().st_size)
+    assert "--force" in str(command("submit", preds, *OPTIONS).exception)
+    again = command("submit", preds, *OPTIONS, "--force", "--set", "summary=Newer")
+    assert again.exit_code == 0
+    assert read_submission(clone / FOLDER / "submission.toml").summary == "Newer"
+
+
+def test_eight_questions_at_most_on_a_terminal(clone: Path, preds: Path) -> None:
+    leader, follower = pty.openpty()
+    call = [sys.executable, "-m", "airzoo_bench", "submit", preds, "--no-commit"]
+    child = subprocess.Popen(call, cwd=clone, stdin=follower, stdout=follower, stderr=follower)
+    os.close(follower)
+    given = ("SALAD", "Example Lab", "nobody", "ada@example.org", "Ada Example", "CC-BY-4.0")
+    answers, said = iter((*given, "none", "single-stage")), ""
+    with suppress(OSError):  # the child has closed its end
+        while select.select([leader], [], [], 60)[0]:
+            said += os.read(leader, 4096).decode()
+            if re.search(r"\n[a-z_]+: $", said):
+                os.write(leader, f"{next(answers, '')}\n".encode())
+    assert child.wait(60) == 0, said
+    assert "an e-mail address" in said  # asked again
+    assert read_submission(clone / FOLDER / "submission.toml").method == "SALAD"

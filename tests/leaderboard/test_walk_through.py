@@ -1,0 +1,242 @@
+"""A board from nothing to a page, by real git: submit, pull request, comment, merge, board."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from airzoo_bench.core import sandbox
+from airzoo_bench.evaluation import opening
+from airzoo_bench.leaderboard.checks import CheckedSubmission
+from airzoo_bench.leaderboard.git import BoardError
+from tests.leaderboard.made import (
+    ADA,
+    BOARD,
+    BOB,
+    HOME,
+    MAINTAINER,
+    PROTOCOL,
+    Board,
+    files_of,
+    git,
+    worse,
+    write_event,
+)
+from tests.support import MadeScene, made_protocol, run_main, write_benchmark
+
+Arrays = dict[str, list[Any]]
+SALAD = "runs/made/retrieval/salad"
+
+
+def test_from_an_empty_repository_to_a_board(board: Board, perfect: Arrays) -> None:
+    fork = board.clone("ada")
+    board.submit(fork, worse(perfect), "Salad")
+    head = board.propose(fork, 1)
+    comment = board.ci(1, head)
+    assert "### `Salad` by `Example Lab`" in comment
+    assert "Rank **1** of 1" in comment
+    assert "| `Scene east` | 6 |" in comment
+    assert f"--match-head-commit {head}" in comment
+    assert "ada@example.org" not in comment
+    board.merge(1, head)
+    site = files_of(board.build(said="scored"))
+    assert b"Salad" in site["index.html"]
+    assert not [name for name, content in site.items() if b"ada@example.org" in content]
+    assert "contact" not in board.data_file(f"{SALAD}/1/submission.toml")
+    assert json.loads(board.data_file(f"{SALAD}/1/run.json"))["version"]
+
+    # Nothing is scored twice, and the pages are the same to the last byte.
+    tip = board.hosted.resolve("leaderboard-data")
+    assert files_of(board.build(said="")) == site
+    assert board.hosted.resolve("leaderboard-data") == tip
+
+    # The next version of the same account says what has changed; another account may not.
+    git(fork, "fetch", "--quiet", "origin")
+    git(fork, "reset", "--quiet", "--hard", "origin/main")
+    board.submit(fork, perfect, "Salad", "--force")
+    head = board.propose(fork, 2)
+    assert "belongs to another account" in board.ci(2, head, BOB, code=1)
+    comment = board.ci(2, head)
+    assert "Changed since the last version" in comment
+    assert "→ 100.00" in comment
+    board.merge(2, head)
+    board.step("keep", board.rescore())
+    assert json.loads(board.data_file(f"{SALAD}/2/run.json"))["tree"]
+
+    # A second method is placed beside the first; anybody can write a team's name.
+    other = board.clone("bob")
+    board.submit(other, worse(perfect), "Vinegar", "--team", "Other Lab", account=BOB)
+    comment = board.ci(3, board.propose(other, 3), BOB)
+    assert "of 2 by" in comment
+    assert "Not told apart from `Salad`" in comment
+    board.submit(other, perfect, "Vinegar", "--force", account=BOB)
+    comment = board.ci(3, board.propose(other, 3), BOB)
+    assert "team 'Example Lab' is on the board with salad, by another account" in comment
+
+    # Answers that are another team's are told, whatever file they come in.
+    copied = {name: rows[::-1] for name, rows in perfect.items()}
+    board.submit(other, copied, "Vinegar", "--force", "--team", "Other Lab", account=BOB)
+    comment = board.ci(3, board.propose(other, 3), BOB)
+    assert "100 % of the records are those of 'Salad' of team 'Example Lab'" in comment
+
+
+def test_a_withdrawn_submission_leaves_the_board_and_keeps_its_owner(
+    board: Board, perfect: Arrays
+) -> None:
+    fork = board.clone("ada")
+    board.submit(fork, perfect, "Salad")
+    board.merge(1, board.propose(fork, 1))
+    board.build()
+    git(fork, "fetch", "--quiet", "origin")
+    git(fork, "reset", "--quiet", "--hard", "origin/main")
+    git(fork, "rm", "-r", "--quiet", f"{HOME}/salad")
+    head = board.propose(fork, 2)
+    assert "is withdrawn" in board.ci(2, head)
+    assert "belongs to another account" in board.ci(2, head, BOB, code=1)
+    board.merge(2, head)
+    assert not list(board.rescore().rglob("run.json"))
+    assert board.data_file(f"{SALAD}/1/run.json")
+    other = board.clone("bob")
+    board.submit(other, perfect, "Salad", "--team", "Other Lab", account=BOB)
+    assert "belongs to another account" in board.ci(3, board.propose(other, 3), BOB, code=1)
+
+
+def test_new_words_on_the_same_predictions_keep_their_scores(
+    board: Board, perfect: Arrays, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board.submit(board.main, perfect, "Salad")
+    board.push_main("One")
+    board.step("keep", board.rescore())
+    board.submit(board.main, perfect, "Salad", "--force", "--set", "summary=Other words")
+    board.push_main("Other words")
+    monkeypatch.setattr(CheckedSubmission, "score", None)
+    board.step("keep", board.rescore(said="new words, the same scores"))
+    assert "Other words" in board.data_file(f"{SALAD}/1/submission.toml")
+    assert board.rescore(said="")
+
+
+def test_a_run_of_an_earlier_truth_or_protocol_is_scored_again(
+    board: Board, data: Path, scenes: list[MadeScene], perfect: Arrays
+) -> None:
+    board.submit(board.main, perfect, "Salad")
+    board.push_main("One")
+    board.build()
+    protocol = data / f"made/protocols/{PROTOCOL}.toml"
+    text = protocol.read_text()
+    protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
+    again = board.rescore(said="scored again")
+    assert sorted(path.name for path in again.glob(f"{SALAD}/*")) == ["1", "2"]
+    protocol.write_text(text)
+    shutil.rmtree(data / "made")
+    first = [[(tile + 1) % scenes[0].n_tiles for tile in found] for found in scenes[0].positives]
+    changed = [replace(scenes[0], positives=first), *scenes[1:]]
+    write_benchmark(data / "made", made_protocol(changed), changed)
+    site = board.build(said="scored again")
+    rows = json.loads((site / "board.json").read_text())["tables"][PROTOCOL]["rows"]
+    [row] = [row for row in rows if row["kind"] == "re-scored"]
+    assert (row["version"], [one["number"] for one in row["history"]]) == (2, [2, 1])
+    board.rescore(said="")
+
+
+def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
+    board: Board, perfect: Arrays
+) -> None:
+    """Of two names that look alike the one that has a run stays."""
+    board.submit(board.main, perfect, "Salad", account=1)
+    board.push_main("Salad")
+    board.step("keep", board.rescore())
+    broken = board.submit(board.main, worse(perfect), "Aaa", "--team", "Team A", account=2)
+    (broken / "link").symlink_to("/etc/passwd")
+    alike = board.submit(board.main, perfect, "Cress", "--team", "Team C", account=3)
+    toml = alike / "submission.toml"
+    toml.write_text(toml.read_text().replace('"Cress"', '"S-A-L-A-D"'))
+    (board.main / HOME / "whole").symlink_to("salad")
+    board.submit(board.main, worse(perfect), "Sound", "--team", "Team S", account=4)
+    board.push_main("By hand")
+    data = board.rescore(code=1, said="which looks like 'Salad' on this board")
+    runs = sorted(path.parent.name for path in data.glob("runs/made/retrieval/*/1"))
+    assert runs == ["salad", "sound"]
+    faults = {p.parent.name: p.read_text() for p in data.glob("runs/made/retrieval/*/fault.txt")}
+    assert sorted(faults) == ["aaa", "cress"]
+    assert "link" in faults["aaa"]
+    board.step("keep", data)
+    assert "fault" not in git(
+        board.hosted.folder, "ls-tree", "-r", "--name-only", "leaderboard-data"
+    )
+
+
+@pytest.mark.slow
+def test_a_job_that_breaks_off_has_all_older_runs(
+    board: Board, perfect: Arrays, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A board is built of the runs that are there, however far scoring came."""
+    board.submit(board.main, perfect, "Salad")
+    board.push_main("One")
+    board.step("keep", board.rescore())
+    board.submit(board.main, worse(perfect), "Aaa")
+    board.push_main("Another, which comes first")
+
+    def broken(*_: Any, **__: Any) -> None:
+        raise BoardError("no space left")
+
+    monkeypatch.setattr(CheckedSubmission, "score", broken)
+    done = board.step("score", "--out", board.home / "broken", code=1)
+    assert isinstance(done.exception, BoardError)
+    assert [p.name for p in (board.home / "broken").glob("runs/made/retrieval/*")] == ["salad"]
+
+
+def test_no_account_fills_a_table_or_enters_as_another(board: Board, perfect: Arrays) -> None:
+    """Every two of a table are compared: clones would weaken what is found of all others."""
+    (board.main / "leaderboard.toml").write_text(
+        BOARD.replace("[[benchmarks]]", "[limits]\nentries = 1\n[[benchmarks]]", 1)
+    )
+    board.submit(board.main, perfect, "Salad")
+    board.push_main("One each")
+    newer = board.clone("newer")
+    board.submit(newer, worse(perfect), "Cress")
+    head = board.propose(newer, 2)
+    refused = board.ci(2, head, ADA, code=1)
+    assert "this account has 1 submission in this table already" in refused
+    assert f"write account = {BOB}" in board.ci(2, head, BOB, code=1)
+    assert "is refused" not in board.ci(2, head, MAINTAINER)
+
+
+def test_strangers_predictions_are_read_in_a_child_under_limits(
+    board: Board, perfect: Arrays, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board.submit(board.main, perfect, "Baseline", account=MAINTAINER)
+    board.push_main("The baseline")
+    children: list[object] = []
+    call = sandbox.call_limited
+    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
+    monkeypatch.setattr(
+        opening, "call_limited", lambda *given, **more: children.append(1) or call(*given, **more)
+    )
+    assert list(board.rescore().glob("runs/made/retrieval/baseline/1/run.json"))
+    assert children
+
+
+@pytest.mark.parametrize("fault", ["event", "board", "remote", "work"])
+def test_faults_of_the_board_are_none_of_a_submission(
+    board: Board, tmp_path: Path, fault: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head = board.hosted.commit(board.hosted.resolve(), {f"{HOME}/x/submission.toml": b"x"})
+    event = write_event(tmp_path / "event.json", 1, board.hosted.pull(1, head), ADA)
+    work, remote = tmp_path / "work", board.hosted.folder
+    if fault == "event":
+        event.write_text("{}")
+    if fault == "board":
+        (board.main / "leaderboard.toml").write_text("schema = 9\n")
+    if fault == "remote":
+        remote = tmp_path / "nowhere.git"
+    if fault == "work":
+        (work / "submissions").mkdir(parents=True)
+    call = ("leaderboard", "score", "--event", event, "--remote", remote, "--root", board.main)
+    assert run_main(*call, "--work", work, "--out", tmp_path / "found.json") == 2
+    assert not (tmp_path / "found.json").exists()
+    assert capsys.readouterr().err.count("airzoo-bench: ") == 1
