@@ -188,10 +188,10 @@ def test_what_is_written_is_read_again_and_a_board_keeps_no_contact(tmp_path: Pa
 
 TWO_PLACES = {"file": "p.npz", "url": "https://a.b/p", "sha256": "0" * 64, "bytes": 1}
 WRONG: dict[str, tuple[dict[str, Any] | str, str]] = {
-    "missing": ({"training_data": None}, "key 'training_data' is missing (such as"),
+    "missing": ({"training_data": None}, "key 'training_data' is missing"),
     "unknown": ({"methd": "SALAD"}, "unknown key 'methd' (did you mean 'method'?)"),
     "type": ({"method": 3}, "key 'method' is 3"),
-    "date": ({"date": "2026-11-22"}, "(such as date = 2026-11-22)"),
+    "date": ({"date": "2026-11-22"}, "key 'date' is '2026-11-22'"),
     "contact": ({"contact": "Ada"}, "key 'contact' is 'Ada'"),
     "http": ({"paper": "http://example.org"}, "key 'paper' is 'http://example.org'"),
     "user": ({"code": "https://github.com@evil.example/"}, "without a user"),
