@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from airzoo_bench.cli.common import Format, FormatOption, progress, put, say, show
+from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def audit(
             "table, benchmark, track, unit, n, bold, gain."
         ),
     ],
-    form: FormatOption = Format.TERMINAL,
+    form: cli.FormatOption = cli.Format.TERMINAL,
     counts: Annotated[
         list[str] | None,
         typer.Option(
@@ -40,6 +40,10 @@ def audit(
 
     The first line is 'method,scene,metric,value', each further line a number as printed, such as
     'X,City,R@1,8.70', with its trailing zeros. See docs/audit.md.
+
+    Example: airzoo-bench audit table.csv
+
+    Example: airzoo-bench audit table.csv --counts City=161,Rural=190 --format markdown
     """
     from airzoo_bench.audit.audit import audit as audit_published
     from airzoo_bench.audit.counts import parse_counts
@@ -48,11 +52,11 @@ def audit(
 
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given)
-    if form is Format.TERMINAL:
+    if form is cli.Format.TERMINAL:
         width = shutil.get_terminal_size((80, 24)).columns
-        put(audit_text(done, width, styled=sys.stdout.isatty()))
+        cli.put(audit_text(done, width, styled=sys.stdout.isatty()))
     else:
-        show(audit_table(done), form)
+        cli.show(audit_table(done), form)
     if done.failed:
         raise typer.Exit(1)
 
@@ -87,9 +91,12 @@ def check_geometry(
     median_below: Annotated[
         float, typer.Option(min=0.0, help="Limit of the median relative depth error.")
     ] = 0.00066,
-    form: FormatOption = Format.TERMINAL,
+    form: cli.FormatOption = cli.Format.TERMINAL,
 ) -> None:
-    """Check frames and depth of a dataset. Exit code 1 if something is wrong."""
+    """Check frames and depth of a dataset. Exit code 1 if something is wrong.
+
+    Example: airzoo-bench check-geometry airzoo-mini --format json
+    """
     from airzoo_bench.datasets.geometry_checks import scenes
     from airzoo_bench.datasets.geometry_checks.report import geometry_table
 
@@ -99,7 +106,7 @@ def check_geometry(
     if data is not None and (poses, images, crs) == (None, None, None):
         found = scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene, measured=True)
     elif data is None and scene is None and poses is not None and images is not None:
-        found = [scenes.scene_from_poses(poses, images, crs, progress)]
+        found = [scenes.scene_from_poses(poses, images, crs, cli.progress)]
     else:
         raise UsageError(
             "what is to be checked is not clear",
@@ -109,11 +116,11 @@ def check_geometry(
     sampling = {"kind": depth_kind, "scale_m": depth_scale, "median_below": median_below}
     checked = [_checked(one, depth, sampling) for one in found]
     passes = not any(one.failures for one in checked)
-    if form is Format.JSON:
+    if form is cli.Format.JSON:
         values = {"passes": passes, "scenes": [one.values for one in checked]}
-        put(json.dumps(values, indent=1, allow_nan=False) + "\n")
+        cli.put(json.dumps(values, indent=1, allow_nan=False) + "\n")
     else:
-        show(geometry_table(checked), form)
+        cli.show(geometry_table(checked), form)
     if not passes:
         raise typer.Exit(1)
 
@@ -138,7 +145,7 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
     found = None
     if has_depth:
         paths = find_depths(folder, scene.images)
-        found = check_depth_consistency(scene, paths, **sampling, progress=progress)
+        found = check_depth_consistency(scene, paths, **sampling, progress=cli.progress)
     return SceneGeometry(scene, chain, found)
 
 
@@ -148,18 +155,20 @@ def check_split(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="CSV of all pairs that overlap.")
     ] = None,
-    form: FormatOption = Format.TERMINAL,
+    form: cli.FormatOption = cli.Format.TERMINAL,
 ) -> None:
     """Check that photos of two sets see no common ground.
 
     Exit code 1 if some do; the pairs are named.
+
+    Example: airzoo-bench check-split training-set airzoo-mini --out overlaps.csv
     """
     from airzoo_bench.datasets.geometry_checks import splits
 
     sets = [splits.read_footprints(place, _MOST_M) for place in (train, test)]
-    found = splits.compare_splits(*sets, csv=out, progress=progress)
-    show(splits.split_table(found), form)
+    found = splits.compare_splits(*sets, csv=out, progress=cli.progress)
+    cli.show(splits.split_table(found), form)
     if out is not None:
-        say(f"wrote {out}")
+        cli.say(f"wrote {out}")
     if not found.passes:
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""Options, help, printing and progress of several commands."""
+"""Options, help and places of several commands, and what they print."""
 
 from __future__ import annotations
 
@@ -11,22 +11,28 @@ from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeAlias, TypeVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import data_location, data_root
 from airzoo_bench.core.progress import report_progress
+from airzoo_bench.storage.urls import is_url, local_path
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
 
 T = TypeVar("T")
+Text: TypeAlias = str | None
+Texts: TypeAlias = list[str] | None
+File: TypeAlias = Path | None
 
 _OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
-_SCALE = ("jobs", "max_memory", "untrusted", "engine", "resume")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
+ROWS, _SCALE = "Rows and columns", "For scale"
+_FEW = 10  # options that need no panels
 
 
 class Format(StrEnum):
@@ -40,80 +46,111 @@ class Format(StrEnum):
     JSON = "json"
 
 
-FormatOption = Annotated[Format, typer.Option("--format", "-f", help="How to print the table.")]
-ProtocolOption = Annotated[
-    str | None,
-    typer.Option("--protocol", help="Name or .toml file (default: what the file itself names)."),
+class Layout(StrEnum):
+    """How a table lays out results."""
+
+    RESULT = "result"
+    METHODS = "methods"
+    SCENES = "scenes"
+    BENCHMARKS = "benchmarks"
+
+
+def option(help_: str, *flags: str, panel: str | None = None, **more: Any) -> Any:
+    """Describe an option, in a panel of the help of commands that have many."""
+    return typer.Option(*flags, help=help_, rich_help_panel=panel, **more)
+
+
+FormatOption = Annotated[
+    Format, option("How to print the table.", "--format", "-f", panel="Output")
 ]
-MemoryOption = Annotated[
-    str,
-    typer.Option(
-        "--max-memory",
-        help="Memory that a file may take, such as 512M or 4G; also the limit of a Dask worker.",
+ProtocolOption = Annotated[
+    Text, option("Name or .toml file (default: what the file itself names).", panel="Input")
+]
+DataOption = Annotated[
+    Text,
+    option(
+        "The benchmark folder, the folder that holds it, or the URL of either, such as "
+        "s3://bucket/name (default: $AIRZOO_BENCH_DATA, else a cache folder).",
+        *("--data",),
+        metavar="PATH|URL",
+        panel="Input",
     ),
 ]
 ReaderOption = Annotated[
-    str | None,
-    typer.Option(
-        "--reader",
-        help="Reader of a method's own files (default: found by their content); "
+    Text,
+    option(
+        "Reader of a method's own files (default: found by their content); "
         "`airzoo-bench readers` lists all.",
+        panel="Input",
     ),
 ]
 NamesOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--names",
-        help="A list of images, one a line, in the method's order, for files that do not name "
-        "them.",
+    File,
+    option(
+        "A list of images, one a line, in the method's order, for files that do not name them.",
+        panel="Input",
+    ),
+]
+ImageSizeOption = Annotated[
+    Text,
+    option(
+        "Size of the matcher's pictures, such as 640x480, for files that do not state it, such "
+        "as SuperGlue's.",
+        metavar="WxH",
+        panel="Input",
+    ),
+]
+SceneOption = Annotated[Text, option("This scene only, by id or title.")]
+ScoresOption = Annotated[
+    Texts,
+    option("Key or title, repeatable (default: the paper's scores).", "--score", panel=ROWS),
+]
+AllOption = Annotated[bool, option("Print every score, not only the paper's.", "--all", panel=ROWS)]
+JobsOption = Annotated[
+    int | None,
+    option(
+        "Threads or processes to work with (default: one or two).",
+        *("--jobs", "-j"),
+        panel=_SCALE,
+        min=1,
+        max=1024,
+    ),
+]
+EngineOption = Annotated[
+    str,
+    option(
+        "Where to compute, with the same result: here; on --jobs Dask workers of this machine "
+        "(extra `dask`); or by a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers must "
+        "see all files under the same paths.",
+        metavar="local|dask|ADDRESS",
+        panel=_SCALE,
+    ),
+]
+MemoryOption = Annotated[
+    str,
+    option(
+        "Memory that a file may take, such as 512M or 4G; also the limit of a Dask worker.",
+        panel=_SCALE,
     ),
 ]
 UntrustedOption = Annotated[
     bool,
-    typer.Option(
+    option(
+        "Read a stranger's predictions in a child process under limits of memory, processor time "
+        "and clock. These are limits, not isolation. Linux only.",
         "--untrusted",
-        help="Read a stranger's predictions in a child process under limits of memory, processor "
-        "time and clock. These are limits, not isolation. Linux only.",
+        panel=_SCALE,
     ),
 ]
-ImageSizeOption = Annotated[
-    str | None,
-    typer.Option(
-        "--image-size",
-        metavar="WxH",
-        help="Size of the matcher's pictures, such as 640x480, for files that do not state it, "
-        "such as SuperGlue's.",
+ResultsArgument = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="RESULTS", help="One or more result.json, or their folders: paths or URLs."
     ),
 ]
-SceneOption = Annotated[
-    str | None, typer.Option("--scene", help="This scene only, by id or title.")
-]
-ScoresOption = Annotated[
-    list[str] | None,
-    typer.Option("--score", help="Key or title, repeatable (default: the paper's scores)."),
-]
-AllOption = Annotated[bool, typer.Option("--all", help="Print every score, not only the paper's.")]
-EngineOption = Annotated[
-    str,
-    typer.Option(
-        "--engine",
-        metavar="local|dask|ADDRESS",
-        help="Where to compute, with the same result: here; on --jobs Dask workers of this "
-        "machine (extra `dask`); or by a Dask scheduler, such as tcp://10.0.0.5:8786, whose "
-        "workers must see all files under the same paths.",
-    ),
-]
-ResumeOption = Annotated[
-    bool,
-    typer.Option(
-        "--resume",
-        help="Keep each scored scene, and continue from scenes kept by an earlier run with this "
-        "--out and --resume.",
-    ),
-]
-JobsOption = Annotated[
-    int, typer.Option("--jobs", "-j", min=1, max=1024, help="Threads or processes to work with.")
-]
+
+
+# --- help ---
 
 
 class LightGroup(TyperGroup):
@@ -127,18 +164,49 @@ class LightGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command of a name; refuse an unknown one, or a path in its place."""
-        names, given = self.list_commands(ctx), args[0]
-        if given in names or given.startswith("-"):
-            return super().resolve_command(ctx, args)
-        from airzoo_bench.core.validation import nearest
+        """Return the command of a name; refuse an unknown one."""
+        if not args[0].startswith("-"):
+            check_choice(ctx.command_path, args[0], self.list_commands(ctx))
+        return super().resolve_command(ctx, args)
 
-        is_path = Path(given).exists() or Path(given).suffix in _OF_FILES
-        raise UsageError(
-            f"{ctx.command_path} knows no {given!r}{nearest(given, names, 1)}",
-            expected="one of " + ", ".join(names),
-            fix=f"{ctx.command_path} {names[0]} {given}" if is_path else None,
-        )
+
+class PanelCommand(TyperCommand):
+    """A command whose help shows many options in panels, and what is for scale at the end."""
+
+    panels: Mapping[str, str] = {}  # of options that name none
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """List arguments and options."""
+        shown: dict[str, list[Any]] = {"Arguments": []}
+        several = sum(one.param_type_name == "option" for one in self.params) > _FEW
+        for one in self.get_params(ctx):
+            title = getattr(one, "rich_help_panel", None) or self.panels.get(str(one.name))
+            if one.param_type_name == "argument":
+                title = "Arguments"
+            elif title != _SCALE and not (several and title):
+                title = "Options"
+            record = None if several and one.name == "help" else one.get_help_record(ctx)
+            if record:
+                shown.setdefault(title, []).append(record)
+        shown[_SCALE] = shown.pop(_SCALE, [])
+        for title, records in shown.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def check_choice(command: str, given: str, names: Sequence[str]) -> None:
+    """Refuse a word that names none of the choices, such as a path in its place."""
+    if given in names:
+        return
+    from airzoo_bench.core.validation import nearest
+
+    is_path = Path(given).exists() or Path(given).suffix in _OF_FILES
+    raise UsageError(
+        f"{command} knows no {given!r}{nearest(given, list(names), 1)}",
+        expected="one of " + ", ".join(names),
+        fix=f"{command} {names[0]} {given}" if is_path else None,
+    )
 
 
 def examples(*calls: str) -> str:
@@ -146,31 +214,34 @@ def examples(*calls: str) -> str:
     return "\n\n".join(f"Example: airzoo-bench {call}" for call in calls)
 
 
-def in_panels(panels: Mapping[str, Sequence[str]], rest: str = "Options") -> type[TyperCommand]:
-    """Return a command class whose help shows parameters under titles; others under `rest`.
+# --- places and sizes ---
 
-    What is for scale comes last.
-    """
-    titles = {name: title for title, names in panels.items() for name in names}
-    titles |= dict.fromkeys(_SCALE, "For scale")
 
-    class Grouped(TyperCommand):
-        def format_options(self, ctx: Any, formatter: Any) -> None:
-            shown: dict[str, list[Any]] = {
-                title: [] for title in ("Arguments", *panels, rest, "For scale")
-            }
-            for one in self.get_params(ctx):
-                if panels and one.name == "help":
-                    continue
-                is_argument = one.param_type_name == "argument"
-                title = "Arguments" if is_argument else titles.get(str(one.name), rest)
-                shown[title] += [record] if (record := one.get_help_record(ctx)) else []
-            for title, records in shown.items():
-                if records:
-                    with formatter.section(title):
-                        formatter.write_dl(records)
+def resolve_data(data: str | None) -> Path:
+    """Return the folder named, else the configured data root; what lies at a URL is copied."""
+    if is_url(data_location() if data is None else data):
+        from airzoo_bench.benchmark.folder import data_here
 
-    return Grouped
+        with working("fetching the benchmark"):
+            return data_here(data)
+    if data is not None and not Path(data).is_dir():
+        expected = "a benchmark folder, or the folder that holds some"
+        fix = "make one with `airzoo-bench prepare`"
+        raise UsageError("no such folder", where=f"--data {data}", expected=expected, fix=fix)
+    return data_root() if data is None else Path(data)
+
+
+def predictions_here(location: str) -> Path:
+    """Return predictions as a path of this machine; what lies at a URL is copied."""
+    if not is_url(location):
+        return Path(location)
+    with working("fetching the predictions"):
+        return local_path(location)
+
+
+def with_data(data: str | Path | None) -> str:
+    """Return the ``--data`` option for the command that is suggested next."""
+    return "" if data is None else f" --data {data}"
 
 
 def memory_bytes(text: str) -> int:
@@ -179,6 +250,9 @@ def memory_bytes(text: str) -> int:
     if not found or int(found[1]) == 0:
         raise UsageError(f"--max-memory {text!r} is not a size", expected="such as 512M or 4G")
     return int(found[1]) * _UNITS[found[2]]
+
+
+# --- printing ---
 
 
 def printable(text: str) -> str:

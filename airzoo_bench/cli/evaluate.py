@@ -1,4 +1,4 @@
-"""``airzoo-bench eval``: score predictions."""
+"""``airzoo-bench eval`` and ``check``: score predictions, or find their errors."""
 
 from __future__ import annotations
 
@@ -7,137 +7,122 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from airzoo_bench.cli.built import (
-    BuiltGroup,
-    Command,
-    built_app,
-    engine_parameters,
-    parameter,
-    with_parameters,
-)
-from airzoo_bench.cli.common import (
-    Format,
-    FormatOption,
-    ImageSizeOption,
-    MemoryOption,
-    NamesOption,
-    ProtocolOption,
-    ReaderOption,
-    ResumeOption,
-    UntrustedOption,
-    memory_bytes,
-    progress,
-    put,
-    say,
-    show,
-)
-from airzoo_bench.cli.locations import DataOption, predictions_here, resolve_data
+from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.engines.engine import LOCAL, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
-    from airzoo_bench.evaluation.info import TrackInfo
     from airzoo_bench.evaluation.run_files import SceneStore
 
-OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        "-o",
-        help="Folder for result.json and records.csv, which replace an earlier run's.",
-    ),
-]
-MethodOption = Annotated[
-    str | None,
-    typer.Option(help="The method's name in tables (default: the name of --out, else the file's)."),
-]
+_INFOS = {name: TRACKS.get(name) for name in TRACKS.names()}
+_summaries = " ".join(f"{name}: {info.summary}" for name, info in _INFOS.items())
+_files = " ".join(f"{name}: {info.argument}" for name, info in _INFOS.items())
 
 
-class _EvalGroup(BuiltGroup):
-    registry = TRACKS
-    panels: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Predictions": ("protocol", "data", "reader", "names", "image_size"),
-        "Output": ("out", "method", "form", "figures", "clouds"),
-    }
-
-    def command_of(self, thing: TrackInfo) -> tuple[Command, str, str]:
-        about = typer.Argument(metavar="PREDICTIONS", help=f"{thing.argument} Path or URL.")
-        own = {one.name: typer.Option(f"--{one.name}", help=one.help) for one in thing.options}
-        parameters = [
-            parameter("predictions", Annotated[str, about]),
-            parameter("protocol", ProtocolOption, None),
-            parameter("data", DataOption, None),
-            parameter("reader", ReaderOption, None),
-            parameter("names", NamesOption, None),
-            *[parameter("image_size", ImageSizeOption, None)] * thing.takes_image_size,
-            parameter("out", OutOption, None),
-            parameter("method", MethodOption, None),
-            parameter("form", FormatOption, Format.TERMINAL),
-            *(parameter(name, Annotated[bool, option], False) for name, option in own.items()),
-            *engine_parameters(thing.jobs),
-            parameter("max_memory", MemoryOption, "2G"),
-            parameter("untrusted", UntrustedOption, False),
-            parameter("resume", ResumeOption, False),
-        ]
-        command = with_parameters(partial(_evaluate, thing), parameters, thing.summary)
-        call = f"eval {thing.name} {thing.example}"
-        return command, call, f"{call} --engine dask --jobs 8"
-
-
-app = built_app(_EvalGroup, "Score predictions and print the per-scene table.")
-
-
-def _evaluate(
-    track: TrackInfo,
-    predictions: str,
-    protocol: str | None,
-    data: str | None,
-    reader: str | None,
-    names: Path | None,
-    out: Path | None,
-    method: str | None,
-    form: Format,
-    jobs: int,
-    engine: str,
-    max_memory: str,
-    untrusted: bool,
-    resume: bool,
-    image_size: str | None = None,
-    **writing: bool,
+def evaluate(
+    track: Annotated[str, typer.Argument(metavar="TRACK", help=_summaries)],
+    predictions: Annotated[
+        cli.Text, typer.Argument(metavar="PREDICTIONS", help=f"A path or URL. {_files}")
+    ] = None,
+    protocol: cli.ProtocolOption = None,
+    data: cli.DataOption = None,
+    reader: cli.ReaderOption = None,
+    names: cli.NamesOption = None,
+    image_size: cli.ImageSizeOption = None,
+    out: Annotated[
+        cli.File,
+        cli.option(
+            "Folder for result.json and records.csv, which replace an earlier run's.",
+            *("--out", "-o"),
+            panel="Output",
+        ),
+    ] = None,
+    method: Annotated[
+        cli.Text,
+        cli.option(
+            "The method's name in tables (default: the name of --out, else the file's).",
+            panel="Output",
+        ),
+    ] = None,
+    form: cli.FormatOption = cli.Format.TERMINAL,
+    figures: Annotated[
+        bool,
+        cli.option(
+            "Draw errors, matches, maps and clouds of matching or reconstruction into --out; "
+            "report and plot use them.",
+            "--figures",
+            panel="Output",
+        ),
+    ] = False,
+    clouds: Annotated[
+        bool,
+        cli.option(
+            "Write clouds of reconstruction coloured by their errors into --out.",
+            "--clouds",
+            panel="Output",
+        ),
+    ] = False,
+    jobs: cli.JobsOption = None,
+    engine: cli.EngineOption = LOCAL,
+    max_memory: cli.MemoryOption = "2G",
+    untrusted: cli.UntrustedOption = False,
+    resume: Annotated[
+        bool,
+        cli.option(
+            "Keep each scored scene, and continue from scenes kept by an earlier run with this "
+            "--out and --resume.",
+            "--resume",
+            panel="For scale",
+        ),
+    ] = False,
 ) -> None:
-    from airzoo_bench.core.sandbox import Limits
-    from airzoo_bench.evaluation.evaluate import evaluate
+    """Score predictions and print the per-scene table.
+
+    Example: airzoo-bench eval retrieval preds.npz --out results/mymethod
+
+    Example: airzoo-bench eval matching matches.npz --out results/mymethod --figures
+
+    Example: airzoo-bench eval reconstruction clouds --out results/mymethod --engine dask --jobs 8
+    """
+    from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.opening import ReadBy
     from airzoo_bench.evaluation.run_files import check_run_folder
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
-    asked = [one for one in track.options if writing[one.name]]
-    if out is None and (asked or resume):
-        flags = " and ".join([f"--{one.name}" for one in asked] + ["--resume"] * resume)
-        raise UsageError(f"{flags}: a folder to write into is needed", fix="add --out DIR")
+    cli.check_choice("airzoo-bench eval", track, TRACKS.names())
+    if predictions is None:
+        raise UsageError("there is nothing to score", fix=f"airzoo-bench eval {track} PREDICTIONS")
+    info = TRACKS.get(track)
+    extra = [name for name, given in (("figures", figures), ("clouds", clouds)) if given]
+    acts = [one for one in info.options if one.name in extra]
+    if len(acts) < len(extra):
+        raise UsageError(f"--{' --'.join(extra)}: the {track} track does not draw that")
+    if out is None and (extra or resume):
+        raise UsageError(
+            "--figures, --clouds and --resume write into a folder", fix="add --out DIR"
+        )
     if out is not None:
         check_run_folder(out, predictions)
         method = method or out.resolve().name or None
-    memory = memory_bytes(max_memory)
+    memory, jobs = cli.memory_bytes(max_memory), jobs or info.jobs
     with (
         open_engine(engine, jobs=jobs) as place,
-        _keep_scenes(out if resume and not asked else None) as store,
+        _keep_scenes(out if resume and not extra else None) as store,
     ):
-        place.progress = progress
+        place.progress = cli.progress
         threads = jobs if engine == LOCAL else 1
-        limits = Limits(memory) if untrusted else None
-        run = Run(memory, threads, progress, bool(asked), place, limits)
-        evaluation = evaluate(
-            predictions_here(predictions),
-            data=resolve_data(data),
-            track=track.name,
+        run = Run(memory, threads, cli.progress, bool(extra), place, _limits(memory, untrusted))
+        evaluation = score(
+            cli.predictions_here(predictions),
+            data=cli.resolve_data(data),
+            track=track,
             protocol=protocol,
             method=method,
             run=run,
@@ -146,19 +131,24 @@ def _evaluate(
             store=store,
         )
         if evaluation.given.reader is not None:
-            say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
-        if out is not None:
-            written = _save(evaluation, out, asked, run)
-    if form is Format.JSON:
+            cli.say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
+        written = [] if out is None else _save(evaluation, out, acts, run)
+    if form is cli.Format.JSON:
         content = json.loads(evaluation.result.model_dump_json(by_alias=True))
-        put(json.dumps(content, indent=1) + "\n")
+        cli.put(json.dumps(content, indent=1) + "\n")
     else:
-        show(scenes_table(evaluation.result, floors=True), form)
+        cli.show(scenes_table(evaluation.result, floors=True), form)
     if out is None:
-        say("nothing was written; add --out DIR to keep the result and its records")
+        cli.say("nothing was written; add --out DIR to keep the result and its records")
     else:
-        say(f"wrote {', '.join(map(str, written))} of method {method}")
-        say(f"next: airzoo-bench table {written[0]} --format latex")
+        cli.say(f"wrote {', '.join(map(str, written))} of method {method}")
+        cli.say(f"next: airzoo-bench table {written[0]} --format latex")
+
+
+def _limits(memory: int, untrusted: bool) -> Any:
+    from airzoo_bench.core.sandbox import Limits
+
+    return Limits(memory) if untrusted else None
 
 
 @contextmanager
@@ -172,12 +162,16 @@ def _keep_scenes(out: Path | None) -> Iterator[SceneStore | None]:
     beside = out.resolve()
     store = SceneStore(beside.with_name(f"{beside.name}.unfinished"))
     if store.paths():
-        say(f"{store.folder} holds scored scenes, which are used where they are of this very run")
+        cli.say(
+            f"{store.folder} holds scored scenes, which are used where they are of this very run"
+        )
     try:
         yield store
     except KeyboardInterrupt:
         if store.paths():
-            say(f"scored scenes are kept in {store.folder}; the same command goes on from there")
+            cli.say(
+                f"scored scenes are kept in {store.folder}; the same command goes on from there"
+            )
         raise
     store.remove()
 
@@ -185,21 +179,74 @@ def _keep_scenes(out: Path | None) -> Iterator[SceneStore | None]:
 def _say_replaced(out: Path | None) -> None:
     """Say that an earlier run will go, once the predictions are known to be scored."""
     if out is not None and (out / "result.json").exists():
-        say(f"{out} holds a run; this one takes its place")
+        cli.say(f"{out} holds a run; this one takes its place")
 
 
-def _save(evaluation: Evaluation, out: Path, asked: list[Any], run: Any) -> list[Path]:
+def _save(evaluation: Evaluation, out: Path, acts: list[Any], run: Any) -> list[Path]:
     """Write the files of the run, and those that a track's own options ask for."""
     from airzoo_bench.evaluation.run_files import save
 
     lines: list[str] = []
 
     def draw(staged: Path) -> None:
-        for one in asked:
+        for one in acts:
             for line in resolve(one.act)(evaluation, True, staged, run):
                 lines.append(line.replace(str(staged), str(out)))
 
     written = save(evaluation, out, draw)
     for line in lines:
-        say(line)
+        cli.say(line)
     return written
+
+
+def check(
+    predictions: Annotated[
+        str,
+        typer.Argument(
+            metavar="PREDICTIONS",
+            help="A prediction file, folder or archive of any track: a path or a URL.",
+        ),
+    ],
+    protocol: cli.ProtocolOption = None,
+    data: cli.DataOption = None,
+    reader: cli.ReaderOption = None,
+    names: cli.NamesOption = None,
+    image_size: cli.ImageSizeOption = None,
+    max_memory: cli.MemoryOption = "2G",
+    untrusted: cli.UntrustedOption = False,
+) -> None:
+    """Find errors in predictions, name their reader and how many queries they answer.
+
+    Exit code 0: eval would take them; 1: it would refuse them; 2: there is nothing to check, as
+    with no file or an unknown protocol.
+
+    Needs the benchmark folder, whose truth may be sealed, and finds whatever eval would refuse: in
+    each file or scene, the first error.
+
+    Example: airzoo-bench check preds.npz
+
+    Example: airzoo-bench check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval
+    """
+    from airzoo_bench.evaluation.evaluate import check as find_errors
+    from airzoo_bench.evaluation.opening import ReadBy
+    from airzoo_bench.evaluation.track import Run
+
+    memory = cli.memory_bytes(max_memory)
+    checked = find_errors(
+        cli.predictions_here(predictions),
+        data=cli.resolve_data(data),
+        protocol=protocol,
+        run=Run(memory, limits=_limits(memory, untrusted)),
+        read_by=ReadBy(reader, names, image_size),
+    )
+    for line in checked.described:
+        if checked.errors:
+            cli.say(f"{predictions}: {line}")
+        else:
+            cli.put(f"{predictions}: {line}\n")
+    for line in (*map(str, checked.errors), *(f"{predictions}: {one}" for one in checked.notes)):
+        cli.say(line)
+    if checked.errors:
+        raise typer.Exit(1)
+    found = "nothing that eval refuses was found; see the notes" if checked.notes else ""
+    cli.put(f"{predictions}: {found or 'nothing wrong was found'}\n")

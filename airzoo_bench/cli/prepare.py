@@ -4,34 +4,32 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 from enum import StrEnum
-from functools import partial
+from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from airzoo_bench.cli.built import (
-    BuiltGroup,
-    Command,
-    built_app,
-    engine_parameters,
-    option_parameters,
-    parameter,
-    with_parameters,
-)
-from airzoo_bench.cli.common import progress, put, say, working
-from airzoo_bench.cli.locations import with_data
+from airzoo_bench.cli import common as cli
+from airzoo_bench.cli.data import about_lines, find_about
 from airzoo_bench.core.errors import counted
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
-from airzoo_bench.datasets.about import About, about_file, about_of
+from airzoo_bench.datasets.about import About
 from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.dataset import Dataset
     from airzoo_bench.datasets.settings import Prepared, SceneSummary
+
+_SOURCES = "source scene keep-going name images poses dom dsm cloud priors crs truth-accuracy"
+_MEASURED = (
+    "protocol matching-protocol reconstruction-protocol tile-size rule iou-above plane-height"
+)
+_PANELS = dict.fromkeys(_SOURCES.split(), "Sources")
+_PANELS |= dict.fromkeys(_MEASURED.split(), "What is measured")
 
 
 class Parts(StrEnum):
@@ -41,82 +39,98 @@ class Parts(StrEnum):
     FILES = "files"
 
 
-def _option(kind: Any, help_text: str, *names: str) -> Any:
-    return Annotated[kind, typer.Option(*names, help=help_text)]
+class _PrepareGroup(cli.LightGroup):
+    """A command for each dataset, made when it is called: other packages' take long to import."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return DATASETS.names()
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the datasets, without importing built-in ones."""
+        with formatter.section("Commands"):
+            found = {name: getattr(find_about(name), "summary", "") for name in DATASETS.names()}
+            formatter.write_dl([(name, text.partition("\n\n")[0]) for name, text in found.items()])
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of a dataset."""
+        if cmd_name not in DATASETS:  # which does not look at all packages, as its names do
+            return None
+        dataset = DATASETS.get(cmd_name)
+        app = typer.Typer(add_completion=False)
+        app.command(cmd_name, cls=cli.PanelCommand)(_command_of(dataset))
+        return typer.main.get_command(app)
 
 
-_OUTPUT = (
-    parameter(
-        "out",
-        _option(Path | None, "The folder to make (default: in the data root).", "--out", "-o"),
-        None,
-    ),
-    parameter(
-        "tiles",
-        _option(Parts, "Leave tiles as windows of the map, or write them as PNG too."),
-        Parts.WINDOWS,
-    ),
-    parameter(
-        "crops",
-        _option(Parts, "Leave crops as windows, or write them as GeoTIFF too."),
-        Parts.WINDOWS,
-    ),
-    parameter(
-        "copy", _option(bool, "Copy photos, maps and clouds into the folder.", "--copy"), False
-    ),
-    parameter("force", _option(bool, "Replace the folder.", "--force"), False),
+app = typer.Typer(
+    cls=_PrepareGroup, help="Make a benchmark folder out of data.", no_args_is_help=True
 )
+app.callback()(lambda: None)
 
 
-class _PrepareGroup(BuiltGroup):
-    registry = DATASETS
-    own_panel = "How it is read"
-    panels: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Sources": (
-            *("source", "scene", "keep_going", "name", "images", "poses"),
-            *("dom", "dsm", "cloud", "priors", "crs", "truth_accuracy"),
-        ),
-        "What is measured": (
-            *("protocol", "matching_protocol", "reconstruction_protocol"),
-            *("tile_size", "rule", "iou_above", "plane_height"),
-        ),
-        "Output": ("out", "tiles", "crops", "copy", "force"),
-    }
+def _command_of(dataset: Dataset[Any]) -> Any:
+    """Return a function with the options of a dataset, whose texts are in its about-file."""
 
-    def summary_of(self, name: str) -> str:
-        """Return the summary, without importing a built-in dataset."""
-        about = about_of(name) if about_file(name).is_file() else DATASETS.get(name).about
-        return str(about.summary)
+    def command(**given: Any) -> None:
+        _prepare(dataset, **given)
 
-    def command_of(self, thing: Dataset[Any]) -> tuple[Command, str]:
-        about = thing.about
-        parameters = [*option_parameters(thing.options, about.options), *_OUTPUT]
-        if thing.jobs is not None:  # a process a scene, or a photo of airzoo-mini
-            parameters += engine_parameters(thing.jobs)
-        data = f"\n\nData: {about.page}\n\nLicence: {about.licence}." if about.is_published else ""
-        command = with_parameters(partial(_prepare, thing), parameters, f"{about.summary}{data}")
-        return command, f"prepare {about.example}"
-
-
-app = built_app(_PrepareGroup, "Make a benchmark folder out of data.")
+    own, hints = [], get_type_hints(dataset.options)
+    for field in fields(dataset.options):
+        text, default = dataset.about.options[field.name.replace("_", "-")], field.default
+        flag = f"--{text.name}/--no-{text.name}" if default is True else f"--{text.name}"
+        bounds = {} if hints[field.name] is bool else {"min": text.least, "max": text.most}
+        panel = _PANELS.get(text.name, "How it is read")
+        text_of = cli.option(text.help, flag, panel=panel, **bounds)
+        own.append(
+            Parameter(
+                field.name,
+                Parameter.KEYWORD_ONLY,
+                default=Parameter.empty if default is MISSING else default,
+                annotation=Annotated[hints[field.name], text_of],
+            )
+        )
+    for one in Signature.from_callable(_prepare, eval_str=True).parameters.values():
+        is_idle = dataset.jobs is None and one.name in ("jobs", "engine")
+        if one.kind is Parameter.KEYWORD_ONLY and not is_idle:
+            own.append(one)
+    about = dataset.about
+    data = f"\n\nData: {about.page}\n\nLicence: {about.licence}." if about.is_published else ""
+    last = f"Example: airzoo-bench prepare {about.example}"
+    command.__doc__ = f"{about.summary}{data}\n\n{last}"
+    command.__signature__ = Signature(own)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in own}
+    return command
 
 
 def _prepare(
-    dataset: Dataset[Any],
-    out: Path | None,
-    tiles: Parts,
-    crops: Parts,
-    copy: bool,
-    force: bool,
-    jobs: int = 1,
-    engine: str = LOCAL,
+    dataset: Any,
+    /,
+    *,
+    out: Annotated[
+        cli.File,
+        cli.option(
+            "The folder to make (default: in the data root).", "--out", "-o", panel="Output"
+        ),
+    ] = None,
+    tiles: Annotated[
+        Parts,
+        cli.option("Leave tiles as windows of the map, or write them as PNG too.", panel="Output"),
+    ] = Parts.WINDOWS,
+    crops: Annotated[
+        Parts, cli.option("Leave crops as windows, or write them as GeoTIFF too.", panel="Output")
+    ] = Parts.WINDOWS,
+    copy: Annotated[
+        bool, cli.option("Copy photos, maps and clouds into the folder.", "--copy", panel="Output")
+    ] = False,
+    force: Annotated[bool, cli.option("Replace the folder.", "--force", panel="Output")] = False,
+    jobs: cli.JobsOption = None,
+    engine: cli.EngineOption = LOCAL,
     **options: Any,
 ) -> None:
     from airzoo_bench.core.files import check_new_folder
     from airzoo_bench.datasets.settings import PrepareSettings
 
-    chosen, root = dataset.options(**options), data_root()
-    with working("getting ready"):
+    chosen, root, jobs = dataset.options(**options), data_root(), jobs or dataset.jobs or 1
+    with cli.working("getting ready"):
         folder = out or root / dataset.folder_name(chosen, root)
         settings = PrepareSettings(
             folder,
@@ -125,13 +139,15 @@ def _prepare(
             crops_on_disk=crops is Parts.FILES,
             copy=copy,
             replace=force,
-            progress=progress,
-            note=say,
+            progress=cli.progress,
+            note=cli.say,
         )
         there = not force and dataset.is_prepared(chosen, settings)
     if there:
-        put(f"{folder}\n")
-        say("nothing to do: it is complete, its checksums are right, and its sources are unchanged")
+        cli.put(f"{folder}\n")
+        cli.say(
+            "nothing to do: it is complete, its checksums are right, and its sources are unchanged"
+        )
         return
     check_new_folder(folder, replace=force)
     with open_engine(engine, jobs=jobs, here=Processes(jobs)) as place:
@@ -139,18 +155,15 @@ def _prepare(
     _print_prepared(dataset.about, prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
-        where = with_data(None if prepared.folder.parent == root else prepared.folder)
-        say(f"next: airzoo-bench baseline {track} {protocol}{where} --out {file}")
+        where = cli.with_data(None if prepared.folder.parent == root else prepared.folder)
+        cli.say(f"next: airzoo-bench baseline {track} {protocol}{where} --out {file}")
     if prepared.failed:
         raise typer.Exit(1)
 
 
 def _print_prepared(about: About, prepared: Prepared) -> None:
-    put(f"{prepared.folder}\n")
-    lines = [f"licence: {about.licence}"] * bool(about.licence)
-    lines += [f"assumed: {sentence}" for sentence in about.assumptions]
-    lines += [f"not verified: {sentence}" for sentence in about.unverified]
-    put("".join(f"  {line}\n" for line in lines))
+    cli.put(f"{prepared.folder}\n")
+    cli.put("".join(f"  {line}\n" for line in about_lines(about)))
     several = len(prepared.summaries) > 1
     for scene, summary in prepared.summaries.items():
         _print_scene(scene, summary, about.without_truth, several)
@@ -158,16 +171,16 @@ def _print_prepared(about: About, prepared: Prepared) -> None:
         for sentence in (*(f"warning: {one}" for one in summary.warnings), *summary.notes):
             # Some begin so: "flight 07: ...".
             named = re.match(rf"(warning: )?\w+ {re.escape(scene)}\b", sentence) or not several
-            say(sentence if named else f"scene {scene}: {sentence}")
+            cli.say(sentence if named else f"scene {scene}: {sentence}")
     for scene, why in prepared.failed.items():
-        say(f"left out, scene {scene}: {why}")
+        cli.say(f"left out, scene {scene}: {why}")
 
 
 def _print_scene(
     scene: str, summary: SceneSummary, reasons: Mapping[str, str], several: bool
 ) -> None:
     if not summary.facts or several:
-        put(f"{scene}, {counted(summary.photos, 'photo')}\n")
+        cli.put(f"{scene}, {counted(summary.photos, 'photo')}\n")
     lines = [*summary.facts]
     for track, found in summary.tracks.items():
         lines.append(f"{track:15} {found.text}")
@@ -176,4 +189,4 @@ def _print_scene(
             lines.append(f"{'':15} {left_out} left out; excluded.csv says why")
     missing = [track for track in reasons if track not in summary.tracks]
     lines += [f"{track:15} no: {reasons[track]}" for track in missing]
-    put("".join(f"  {line}\n" for line in lines))
+    cli.put("".join(f"  {line}\n" for line in lines))

@@ -23,6 +23,8 @@ def seal(
 
     Methods get photos without metadata, cameras, priors, tiles, crops and maps;
     docs/leaderboard.md says what else to consider.
+
+    Example: airzoo-bench seal mine --out public/mine --archive public/mine.age --to age1...
     """
     to_key = sealing.recipient(to)
     committed, counts = sealing.seal(folder, out, archive, to_key, replace=force, progress=progress)

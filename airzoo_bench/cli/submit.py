@@ -76,6 +76,10 @@ def submit(
     Writes the folder of the submission, checks it as CI will, commits it on a branch of its own,
     and opens the pull request by gh, or prints the commands for that. On a terminal it asks for
     missing options. docs/submission.md explains each key.
+
+    Example: airzoo-bench submit preds.npz --method SALAD
+
+    Example: airzoo-bench submit preds.npz --url https://zenodo.org/records/1/files/preds.npz --set code=https://github.com/serizba/salad
     """
     root, data = board_root(board), data_root()
     rules = read_board(root / BOARD_FILE)

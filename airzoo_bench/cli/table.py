@@ -2,33 +2,95 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from types import SimpleNamespace
+from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.built import option_parameters, parameter, with_parameters
-from airzoo_bench.cli.common import show
-from airzoo_bench.cli.table_request import TableRequest
+from airzoo_bench.cli import common as cli
 
-PANELS = {
-    "Rows and columns": ("layout", "scene", "every", "scores", "published", "floors", "rename"),
-    "Values": ("intervals", "decimals", "second", "baseline", "highlight"),
-    "Output": ("form", "cite"),
-}
+_ROWS, _VALUES = cli.ROWS, "Values"
 
 
-def _table(**options: Any) -> None:
+def table(
+    results: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RESULTS",
+            help="One or more result.json, or their folders: paths or URLs. With --published also "
+            "names of protocols, for what papers print on them.",
+        ),
+    ],
+    layout: Annotated[
+        cli.Layout | None,
+        cli.option(
+            "result: a row by scene; methods: a row by method; scenes: methods by scenes side by "
+            "side; benchmarks: methods by benchmarks (default: result for one, methods for "
+            "several of one protocol, else benchmarks).",
+            panel=_ROWS,
+        ),
+    ] = None,
+    scene: Annotated[
+        cli.Text, cli.option("With methods: this scene instead of the average.", panel=_ROWS)
+    ] = None,
+    every: cli.AllOption = False,
+    scores: cli.ScoresOption = None,
+    published: Annotated[
+        bool,
+        cli.option("Add rows of published numbers, with a dagger.", "--published", panel=_ROWS),
+    ] = False,
+    floors: Annotated[
+        bool,
+        cli.option(
+            "Add rows without a method: the chance level, the prior itself.",
+            "--floors",
+            panel=_ROWS,
+        ),
+    ] = False,
+    rename: Annotated[
+        cli.Texts,
+        cli.option(
+            "OLD=NEW: another name for a method; methods of different benchmarks with one name "
+            "share a row. Repeatable.",
+            panel=_ROWS,
+        ),
+    ] = None,
+    intervals: Annotated[
+        bool, cli.option("Show 95 % intervals next to the values.", "--intervals", panel=_VALUES)
+    ] = False,
+    decimals: Annotated[
+        int | None, cli.option("Digits after the point (default: 2).", panel=_VALUES, min=0, max=6)
+    ] = None,
+    second: Annotated[
+        bool, cli.option("Underline the second best of each score.", "--second", panel=_VALUES)
+    ] = False,
+    baseline: Annotated[
+        cli.Texts,
+        cli.option(
+            "NAME: write gains over it, of the highlighted rows if there are any; or METHOD=NAME. "
+            "Repeatable.",
+            panel=_VALUES,
+        ),
+    ] = None,
+    highlight: Annotated[
+        cli.Texts, cli.option("Colour this method's row; repeatable.", panel=_VALUES)
+    ] = None,
+    cite: Annotated[
+        cli.Texts,
+        cli.option(
+            "LaTeX: METHOD=KEY, a .toml file of these, or airzoo-paper; repeatable.", panel="Output"
+        ),
+    ] = None,
+    form: cli.FormatOption = cli.Format.TERMINAL,
+) -> None:
+    """Print one result by scene, or several results side by side.
+
+    Example: airzoo-bench table results/*/result.json --format latex
+
+    Example: airzoo-bench table */result.json --layout scenes --published -f latex
+
+    Example: airzoo-bench table uav-visloc-retrieval --published --layout scenes
+    """
     from airzoo_bench.cli.table_making import make_table
 
-    asked = TableRequest(**options)
-    show(make_table(asked), asked.form)
-
-
-_about = "One or more result.json, or their folders: paths or URLs. With --published also names of "
-_about += "protocols, for what papers print on them."
-_results = Annotated[list[str], typer.Argument(metavar="RESULTS", help=_about)]
-table = with_parameters(
-    _table,
-    [parameter("results", _results), *option_parameters(TableRequest)],
-    "Print one result by scene, or several results side by side.",
-)
+    cli.show(make_table(SimpleNamespace(**locals())), form)

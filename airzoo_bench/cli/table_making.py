@@ -1,14 +1,14 @@
-"""Builds the table that `airzoo-bench table` prints."""
+"""Builds the table that `airzoo-bench table` prints of its options."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from airzoo_bench.benchmark.folder import data_here
-from airzoo_bench.cli.common import Format
-from airzoo_bench.cli.table_request import Layout, TableRequest
+from airzoo_bench.cli.common import Format, Layout
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.validation import nearest
@@ -40,8 +40,8 @@ class _Part:
     paths: Sequence[Path] = ()
 
 
-def make_table(asked: TableRequest) -> Table:
-    """Read the results that a request names, lay them out and mark the best."""
+def make_table(asked: Any) -> Table:
+    """Read the results that the options name, lay them out and mark the best."""
     parts = _read_parts(asked)
     layout = _choose_layout(asked, len(parts), sum(len(part.results) for part in parts))
     wanted = asked.scores or ()
@@ -76,43 +76,41 @@ def make_table(asked: TableRequest) -> Table:
     return marks.add_gains(made, baselines)
 
 
-def _choose_layout(asked: TableRequest, protocols: int, results: int) -> Layout:
+def _choose_layout(asked: Any, protocols: int, results: int) -> Layout:
     """Return the layout for so many results; refuse what does not go with it."""
     among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
     options = [f"--{name}" for name in among_methods if getattr(asked, name)]
-    layout = asked.layout
-    if layout is None and protocols > 1:
-        layout = Layout.BENCHMARKS
-    elif layout is None:  # one result has nothing to be compared with, unless that is asked for
+    layout: Any = asked.layout
+    if layout is None:  # one result has nothing to be compared with, unless that is asked for
         layout = Layout.METHODS if options or results > 1 else Layout.RESULT
+        layout = Layout.BENCHMARKS if protocols > 1 else layout
     wrong = ""
     if layout is Layout.RESULT and (options or results > 1):
-        wrong = f"layout result shows one result alone, and here are {results} results "
-        wrong += " ".join(options)
+        wrong = " ".join((f"shows one result alone, and here are {results} results", *options))
     elif asked.scene and layout is not Layout.METHODS:
-        wrong = f"--scene does not go with layout {layout}"
+        wrong = "does not go with --scene"
     elif layout in (Layout.METHODS, Layout.SCENES) and protocols > 1:
-        wrong = f"layout {layout} is for one protocol, and here are {protocols}"
+        wrong = f"is for one protocol, and here are {protocols}"
     if wrong:
         others = [str(one) for one in Layout if one is not layout]
-        raise UsageError(wrong.rstrip(), fix=f"choose --layout {', '.join(others)}")
+        raise UsageError(f"layout {layout} {wrong}", fix=f"choose --layout {', '.join(others)}")
     if asked.cite and asked.form is not Format.LATEX:
         raise UsageError("--cite is for LaTeX", fix="add --format latex")
-    return layout
+    return Layout(layout)
 
 
-def _read_parts(asked: TableRequest) -> list[_Part]:
+def _read_parts(asked: Any) -> list[_Part]:
     """Read the results by protocol, and protocols for the numbers that are published on them."""
     names = [name for name in asked.results if asked.published and name in shipped_protocols()]
     paths = result_paths(results_here([one for one in asked.results if one not in names]))
     results = _renamed([read_result(path) for path in paths], paths, asked.rename or ())
     every_score = asked.every or bool(asked.scores)
-    groups: dict[str, list[int]] = {}
-    for place, result in enumerate(results):
-        groups.setdefault(result.protocol.name, []).append(place)
+    groups: dict[str, list[tuple[Result, Path]]] = {}
+    for result, path in zip(results, paths, strict=True):
+        groups.setdefault(result.protocol.name, []).append((result, path))
     parts = []
-    for places in groups.values():
-        some, files = [results[i] for i in places], [paths[i] for i in places]
+    for pairs in groups.values():
+        some, files = zip(*pairs, strict=True)
         parts.append(_Part(method_table(some, paths=files, every_score=every_score), some, files))
     for protocol in (find_protocol(name, data_here()) for name in names):
         columns = score_columns(load_track(protocol.track).scores(protocol))
@@ -145,7 +143,7 @@ def _renamed(
     return changed
 
 
-def _filled(asked: TableRequest, layout: Layout, part: _Part) -> MethodTable:
+def _filled(asked: Any, layout: Layout, part: _Part) -> MethodTable:
     """Add intervals, published rows and floors, where they are asked for."""
     table = part.table
     scenes = [OVERALL if asked.scene is None else find_scene(table.scenes, asked.scene)]
@@ -171,9 +169,7 @@ def _filled(asked: TableRequest, layout: Layout, part: _Part) -> MethodTable:
     return table
 
 
-def _laid_out(
-    asked: TableRequest, layout: Layout, tables: Sequence[MethodTable], part: _Part
-) -> Table:
+def _laid_out(asked: Any, layout: Layout, tables: Sequence[MethodTable], part: _Part) -> Table:
     first = tables[0]
     if layout is Layout.BENCHMARKS:
         return layouts.benchmarks_layout(tables)

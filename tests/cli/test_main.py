@@ -24,7 +24,7 @@ def test_a_bug_keeps_its_traceback(
     def bug(*arguments: object) -> None:
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("airzoo_bench.cli.data.show_rows", bug)
+    monkeypatch.setattr("airzoo_bench.cli.common.show_rows", bug)
     assert run_main("protocols") == 70
     message = capsys.readouterr().err
     assert "ZeroDivisionError: oops" in message
@@ -50,7 +50,7 @@ def test_what_the_machine_refuses(
     def refuse(*arguments: object) -> None:
         raise fault
 
-    monkeypatch.setattr("airzoo_bench.cli.data.show_rows", refuse)
+    monkeypatch.setattr("airzoo_bench.cli.common.show_rows", refuse)
     assert run_main("protocols") == code
     said = capsys.readouterr().err
     assert message in said

@@ -102,8 +102,8 @@ def test_the_command_line_has_it(
     assert run_main("table", out) == 0
     assert run_main("compare", out) == 0
     assert "height" in capsys.readouterr().out
-    assert run_main("eval", "--help") == 0
-    assert "Score heights above ground." in capsys.readouterr().out
+    assert run_main("eval", "heigth", heights) == 2
+    assert "did you mean 'height'" in capsys.readouterr().err
 
 
 def test_it_has_no_template_and_no_baseline(

@@ -16,8 +16,7 @@ import typer
 from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
-from airzoo_bench.cli.plot import app as plot
-from airzoo_bench.cli.results import breakdown, report
+from airzoo_bench.cli.results import breakdown, plot, report
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import ERROR, HIT, made_result, write_method
@@ -43,7 +42,7 @@ F1 = [
 app = typer.Typer()
 app.command("report")(report)
 app.command("breakdown")(breakdown)
-app.add_typer(plot, name="plot")
+app.command("plot")(plot)
 
 
 def run(*arguments: object) -> Result:
