@@ -86,14 +86,15 @@ def _choose_layout(asked: Any, protocols: int, results: int) -> Layout:
         layout = Layout.BENCHMARKS if protocols > 1 else layout
     wrong = ""
     if layout is Layout.RESULT and (options or results > 1):
-        wrong = " ".join((f"shows one result alone, and here are {results} results", *options))
+        wrong = f"layout result shows one result alone, and here are {results} results "
+        wrong += " ".join(options)
     elif asked.scene and layout is not Layout.METHODS:
-        wrong = "does not go with --scene"
+        wrong = f"--scene does not go with layout {layout}"
     elif layout in (Layout.METHODS, Layout.SCENES) and protocols > 1:
-        wrong = f"is for one protocol, and here are {protocols}"
+        wrong = f"layout {layout} is for one protocol, and here are {protocols}"
     if wrong:
         others = [str(one) for one in Layout if one is not layout]
-        raise UsageError(f"layout {layout} {wrong}", fix=f"choose --layout {', '.join(others)}")
+        raise UsageError(wrong.rstrip(), fix=f"choose --layout {', '.join(others)}")
     if asked.cite and asked.form is not Format.LATEX:
         raise UsageError("--cite is for LaTeX", fix="add --format latex")
     return Layout(layout)
