@@ -8,10 +8,9 @@ another order on every run.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,6 @@ from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.sift import extract, mutual_nearest
 from airzoo_bench.reconstruction.info import SfmSettings
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
@@ -46,12 +44,11 @@ Pair = tuple[int, int, int, Ints]
 """Two photos, COLMAP's number of the motion or plane that explains them, and matches (M, 2)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
-    """A sparse reconstruction in COLMAP's frame; `rows` are the photos that have a pose."""
+class Model(NamedTuple):
+    """A sparse reconstruction in COLMAP's frame: the photos that have a pose, poses and points."""
 
     rows: Ints
-    poses: Poses
+    extrinsics: Floats  # (N, 3, 4), world-to-camera
     points: Floats
 
 
@@ -81,11 +78,9 @@ def predict(
         posed = f"{len(found.rows)} of {len(names)} photos"
         note(f"{scene.id}: {posed}, {len(found.points):,} points")
         write_ply(out / f"{scene.id}.ply", Cloud(found.points))
-        poses = found.poses
-        extrinsics = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
-        cameras = {"image_names": names[found.rows].astype(str), "extrinsics": extrinsics}
         with atomic_write(out / f"{scene.id}.cameras.npz") as stream:
-            write_npz(stream, cameras)
+            named = names[found.rows].astype(str)
+            write_npz(stream, {"image_names": named, "extrinsics": found.extrinsics})
     with atomic_write(out / "protocol.txt", "w") as text:
         text.write(protocol.name + "\n")
 
@@ -100,16 +95,15 @@ def sparse_reconstruction(
 ) -> Model:
     """Reconstruct photos by structure from motion."""
     if len(photos) < _LEAST_PHOTOS:
-        raise UsageError(
-            f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}",
-            fix="name a folder with photos that overlap",
-        )
+        what = f"structure from motion needs {_LEAST_PHOTOS} photos, not {len(photos)}"
+        raise UsageError(what, fix="name a folder with photos that overlap")
     # k1 k2 p1 p2 k3, and a denominator of 1.
     rows = np.hstack((cameras.focal, cameras.principal_point, cameras.distortion))
     lenses: list[Lens] = [
         (int(width), int(height), (*map(float, row), 0.0, 0.0, 0.0))
         for width, height, row in zip(cameras.width, cameras.height, rows, strict=True)
     ]
+
     extracted = run.processes.map(
         _extract_features,
         list(zip(photos, lenses, strict=True)),
@@ -148,9 +142,8 @@ def photo_pairs(count: int, positions: Floats | None, neighbours: int | None) ->
 def _extract_features(settings: SfmSettings, item: tuple[Path, Lens]) -> Features:
     path, (width, height, _) = item
     grey = np.round(read_rgb_photo(path, settings.long_side_px) @ _GREY).astype(np.uint8)
-    seen, found = extract(
-        grey, settings.max_features, settings.peak_threshold, doubled=settings.doubled
-    )
+    limits = settings.max_features, settings.peak_threshold
+    seen, found = extract(grey, *limits, doubled=settings.doubled)
     scale = np.array((width, height)) / (grey.shape[1], grey.shape[0])
     return seen * scale, found.astype(np.uint8)
 
@@ -162,24 +155,21 @@ def _match_photo(
     settings, lenses, features = shared
     pycolmap = load_pycolmap()
     options = pycolmap.TwoViewGeometryOptions(min_num_inliers=settings.least_inliers)
-    options.ransac.random_seed = settings.seed
-    options.ransac.num_threads = 1
+    options.ransac.random_seed, options.ransac.num_threads = settings.seed, 1
     first, found = item[0], []
     for second in item[1]:
-        pair, (here, a), (there, b) = (first, second), features[first], features[second]
+        (here, a), (there, b) = features[first], features[second]
         matched = mutual_nearest(a.astype(np.float32), b.astype(np.float32), settings.ratio)
         matches = np.stack(matched, axis=1).astype(np.uint32)
         if len(matches) < settings.least_inliers:
             continue
-        cameras = [_camera(lenses[photo], 1) for photo in pair]
-        options.ransac.max_error = _max_error_px([lenses[photo] for photo in pair], settings)
+        one, other = (_camera(lenses[photo], 1) for photo in (first, second))
+        options.ransac.max_error = _max_error_px([lenses[first], lenses[second]], settings)
         pycolmap.set_random_seed(settings.seed)
-        two = pycolmap.estimate_two_view_geometry(
-            cameras[0], here, cameras[1], there, matches, options
-        )
+        two = pycolmap.estimate_two_view_geometry(one, here, other, there, matches, options)
         inliers = np.asarray(two.inlier_matches, np.int64).reshape(-1, 2)
         if len(inliers):
-            found.append((*pair, int(two.config), inliers))
+            found.append((first, second, int(two.config), inliers))
     return found
 
 
@@ -206,45 +196,41 @@ def _map_photos(
     settings: SfmSettings,
 ) -> Model:
     """Reconstruct incrementally, and return the model with the most photos."""
-    pycolmap = load_pycolmap()
+    pycolmap, seed, error_px = load_pycolmap(), settings.seed, _max_error_px(lenses, settings)
     with pycolmap.Database.open(folder / "database.db") as database:
         _write_photos(pycolmap, database, lenses, [places for places, _ in features])
         for first, second, config, found in pairs:
             matches = found.astype(np.uint32)
-            geometry = pycolmap.TwoViewGeometry(
-                config=pycolmap.TwoViewGeometryConfiguration(config), inlier_matches=matches
-            )
+            kind = pycolmap.TwoViewGeometryConfiguration(config)
+            geometry = pycolmap.TwoViewGeometry(config=kind, inlier_matches=matches)
             database.write_matches(first + 1, second + 1, matches)
             database.write_two_view_geometry(first + 1, second + 1, geometry)
-    error_px = _max_error_px(lenses, settings)
     options = pycolmap.IncrementalPipelineOptions(
         min_num_matches=settings.least_inliers,
         min_model_size=_LEAST_PHOTOS,
         extract_colors=False,
         num_threads=1,
-        random_seed=settings.seed,
+        random_seed=seed,
         ba_refine_focal_length=False,
         ba_refine_extra_params=False,
     )
     mapper, triangulation = options.mapper, options.triangulation
-    mapper.num_threads = 1
-    mapper.random_seed = triangulation.random_seed = settings.seed
+    mapper.num_threads, mapper.random_seed, triangulation.random_seed = 1, seed, seed
     mapper.init_max_error = mapper.filter_max_reproj_error = error_px
     mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = False
     triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = error_px
-    pycolmap.set_random_seed(settings.seed)
+    pycolmap.set_random_seed(seed)
     models = pycolmap.incremental_mapping(folder / "database.db", folder, folder, options)
     sizes = {key: (one.num_reg_images(), one.num_points3D()) for key, one in models.items()}
     best = max(sorted(models), key=lambda key: sizes[key], default=None)
     model = pycolmap.Reconstruction() if best is None else models[best]
     images = [model.images[key] for key in sorted(model.images) if model.images[key].has_pose]
     poses = [image.cam_from_world().matrix() for image in images]
-    matrices = np.array(poses).reshape(-1, 3, 4)
     points = [model.points3D[key].xyz for key in sorted(model.points3D)]
     return Model(
-        rows=np.array([image.image_id - 1 for image in images], np.int64),
-        poses=Poses.from_translations(matrices[:, :, :3], matrices[:, :, 3]),
-        points=np.array(points).reshape(-1, 3),
+        np.array([image.image_id - 1 for image in images], np.int64),
+        np.array(poses).reshape(-1, 3, 4),
+        np.array(points).reshape(-1, 3),
     )
 
 

@@ -10,7 +10,7 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,6 +21,7 @@ from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.geometry.precision import rounding_errors
 from airzoo_bench.reconstruction.alignment import (
     LEAST_CAMERAS,
     Alignment,
@@ -36,8 +37,8 @@ from airzoo_bench.reconstruction.metrics import angle_deg, relative_poses
 if TYPE_CHECKING:
     from airzoo_bench.reconstruction.clouds import PreparedCloud
     from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction
-    from airzoo_bench.reconstruction.scoring import Comparison
     from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+    from airzoo_bench.reconstruction.track import Comparison
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 
@@ -50,7 +51,7 @@ _UNITS = ((1000.0, "millimetres"), (100.0, "centimetres"), (0.001, "kilometres")
 _FOOT_M = 0.3048
 _UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
 _LOOKED_AT, _TRIED = 1 << 22, 2000
-_STREAM_DIGITS = (6, 7)  # of C's and C++'s streams, where no precision is set
+_LARGEST = 1e30
 _ROBUST = (1.0, 99.0)
 _PHOTOS = (
     "give the photos of scenes/SCENE/reconstruction/photos.csv, and no others, named as there; a "
@@ -68,13 +69,12 @@ def scene_notes(
     if not isinstance(geometry, FileCloud):
         notes.append(check_views(prediction))
     if isinstance(geometry, DepthMaps):
-        depth = _median_depth(geometry) * scale
-        notes.append(check_depth(depth, protocol.fusion.max_depth_m))
-        notes.append(check_pixel_centres(prediction, geometry.cameras, depth, finest))
+        most_m = protocol.fusion.max_depth_m
+        notes += check_depths(prediction, geometry, scale, most_m, finest)
     bounds, true_bounds = _bounds(cloud.sample), _bounds(true.sample)
     notes += [
         check_pose_digits(prediction, scale, min(finest, 0.01)),
-        check_digits(*_some_points(geometry), scale, min(finest, 0.01)),
+        check_digits(_some_points(geometry), scale, min(finest, 0.01)),
         *alignment_notes(alignment, protocol.alignment.method),
         check_bounds(bounds, true_bounds)
         or check_mirror(cloud.sample, true.sample, alignment.transform, scores.f1_below_m)
@@ -291,71 +291,49 @@ def check_views(prediction: ScenePrediction) -> str | None:
     return f"{lost} of {counted(len(images.found), 'depth map')} left out: no pose"
 
 
-def check_depth(depth_m: float, most_m: float) -> str | None:
-    """Look for millimetres: depths, as aligned, beyond those that are fused."""
-    said = f"depths are {depth_m:g} m as aligned (median), beyond the protocol's {most_m:g} m"
-    return f"{said}: are they in millimetres?" if depth_m > most_m else None
-
-
-def _median_depth(maps: DepthMaps) -> float:
-    """Return the median depth of surfaces in the first views, 0 where there is none."""
+def check_depths(
+    prediction: ScenePrediction, maps: DepthMaps, scale: float, most_m: float, tolerance_m: float
+) -> list[str]:
+    """Look for millimetres; ask for the field `pixel_centres` where its absence moves points."""
     views = range(min(len(maps.values), max(1, _LOOKED_AT // max(maps.values[0].size, 1))))
     some = np.stack([maps.values[row] for row in views])
     seen = some[np.isfinite(some) & (some > 0)]
-    return float(np.median(seen)) if seen.size else 0.0
-
-
-def check_pixel_centres(
-    prediction: ScenePrediction, cameras: Cameras, depth_m: float, tolerance_m: float
-) -> str | None:
-    """Ask for the field `pixel_centres`, which is absent, where it would move points."""
-    error = float(np.hypot(*(0.5 / np.median(cameras.focal, axis=0)))) * depth_m
-    if prediction.pixel_centres is not None or prediction.images is None or error <= tolerance_m:
-        return None
-    return (
-        f"pixel centres of K are taken as {'half' if prediction.images.named else 'integer'}: if "
-        f"that is wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (Depth "
-        "Anything 3, VGGT, CUT3R, MapAnything, DUSt3R) or 'half'"
-    )
+    depth, notes = float(np.median(seen)) * scale if seen.size else 0.0, []
+    if depth > most_m:
+        notes.append(f"depths are {depth:g} m as aligned (median): are they in millimetres?")
+    error = float(np.hypot(*(0.5 / np.median(maps.cameras.focal, axis=0)))) * depth
+    images = prediction.images
+    if prediction.pixel_centres is None and images is not None and error > tolerance_m:
+        notes.append(
+            f"pixel centres of K are taken as {'half' if images.named else 'integer'}: if that is "
+            f"wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (VGGT, CUT3R, "
+            "Depth Anything 3, MapAnything, DUSt3R) or 'half'"
+        )
+    return notes
 
 
 # --- the cloud ---
 
 
-def _some_points(geometry: FileCloud | DepthMaps | PointMaps) -> tuple[Floats, np.dtype[Any]]:
-    """Return some points as they are stored, and the type of their numbers."""
+def _some_points(geometry: FileCloud | DepthMaps | PointMaps) -> Floats:
+    """Return some points as they are stored; none of depth maps."""
+    if isinstance(geometry, FileCloud):
+        return next((piece.points for piece in geometry.pieces(_TRIED)), np.zeros((0, 3)))
     if isinstance(geometry, DepthMaps):
-        return np.zeros((0, 3)), np.dtype("f8")
-    if isinstance(geometry, PointMaps):
-        points, stored = geometry.values[0].reshape(-1, 3), geometry.values.dtype
-        return points[:: max(1, len(points) // _TRIED)].astype(np.float64), stored
-    points = next((piece.points for piece in geometry.pieces(_TRIED)), np.zeros((0, 3)))
-    return points, geometry.precision
+        return np.zeros((0, 3))
+    points = geometry.values[0].reshape(-1, 3)
+    return np.asarray(points[:: max(1, len(points) // _TRIED)], np.float64)
 
 
-def check_digits(
-    points: Floats, stored: np.dtype[Any], scale: float, tolerance_m: float
-) -> str | None:
-    """Say where points were rounded, to single precision or to the digits of a stream."""
-    points = points[np.abs(points).max(axis=1, initial=0.0) < 1e30]
-    largest = np.abs(points).max(axis=0, initial=1e-30)
-    narrow = stored if stored.kind == "f" and stored.itemsize < 8 else np.dtype("f4")
-    short = points.astype(narrow)
-    is_short, step, kept = bool((short == points).all()), np.zeros(3), narrow.name
-    if is_short:
-        step = np.spacing(largest.astype(narrow)).astype(np.float64)
-    values = (short if is_short else points).ravel()
-    for digits in _STREAM_DIGITS:
-        if all(values.dtype.type(f"{one:.{digits}g}") == one for one in values.tolist()):
-            step = 10.0 ** (np.floor(np.log10(largest)) + 1 - digits)
-            kept = f"{digits} digits"
-            break
-    error = float(np.sqrt((step * step).sum() / 12.0)) * scale
+def check_digits(points: Floats, scale: float, tolerance_m: float) -> str | None:
+    """Say where points were rounded, to single precision or to few digits."""
+    points = points[np.abs(points).max(axis=1, initial=0.0) < _LARGEST]
+    error = float(np.sqrt(3.0 * np.append(rounding_errors(points) ** 2, 0.0).mean())) * scale
     if not error > tolerance_m:
         return None
     return (
-        f"coordinates such as {float(largest.max()):.0f} are kept to {kept} only: an error of "
-        f"{error:.2g} m is to be expected; store float64, or subtract an origin first"
+        f"coordinates such as {np.abs(points).max():.0f} lost digits: an error of {error:.2g} m is "
+        "to be expected; store float64, or subtract an origin first"
     )
 
 

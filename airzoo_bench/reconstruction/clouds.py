@@ -34,6 +34,7 @@ _ENDLESS = 1e150
 _OFF_GRID = 0.3819660112501052
 _UNIT = 2.0**32  # 2^31 points of one voxel fit into a signed 64-bit sum
 _MOST_CELLS = 1 << 62
+_AXIS_BITS = 21
 _PIECE = 1 << 20
 _LEAST_VOXELS = 1 << 18
 _SAMPLE = 100_000
@@ -199,54 +200,42 @@ def box_of(source: CloudSource) -> Floats:
 class Cells:
     """Some cells of a grid that has a corner at (0, 0, 0); an infinite `size` makes columns.
 
-    `keys` (C,), ascending, number the cells in a part of the grid, whose least cell is `low` and
-    which has so many cells along each axis, its `shape`.
+    `keys` (C,), ascending, have 21 bits an axis: of places, which are counted from a cell `low`.
     """
 
     size: Floats
     low: Floats
-    shape: Floats
     keys: Ints
 
     def holds(self, points: Floats) -> Bools:
         """Say which of finite points (N, 3) lie in one of the cells."""
-        if not len(self.keys):
-            return np.zeros(len(points), np.bool_)
-        keys = self.keys_at(np.floor(points / self.size) - self.low)
-        place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
-        return np.asarray(self.keys[place] == keys)
-
-    def keys_at(self, places: Floats) -> Ints:
-        """Return keys of places (N, 3), counted from the least cell; -1 outside of the part."""
-        inside = np.all((places >= 0) & (places < self.shape), axis=1)
-        x, y, z = np.where(inside[:, None], places, 0.0).astype(np.int64).T
-        _, along_y, along_z = self.shape.astype(np.int64).tolist()
-        return np.where(inside, (x * along_y + y) * along_z + z, -1)
+        keys = cell_keys(np.floor(points / self.size) - self.low)
+        place = np.searchsorted(self.keys, keys)
+        return np.asarray(np.append(self.keys, -2)[place] == keys)
 
     def places(self) -> Ints:
-        """Return places (C, 3) of the cells along the axes, counted from the least."""
-        _, along_y, along_z = self.shape.astype(np.int64).tolist()
-        rest, z = np.divmod(self.keys, along_z)
-        return np.stack((*np.divmod(rest, along_y), z), axis=1)
+        """Return places (C, 3) of the cells along the axes."""
+        mask = (1 << _AXIS_BITS) - 1
+        places: Ints = self.keys[:, None] >> np.array((2 * _AXIS_BITS, _AXIS_BITS, 0)) & mask
+        return places
+
+
+def cell_keys(places: Floats) -> Ints:
+    """Return keys of places (N, 3), which ascend by x, then y, then z; -1 where there is none."""
+    inside = np.all((places >= 0) & (places < 1 << _AXIS_BITS), axis=1)
+    x, y, z = np.where(inside[:, None], places, 0.0).astype(np.int64).T
+    return np.where(inside, ((x << _AXIS_BITS | y) << _AXIS_BITS) | z, -1)
 
 
 def occupied_cells(
     pieces: Iterable[Floats], size: tuple[float, float, float], box: Floats, margin: float = 0.0
 ) -> Cells:
-    """Return the cells, of these sides, that hold one of the finite points of some pieces."""
+    """Return the cells, of these sides, that hold one of the points of some pieces in a box."""
     sides = np.array(size)
-    low, high = np.floor((box[0] - margin) / sides), np.floor((box[1] + margin) / sides)
-    shape = high - low + 1.0
-    if not shape.prod() < _MOST_CELLS:
-        raise BenchmarkError(
-            f"the true cloud spans {' x '.join(f'{side:.4g}' for side in box[1] - box[0])} m",
-            expected="a scene, without points far away from it",
-        )
-    found = Cells(sides, low, shape, np.zeros(0, np.int64))
-    keys = found.keys
+    low, keys = np.floor((box[0] - margin) / sides), np.zeros(0, np.int64)
     for points in pieces:
-        keys = np.union1d(keys, found.keys_at(np.floor(points / sides) - low))
-    return replace(found, keys=keys)
+        keys = np.union1d(keys, cell_keys(np.floor(points / sides) - low))
+    return Cells(sides, low, keys[keys >= 0])
 
 
 def covered_columns(pieces: Iterable[Floats], size: float, box: Floats, margin: float) -> Region:
@@ -261,7 +250,7 @@ def covered_columns(pieces: Iterable[Floats], size: float, box: Floats, margin: 
         # Between the nearest sides of two columns.
         apart = np.hypot(max(abs(east) - 1, 0), max(abs(north) - 1, 0)) * size
         if apart < margin:
-            keys = np.union1d(keys, occupied.keys_at(places + np.array((east, north, 0.0))))
+            keys = np.union1d(keys, cell_keys(places + np.array((east, north, 0.0))))
     columns = replace(occupied, keys=keys[keys >= 0])
     low, high = float(box[0, 2] - margin), float(box[1, 2] + margin)
 

@@ -49,8 +49,7 @@ class Curve:
 class CloudScores:
     """All scores of one predicted cloud; distances are infinite where nothing is predicted.
 
-    Accuracy is the mean distance of predicted points to the truth, completeness that of true points
-    to the prediction, and the Chamfer distance the mean of the two.
+    Accuracy and completeness are mean distances, the Chamfer distance is the mean of both.
     """
 
     accuracy: float
@@ -117,11 +116,10 @@ def pair_errors(predicted: Poses, truth: Poses, *, least_baseline: float) -> tup
     """Compare the relative poses of all ordered pairs of N cameras, by first camera, then second.
 
     Returns degrees (P,) between the relative rotations, and between the directions of the relative
-    translations, infinite for failures. Pairs are ordered, (i, j) and (j, i), which err differently
-    in direction once rotations do: so no camera is a reference, and neither the order of the images
-    nor a similarity of either world changes anything. A direction opposite to the true one is 180
-    degrees off, not folded to 0. Pairs whose true centres are at most `least_baseline` apart count
-    by their rotation only. A prediction without a baseline where the truth has one has failed.
+    translations, infinite for failures. Pairs are ordered, so that neither the order of the images
+    nor a similarity of either world changes anything. An opposite direction is 180 degrees off.
+    Pairs whose true centres are at most `least_baseline` apart count by their rotation only. A
+    prediction without a baseline where the truth has one has failed.
     """
     count = len(truth)
     failed, cameras = _failed(predicted), np.arange(count)

@@ -236,9 +236,10 @@ def _holds_maps(arrays: Arrays) -> bool:
 def maps_of(arrays: Arrays) -> ScenePrediction:
     """Take depth or point maps and their cameras, named as the suite's own files name them."""
     names = arrays.names()
-    kind, confidence = _one_of(arrays, tuple(_MAPS)) or "depth", None
+    kind = next((name for name in _MAPS if name in names), "depth")
+    trust = next((name for name in _CONFIDENCE if name in names), "conf")
     needed = (kind, "intrinsics", "extrinsics") if kind == "depth" else (kind,)
-    allowed = ("protocol", "pixel_centres", kind, *_CAMERA_FIELDS, *_CONFIDENCE, *_COLOURS)
+    allowed = ("protocol", "pixel_centres", kind, *_CAMERA_FIELDS, trust, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
     maps = _map_maps(arrays, kind)
     stated = _pixel_centres(arrays)
@@ -247,11 +248,12 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
     cameras = _map_cameras(arrays, maps.shape, shift)
     images = image_poses(arrays, len(maps)) if "extrinsics" in names else None
-    if name := _one_of(arrays, _CONFIDENCE):
-        confidence = arrays.map(name)
-        if confidence.shape != maps.shape[:3] or confidence.dtype.kind not in "biuf":
-            what = f"is {confidence.dtype} of shape {confidence.shape}"
-            raise _fault(arrays, what, name, f"numbers of shape {maps.shape[:3]}, that of the maps")
+    confidence = arrays.map(trust) if trust in names else None
+    if confidence is not None and (
+        confidence.shape != maps.shape[:3] or confidence.dtype.kind not in "biuf"
+    ):
+        what = f"is {confidence.dtype} of shape {confidence.shape}"
+        raise _fault(arrays, what, trust, f"numbers of shape {maps.shape[:3]}, that of the maps")
     geometry: DepthMaps | PointMaps = PointMaps(maps, confidence)
     if kind == "depth" and cameras is not None and images is not None:
         geometry = DepthMaps(maps, cameras, images.poses, confidence)
@@ -264,15 +266,6 @@ def _fault(
     """Make the error of a field."""
     where = f"{arrays.path}, field '{field}'"
     return PredictionError(what, where=where, expected=expected, fix=fix)
-
-
-def _one_of(arrays: Arrays, names: tuple[str, ...]) -> str | None:
-    """Return the one of some names that the file has a field of."""
-    found = [name for name in names if name in arrays.names()]
-    if len(found) > 1:
-        what = f"holds {' and '.join(found)}, and they could disagree"
-        raise _fault(arrays, what, found[0], "one of them")
-    return found[0] if found else None
 
 
 def _map_maps(arrays: Arrays, name: str) -> FloatMaps:

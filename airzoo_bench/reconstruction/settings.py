@@ -40,12 +40,6 @@ class AlignmentSettings(Strict):
     icp_tolerance: Positive
     icp_with_scale: bool
 
-    @model_validator(mode="after")
-    def _trials_in_order(self) -> Self:
-        if self.max_trials < self.min_trials:
-            raise ValueError("max_trials must be at least min_trials")
-        return self
-
 
 class Fusion(Strict):
     """How depth maps and point maps become a cloud; the values of `tsdf_*` serve ``tsdf`` only."""

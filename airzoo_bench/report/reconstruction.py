@@ -22,7 +22,7 @@ from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.reconstruction.scoring import Comparison
+from airzoo_bench.reconstruction.track import Comparison
 from airzoo_bench.report.figures import (
     COLOURS,
     Sheet,

@@ -25,7 +25,7 @@ from airzoo_bench.reconstruction.metrics import (
     rms_of_placed,
     step_errors,
 )
-from airzoo_bench.reconstruction.scoring import pose_scores
+from airzoo_bench.reconstruction.track import pose_scores
 from tests.reconstruction.world import protocol
 
 UTM = np.array((576663.25, 5188165.5, 197.0))

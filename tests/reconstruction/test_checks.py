@@ -71,29 +71,23 @@ def rounded(points: np.ndarray, digits: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("points", "stored", "scale", "kept"),
+    ("points", "scale", "noted"),
     [
-        (SCENE.astype("f4"), "f4", 1.0, "float32"),
-        (SCENE.astype("f4"), "f8", 1.0, "float32"),  # it went through float32
-        (rounded(SCENE, 6), "f8", 1.0, "6 digits"),
-        (rounded(SCENE, 7), "f8", 1.0, "7 digits"),
-        (rounded(SCENE, 6).astype("f4"), "f4", 1.0, "6 digits"),
-        (SCENE, "f8", 1.0, None),
-        (SCENE, "i4", 1.0, None),
-        (np.round(SCENE, 2), "f8", 1.0, None),
-        (OWN.astype("f4"), "f4", 1.0, None),
-        (rounded(OWN, 6), "f8", 1.0, None),
+        (SCENE.astype("f4"), 1.0, True),
+        (rounded(SCENE, 6), 1.0, True),
+        (rounded(SCENE, 7), 1.0, True),
+        (SCENE, 1.0, False),
+        (np.round(SCENE, 2), 1.0, False),
+        (OWN.astype("f4"), 1.0, False),
+        (rounded(OWN, 6), 1.0, False),
         # A cloud in a frame of its own: 1e-7 of a unit of 200 m.
-        ((OWN / 200).astype("f4"), "f4", 200.0, None),
-        ((OWN / 200 + 50).astype("f4"), "f4", 20_000.0, "float32"),
-        (np.zeros((0, 3)), "f8", 1.0, None),
+        ((OWN / 200).astype("f4"), 200.0, False),
+        (np.zeros((0, 3)), 1.0, False),
     ],
 )
-def test_digits_that_were_lost(
-    points: np.ndarray, stored: str, scale: float, kept: str | None
-) -> None:
-    found = check_digits(points.astype("f8"), np.dtype(stored), scale, 0.01)
-    assert (found is None) if kept is None else (kept in str(found))
+def test_digits_that_were_lost(points: np.ndarray, scale: float, noted: bool) -> None:
+    found = check_digits(points.astype("f8"), scale, 0.01)
+    assert (found is not None) == noted
     if found and scale == 1.0:
         # The error that is stated is that of the rounding.
         stated = float(found.partition("an error of ")[2].partition(" m ")[0])

@@ -11,10 +11,10 @@ import pytest
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction import scoring
+from airzoo_bench.reconstruction import track
 from airzoo_bench.reconstruction.clouds import box_of, cloud_of, observed_cells
-from airzoo_bench.reconstruction.scoring import Comparison, compare, pose_scores, score_comparison
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.track import Comparison, compare, pose_scores, score_comparison
 from airzoo_bench.reconstruction.truth import open_true_cloud
 from tests.formats.cloud_support import LIMIT, SAMPLING
 from tests.reconstruction.support import surface, write_laz
@@ -35,7 +35,7 @@ TRUTH = made_truth("yard")
 def compared(
     points: Any, truth: Any, used: ReconstructionProtocol, *, block: int = 1 << 20, jobs: int = 1
 ) -> tuple[dict[str, Any], Comparison]:
-    run = Run(memory_bytes=block * scoring._BYTES_A_POINT, jobs=jobs)
+    run = Run(memory_bytes=block * track._BYTES_A_POINT, jobs=jobs)
     cloud, true = (cloud_of(one) if isinstance(one, np.ndarray) else one for one in (points, truth))
     found = compare(cloud, TRUTH.posed, TRUTH, true, used, run)
     posed = pose_scores(TRUTH.posed, found.alignment.transform, TRUTH.posed, used.scores)
@@ -95,7 +95,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 def test_the_same_for_any_blocks_threads_and_order(
     variant: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scoring, "_LEAST_BLOCK", 1)
+    monkeypatch.setattr(track, "_LEAST_BLOCK", 1)
     used, random = protocol(**VARIANTS[variant]), np.random.default_rng(0)
     truth = true_points("yard")
     points = truth + random.normal(0, 0.4, truth.shape)
@@ -128,7 +128,7 @@ PREPARATIONS: list[dict[str, Any]] = [
 def test_shards_score_as_one_cloud_does(
     steps: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scoring, "_LEAST_BLOCK", 300)
+    monkeypatch.setattr(track, "_LEAST_BLOCK", 300)
     first, second = (one + ORIGIN - 50.0 for one in (surface(2000, 0, far=0.05), surface(1500, 1)))
     first = np.vstack((first, first[::3] + 0.01, first[::7] + 0.003))  # shards share voxels
     used = protocol(alignment={"method": "none", "cameras": "optional"}, preparation=steps)

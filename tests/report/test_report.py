@@ -18,7 +18,7 @@ from airzoo_bench.core.errors import BenchmarkError, ResultError
 from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.scoring import reconstruction_scores
+from airzoo_bench.reconstruction.track import reconstruction_scores
 from airzoo_bench.report.numbers import (
     find,
     marks_of,

@@ -10,8 +10,8 @@ import pytest
 from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.scoring import reconstruction_scores
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
+from airzoo_bench.reconstruction.track import reconstruction_scores
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scoring import retrieval_scores
