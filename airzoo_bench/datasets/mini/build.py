@@ -32,6 +32,7 @@ from airzoo_bench.datasets.mini.world import (
     Light,
     Material,
     Mesh,
+    Region,
     World,
 )
 from airzoo_bench.geometry.arrays import Bools, Floats
@@ -274,7 +275,11 @@ class _Maps:
 
 def build_world(region: str, seed: int) -> World:
     """Make one region of `world.REGIONS`; another seed makes another place of the same kind."""
-    plan = _PLANS[region](seed)
+    return world_of_plan(REGIONS[region], _PLANS[region](seed))
+
+
+def world_of_plan(region: Region, plan: Plan) -> World:
+    """Mesh a plan, paint it and draw its maps."""
     mesh, leaves = plan_mesh(plan), _tree_colours(plan)
     maps = _Maps(plan, mesh)
     canvas = maps.canvas(SURVEY)
@@ -283,8 +288,8 @@ def build_world(region: str, seed: int) -> World:
     raster = Raster(round(SIDE_M / _DSM_M), _DSM_M)
     highest, _ = _look_down(mesh, raster, Material.ROOF, Material.CANOPY)
     return World(
-        region=REGIONS[region],
-        seed=seed,
+        region=region,
+        seed=plan.seed,
         mesh=mesh,
         buildings=_walls(plan),
         tree_colours=leaves,

@@ -14,7 +14,6 @@ from airzoo_bench.datasets.mini.flights import (
     MARGIN_M,
     Airspace,
     barrel_roll,
-    fly,
     footprints,
     frame_poses,
     key_frames,
@@ -23,14 +22,13 @@ from airzoo_bench.datasets.mini.flights import (
 )
 from airzoo_bench.datasets.mini.world import CRS, REGIONS
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.cameras import Cameras, back_project, project
+from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import (
     Poses,
     angles_to_rotations,
     rays_to_world,
     rotations_to_angles,
-    world_to_camera,
 )
 from airzoo_bench.geometry.rays import intersect_plane
 
@@ -117,18 +115,6 @@ def test_the_survey_has_its_lines_and_its_orbit() -> None:
     assert np.ptp(np.unwrap(yaw[orbit], period=360.0)) > 300.0
 
 
-def test_a_straight_leg_is_flown_straight() -> None:
-    line = np.column_stack((np.full(161, 5.0), np.arange(161.0), np.full(161, 90.0)))
-    level = np.zeros(161)
-    flight = fly(CITY, line, level, level - 30.0)
-    place = places(flight)
-    assert np.abs(place[:, (0, 2)] - (5.0, 90.0)).max() < 1e-3
-    assert np.abs(place[(0, -1), 1] - (0.0, 160.0)).max() < 0.5
-    # North of the grid is not true north: the camera follows the grid.
-    assert np.abs(flight.rotation[:, 2] - (0.0, np.cos(np.pi / 6), -0.5)).max() < 1e-5
-    assert np.abs(angles(flight)[0]).min() > 0.1
-
-
 @pytest.mark.parametrize(("yaw", "pitch"), [(0.0, -5.0), (90.0, -30.0), (-135.0, -60.0)])
 def test_the_camera_looks_where_the_geodesic_of_its_yaw_goes(yaw: float, pitch: float) -> None:
     """The axis meets the ground where a geodesic of azimuth yaw arrives, as pyproj finds it."""
@@ -160,13 +146,8 @@ TRAPEZIUM = [
 ]
 FOOTPRINTS = {
     "straight down": ((0.0, -90.0), FAR, shapely.box(-100, -75, 100, 75)),
-    "turned": ((90.0, -90.0), FAR, shapely.box(-75, -100, 75, 100)),
     "oblique": ((0.0, -45.0), 1e6, shapely.Polygon(TRAPEZIUM)),
-    "level": ((0.0, 0.0), 200.0, shapely.Polygon(
-        [(-s, y) for s, y in ((400 / 3, 400 / 3), (200, 200))]
-        + [(s, y) for s, y in ((200, 200), (400 / 3, 400 / 3))]
-    )),
-}  # fmt: skip
+}
 
 
 def posed(height: float, yaw: float, pitch: float, roll: float = 0.0) -> Poses:
@@ -202,14 +183,6 @@ def test_the_footprint_holds_what_pixels_see_and_no_more(
     assert shapely.covers(shapely.buffer(shape, 1e-6), points).all()
     beyond = shapely.points(hits.points[hits.valid & (depth > 1.001 * FAR)][:, :2])
     assert not shapely.covers(shape, beyond).any()
-    if not shape.is_empty:
-        # And the other way round: what lies in the footprint is in the image, and in range.
-        corners = shapely.get_coordinates(shape)
-        inner = corners + 1e-6 * (shapely.get_coordinates(shape.centroid) - corners)
-        local = world_to_camera(poses, np.column_stack((inner, np.full(len(inner), 50.0)))[None])
-        pixels = project(CAMERA, local)[0]
-        assert (local[..., 2] <= FAR * (1 + 1e-6)).all()
-        assert ((pixels >= -1e-6) & (pixels <= np.add((640.0, 480.0), 1e-6))).all()
 
 
 def test_overlap_by_hand() -> None:
