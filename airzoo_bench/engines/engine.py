@@ -34,9 +34,7 @@ Submit = Callable[[Any], Callable[[], Any]]
 UNREAD = 4
 """Blocks a worker that may wait to be read, so that memory does not grow with their number."""
 MORE_MEMORY = "lower --jobs, or use workers or a machine with more memory"
-LOCAL, DASK = "local", "dask"
-_OPENERS = {DASK: "local_cluster"}
-_QUIET = "ignore:resource_tracker"
+LOCAL, DASK, _QUIET = "local", "dask", "ignore:resource_tracker"
 
 
 class Engine:
@@ -92,7 +90,6 @@ class Engine:
     @contextmanager
     def _submitter(self, work: Work, shared: Any, stage: str, count: int) -> Iterator[Submit]:
         """Yield a function that submits an item and returns one that waits for `attempt` of it."""
-        del stage, count
         yield lambda item: partial(attempt, work, shared, item)
 
     def kill(self) -> None:
@@ -162,9 +159,8 @@ class Processes(Engine):
         from joblib.externals.loky import ProcessPoolExecutor
 
         with without_ctrl_c():
-            self._pool = self._pool or ProcessPoolExecutor(self._jobs, initializer=_watch_parent)
-            result: Callable[[], Any] = self._pool.submit(_attempt_dumped, file, item).result
-            return result
+            self._pool = self._pool or ProcessPoolExecutor(self._jobs, initializer=_start_worker)
+            return self._pool.submit(_attempt_dumped, file, item).result  # type: ignore[no-any-return]
 
     def kill(self) -> None:
         """See `Engine`."""
@@ -176,8 +172,11 @@ class Processes(Engine):
             pool.shutdown(wait=True)
 
 
-def _watch_parent() -> None:
+def _start_worker() -> None:
     """Let this process end with its parent, also where that is killed in the middle of a block."""
+    from joblib.externals.loky import process_executor
+
+    process_executor._USE_PSUTIL = False  # it takes what a process keeps for a leak, and ends it
     parent = os.getppid()
 
     def watch() -> None:
@@ -226,7 +225,8 @@ def open_engine(where: str, *, jobs: int, here: Engine | None = None) -> Iterato
             engine.kill()
         return
     try:
-        opener = resolve("airzoo_bench.engines.dask:" + _OPENERS.get(where, "connect"))
+        named = "local_cluster" if where == DASK else "connect"
+        opener = resolve("airzoo_bench.engines.dask:" + named)
     except ModuleNotFoundError as error:  # Dask is an extra
         raise UsageError(
             f"--engine {where} needs {error.name}, which is not installed",
