@@ -10,7 +10,6 @@ little off.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -368,12 +367,3 @@ def _resampled(picture: _Rgb, pixel_m: float, size: int) -> _Rgb:
         blurred = (around[:-2] + around[2:] + sharp * 2 + 2) >> 2
         picture = blurred.astype(np.uint8).transpose(1, 0, 2)
     return np.ascontiguousarray(picture)
-
-
-def digest(world: World) -> dict[str, str]:
-    """Return the SHA-256 of each array's little-endian bytes, by the array's name."""
-    digests = {}
-    for name, array in sorted(world.arrays.items()):
-        little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-        digests[name] = hashlib.sha256(little.data.cast("B")).hexdigest()
-    return digests
