@@ -89,9 +89,8 @@ def evaluate(
     store: SceneStore | None = None,
 ) -> Evaluation:
     """Score predictions; `begun` is called once they are opened and fit the benchmark."""
-    given = open_predictions(
-        path, data=data, track=track, protocol=protocol, run=run, read_by=read_by
-    )
+    asked = {"track": track, "protocol": protocol}
+    given = open_predictions(path, data=data, run=run, read_by=read_by, **asked)
     chosen, known = given.protocol, given.truths
     benchmark, truths = known if known and not known[0].is_sealed else read_truths(chosen, data)
     assignment = given.track.assign(given.predictions, truths, chosen)

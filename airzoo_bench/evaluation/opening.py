@@ -17,13 +17,19 @@ from airzoo_bench.core.errors import (
     PredictionError,
     ProtocolError,
     UnreadableError,
-    UsageError,
 )
 from airzoo_bench.core.files import npz_fields, sha256_of, temporary_folder
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.sandbox import call_limited, check_limits
 from airzoo_bench.evaluation.info import TrackInfo
-from airzoo_bench.evaluation.reader import Reader, Reading, find_reader, image_size_of, reader_named
+from airzoo_bench.evaluation.reader import (
+    Reader,
+    Reading,
+    find_reader,
+    image_size_of,
+    reader_named,
+    refuse_option,
+)
 from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth
 from airzoo_bench.formats.arrays import protocol_name
 from airzoo_bench.formats.npz import NpzFile
@@ -92,12 +98,7 @@ def open_predictions(
     if name is not None:
         return _open_native(path, reader_named(name), name, data, track, chosen, run, read_by)
     for option, value in (("--names", read_by.names), ("--image-size", read_by.image_size)):
-        if value is not None:
-            raise UsageError(
-                f"{option} is for files as methods write them, and no reader takes these",
-                where=path,
-                fix="leave it out, or say which reader: --reader NAME",
-            )
+        refuse_option(option, value, "the suite's own file, no reader's", path)
     info = _track_of(path, asked, fields)
     if chosen is not None:
         _check_track(path, chosen, info.name)
@@ -223,15 +224,13 @@ def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
     conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
     taken = {*track.recorded, *(score.column for score in track.scores(protocol))}
     names = [] if conditions is None else map(str, conditions.columns)
-    clashing = [name for name in names if any(fnmatchcase(name, one) for one in taken)]
-    if clashing:
-        raise BenchmarkError(
-            f"conditions have names that records of the {protocol.track} track use: "
-            f"{', '.join(clashing)}",
-            where=benchmark.scene_folder(scene) / "queries.csv",
-            expected="conditions of other names",
-            fix="rename the columns, then `airzoo-bench manifest FOLDER --force`",
-        )
+    for name in names:
+        if any(fnmatchcase(name, one) for one in taken):
+            raise BenchmarkError(
+                f"condition {name} has the name of a column of {protocol.track} records",
+                where=benchmark.scene_folder(scene) / "queries.csv",
+                fix="rename the column, then `airzoo-bench manifest FOLDER --force`",
+            )
     return truth
 
 

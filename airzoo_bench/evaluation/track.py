@@ -144,40 +144,28 @@ class Run:
 
 
 class Track(ABC):
-    """A track.
+    """A track; where ``Any`` stands it has types of its own.
 
     Attributes
     ----------
     info : TrackInfo
-    protocol : type
-        The class of its protocols.
+    protocol : type, the class of its protocols
     recorded : frozenset of str
         Columns of the records that are neither scores nor conditions of the queries; patterns as
         of `fnmatch`.
 
     Notes
     -----
-    Its methods take these; where ``Any`` stands a track has types of its own:
-
-    path, out : Path
-        Predictions; the template to write.
-    memory_bytes : int
-        The most that reading may hold.
-    benchmark, scene : Benchmark, str
-        A benchmark folder, opened, and the id of a scene in it.
-    protocol : Protocol
-        Of the class `protocol`.
-    predictions : Predictions
-        From `open`.
-    truth, truths : Truth, sequence of Truth
-        From `truth`; of all scenes in the protocol's order.
-    part : object
-        Of `Assignment.parts`.
+    path, out : Path of predictions; of the template to write
+    memory_bytes : int, the most that reading may hold
+    benchmark, scene : Benchmark and the id of a scene in it
+    protocol : Protocol of the class `protocol`
+    predictions : from `open`
+    truth, truths : from `truth`; of all scenes in the protocol's order
+    part : of `Assignment.parts`
     run : Run
-    scored : sequence of Scored
-        From `score` or `check`, of all scenes.
-    kind, seed : str, int
-        One of `TrackInfo.templates`, and what random answers come from.
+    scored : from `score` or `check`, of all scenes
+    kind, seed : one of `TrackInfo.templates`, and what random answers come from
     """
 
     info: ClassVar[TrackInfo]

@@ -142,14 +142,25 @@ def _positives(points: Floats, boxes: Floats, rules: GeometricRules) -> Positive
     return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
 
 
-_BEST, _OUT_OF_GALLERY = ": the best by ", "would answer it, and they are not in the gallery"
 _BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
 _FIXES = (  # for reasons that contain the text, the first that does
     (NO_POSE, ""),
-    ("overlaps by more", "lower --iou-above, or choose a --tile-size nearer to the footprints"),
-    (_BETWEEN, "take a map that is larger than the footprints, or --rule iou, or look at heights"),
-    (_OUT_OF_GALLERY, "take a map that is valid below the photos, or lower least_valid_share"),
-    ("", "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"),
+    (
+        "overlaps by more",
+        "lower --iou-above, or choose a --tile-size nearer to the footprints",
+    ),
+    (
+        _BETWEEN,
+        "take a map that is larger than the footprints, or --rule iou, or look at heights",
+    ),
+    (
+        "only tiles",
+        "take a map that is valid below the photos, or lower least_valid_share",
+    ),
+    (
+        "",
+        "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera",
+    ),
 )
 
 
@@ -161,34 +172,24 @@ def _reasons(
     rules: GeometricRules,
 ) -> list[str]:
     """Return for each photo why no tile answers it, if none does."""
-    best, missed = np.zeros(shared.n_queries), footprints.missed_rays
-    np.maximum.at(best, shared.queries, np.asarray(shared.overlap))
-    blind = [f"{count} of 4 rays do not meet the ground" for count in missed.tolist()]
-    by_area = rules.iou_above is not None
+    missed, outside = (
+        footprints.missed_rays,
+        "would answer it, and they are not in the gallery",
+    )
     too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
-    choices = [  # the first that holds
-        (missed == 4, NO_GROUND_POINT),
-        (on_dropped, f"only tiles {gallery.dropped} {_OUT_OF_GALLERY}"),
-        ((missed > 0) & by_area, [f"{text}, so that there is no footprint" for text in blind]),
-        ((best > 0) & by_area, [f"{too_little}{_BEST}{most:.3g}" for most in best]),
-        (best > 0, _BETWEEN),
-        (missed > 0, [f"{text}, and the others meet no tile" for text in blind]),
-    ]
-    shape, default = len(best), "the footprint meets no tile"
-    tests, texts = zip(*choices, strict=True)
-    named = [np.broadcast_to(np.array(text, dtype=object), shape) for text in texts]
-    return [str(text) for text in np.select(list(tests), named, np.array(default, dtype=object))]
+    choices = {  # the first that holds
+        NO_GROUND_POINT: missed == 4,
+        f"only tiles {gallery.dropped} {outside}": on_dropped,
+        _BETWEEN if rules.iou_above is None else too_little: shared.counts > 0,
+        "some of its 4 rays do not meet the ground, and the others meet no tile": missed > 0,
+    }
+    reasons = np.select([*choices.values()], [*choices], "the footprint meets no tile")
+    return [str(reason) for reason in reasons]
 
 
 def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
     """Return why photos have no tile, a clause a reason, and what may help, commonest first."""
-    parts = excluded["reason"].str.partition(_BEST)
-    counts, best = parts[0].value_counts(), parts[2].replace("", np.nan).astype(float)
-    clauses = []
-    for kind, count in counts.items():
-        most = best[parts[0] == kind].max()
-        clauses.append(
-            f"{counted(count, 'photo')}: {kind}{'' if np.isnan(most) else f'{_BEST}{most:g}'}"
-        )
-    fixes = [next(fix for text, fix in _FIXES if text in kind) for kind in counts.index]
+    counts = excluded["reason"].value_counts()
+    clauses = [f"{counted(count, 'photo')}: {reason}" for reason, count in counts.items()]
+    fixes = [next(fix for text, fix in _FIXES if text in reason) for reason in counts.index]
     return clauses, list(dict.fromkeys(filter(None, fixes)))

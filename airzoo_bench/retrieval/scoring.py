@@ -45,22 +45,25 @@ Between = Callable[[Floats, Floats], Floats]
 """Takes positions (..., 2) of queries and of images, and returns distances (...)."""
 
 
-def retrieval_scores(settings: TileScores | ImageScores) -> list[Score]:
+def list_scores(settings: TileScores | ImageScores) -> list[Score]:
     """Return the scores that a protocol asks for, the paper's first."""
-    headline = [Score.share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    share = Score.share
+    headline = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     if isinstance(settings, ImageScores):
         return headline + _image_scores(settings)
     ap = ap_name(settings.ap_at, settings.ap)
-    headline.append(Score.share(ap, ap.replace("ap", "AP"), headline=True))
     others = [ap_name(settings.ap_at, variant) for variant in AP_VARIANTS]
-    beyond = [Score.share(name, name.replace("ap", "AP")) for name in others if name != ap]
-    beyond += [Score.share("map", "mAP"), Score.share("mrr", "MRR")]
-    beyond += [Score.share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at]
-    beyond.append(Score("distance_m", "Distance", "m", higher_is_better=False, average="median"))
-    beyond += [Score.share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m]
-    beyond += [Score.share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at]
-    beyond += [Score.share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at]
-    return headline + beyond
+    return [
+        *headline,
+        share(ap, ap.replace("ap", "AP"), headline=True),
+        *(share(name, name.replace("ap", "AP")) for name in others if name != ap),
+        *(share("map", "mAP"), share("mrr", "MRR")),
+        *(share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at),
+        Score("distance_m", "Distance", "m", higher_is_better=False, average="median"),
+        *(share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m),
+        *(share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at),
+        *(share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at),
+    ]
 
 
 def _image_scores(settings: ImageScores) -> list[Score]:
@@ -86,7 +89,7 @@ def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageS
         found = metrics.chance_scores(truth.positives.counts, len(truth.tiles), settings)
         tables.append(pd.DataFrame(found).assign(scene=truth.scene))
     records = concatenate(tables)
-    scores = [score for score in retrieval_scores(settings) if score.column in records]
+    scores = [score for score in list_scores(settings) if score.column in records]
     summary = summarise(records, scores, [truth.scene for truth in truths])
     return Reference(
         meaning="what tiles in random order score on average, computed exactly",
@@ -183,13 +186,12 @@ def _list_columns(
     """Return the scores of a gallery of images that read whole lists."""
     positives, ranks = truth.positives, ranking.hit_ranks
     assert ranks is not None
-    first = np.zeros(positives.n_queries, np.int64)
-    some = positives.counts > 0
+    some, first = positives.counts > 0, np.zeros(positives.n_queries, np.int64)
     first[some] = ranks[positives.offsets[:-1][some]]
-    deepest = metrics.rank_of_share(len(truth.tiles), settings.recall_at_share)
+    last = metrics.rank_of_share(len(truth.tiles), settings.recall_at_share)
     plain, trapezoid = metrics.list_precisions(ranks, positives)
     return {
-        share_name(settings.recall_at_share): ((first > 0) & (first <= deepest)).astype(float),
+        share_name(settings.recall_at_share): ((first > 0) & (first <= last)).astype(float),
         "ap/trapezoid": trapezoid,
         "map": plain,
         "mrr": np.divide(1.0, first, out=np.zeros(len(first)), where=first > 0),
@@ -210,22 +212,14 @@ def _image_distances(
 
     metres = distances(between)
     apart = distances(_degrees_apart) if settings.sdm_unit == "degree" else metres
-    worst = _farthest(between, queries, images)
+    step = max(1, _CELLS // len(images))
+    blocks = (queries[start : start + step, None] for start in range(0, len(queries), step))
+    worst = np.concatenate([between(block, images[None]).max(axis=1) for block in blocks])
     return {
         **{f"sdm@{k}": metrics.sdm_at(apart, k, settings.sdm_scale) for k in settings.sdm_at},
         **{f"ma@{m:g}m": (metres[:, 0] < m).astype(float) for m in settings.ma_below_m},
         **{f"dis@{k}": metrics.dis_at(metres, k, worst) for k in settings.dis_at},
     }
-
-
-def _farthest(between: Between, queries: Floats, images: Floats) -> Floats:
-    """Return the distance (Q,) from each query to the image that is farthest from it."""
-    step = max(1, _CELLS // len(images))
-    parts = [
-        between(queries[start : start + step, None], images[None]).max(axis=1)
-        for start in range(0, len(queries), step)
-    ]
-    return np.concatenate(parts)
 
 
 def _straight(queries: Floats, images: Floats) -> Floats:

@@ -15,7 +15,7 @@ ApVariant = Literal["precision", "min", "trec", "hits"]
 Metric = Literal["l2", "cosine", "inner_product"]
 WithoutPositive = Literal["exclude", "miss"]
 Share = Annotated[float, Field(ge=0, le=1)]
-Rank = Annotated[int, Field(ge=1, le=1000)]
+RankNumber = Annotated[int, Field(ge=1, le=1000)]
 
 
 class MapGallery(Strict):
@@ -87,9 +87,9 @@ class TileScores(Strict):
     """Scores of a ranked gallery of tiles that are cut from a map."""
 
     descriptor_metric: Metric
-    ranks_kept: Rank
+    ranks_kept: RankNumber
     recall_at: Ranks
-    ap_at: Rank
+    ap_at: RankNumber
     ap: ApVariant
     ndcg_at: Ranks
     distance_below_m: Limits
@@ -131,7 +131,7 @@ class ImageScores(Strict):
     """Scores of a ranked gallery of images, as the benchmarks' own code computes them."""
 
     descriptor_metric: Metric
-    ranks_kept: Rank
+    ranks_kept: RankNumber
     recall_at: Ranks
     recall_at_share: Annotated[float, Field(gt=0, lt=1)]
     ap: Literal["trapezoid", "trec"]

@@ -21,12 +21,7 @@ from airzoo_bench.retrieval.checks import check_predictions, list_facts, retriev
 from airzoo_bench.retrieval.info import INFO
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions, read_retrieval
 from airzoo_bench.retrieval.ranking import Ranking, rank_scene
-from airzoo_bench.retrieval.scoring import (
-    RECORDED,
-    chance_level,
-    retrieval_scores,
-    score_scene,
-)
+from airzoo_bench.retrieval.scoring import RECORDED, chance_level, list_scores, score_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import RetrievalTruth, scene_truth
 
@@ -74,7 +69,7 @@ class RetrievalTrack(Track):
 
     def scores(self, protocol: RetrievalProtocol) -> list[Score]:
         """See `Track.scores`."""
-        return retrieval_scores(protocol.scores)
+        return list_scores(protocol.scores)
 
     def notes(
         self,

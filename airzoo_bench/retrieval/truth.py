@@ -317,21 +317,19 @@ def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
     return Positives(found["offsets"].astype(np.int64), found["tiles"].astype(np.int32), overlap)
 
 
-def _are_sound(arrays: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> bool:
+def _are_sound(found: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> bool:
     """Tell whether stored positives are of these numbers of queries and tiles."""
-    offsets, tiles, overlap = (arrays.get(name) for name in ("offsets", "tiles", "overlap"))
-    if offsets is None or tiles is None or {offsets.dtype.kind, tiles.dtype.kind} - {*"iu"}:
+    if not {"offsets", "tiles"} <= found.keys():
         return False
-    if offsets.shape != (n_queries + 1,) or tiles.ndim != 1 or (offsets[1:] < offsets[:-1]).any():
+    offsets, tiles, overlap = found["offsets"], found["tiles"], found.get("overlap")
+    overlap = np.zeros(tiles.shape) if overlap is None else overlap
+    if not {offsets.dtype.kind, tiles.dtype.kind} <= {*"iu"} or overlap.dtype.kind not in "fiu":
         return False
-    if offsets[0] != 0 or offsets[-1] != len(tiles):
+    if offsets.shape != (n_queries + 1,) or tiles.ndim != 1 or overlap.shape != tiles.shape:
         return False
-    begins = np.zeros(len(tiles) + 1, np.bool_)
-    begins[offsets] = True
-    ascending = begins[1:-1] | (tiles[1:] > tiles[:-1])
-    inside = (tiles >= 0) & (tiles < n_tiles)
-    if overlap is not None:
-        if overlap.shape != tiles.shape or overlap.dtype.kind not in "fiu":
-            return False
-        inside &= (overlap >= 0) & (overlap <= 1)
-    return bool(ascending.all() and inside.all())
+    counts = np.diff(offsets.astype(np.int64))
+    if offsets[0] != 0 or offsets[-1] != len(tiles) or (counts < 0).any():
+        return False
+    pairs = np.repeat(np.arange(n_queries), counts) * n_tiles + tiles
+    inside = (tiles >= 0) & (tiles < n_tiles) & (overlap >= 0) & (overlap <= 1)
+    return bool(inside.all() and (np.diff(pairs) > 0).all())

@@ -21,7 +21,7 @@ from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.results.scores import Score
-from airzoo_bench.retrieval.scoring import retrieval_scores
+from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
@@ -135,7 +135,7 @@ def scores_of(track: str) -> tuple[ScoreColumn, ...]:
     if track == "retrieval":
         retrieval = load_protocol(shipped["uav-visloc-retrieval"])
         assert isinstance(retrieval, RetrievalProtocol)
-        return score_columns(retrieval_scores(retrieval.scores))
+        return score_columns(list_scores(retrieval.scores))
     if track == "matching":
         matching = load_protocol(shipped["aerialextrematch-matching"])
         assert isinstance(matching, MatchingProtocol)

@@ -33,7 +33,7 @@ from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.comparison import compare, score_intervals
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Reference, score_columns
-from airzoo_bench.retrieval.scoring import retrieval_scores
+from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.layouts import methods_table
@@ -200,7 +200,7 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
     for path in shipped_protocols().values():
         protocol = load_protocol(path)
         if isinstance(protocol, RetrievalProtocol):
-            scores = retrieval_scores(protocol.scores)
+            scores = list_scores(protocol.scores)
         elif isinstance(protocol, MatchingProtocol):
             scores = matching_scores(protocol.scores)
         else:

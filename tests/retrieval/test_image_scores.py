@@ -17,7 +17,7 @@ from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import rank_scene
-from airzoo_bench.retrieval.scoring import retrieval_scores, score_scene
+from airzoo_bench.retrieval.scoring import list_scores, score_scene
 from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol
 from airzoo_bench.retrieval.stated_truth import ImageSet, build_truth, pairs_of_labels
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -112,7 +112,7 @@ def test_university_1652_scores(seed: int) -> None:
     np.testing.assert_allclose(records["ap/trapezoid"], areas, atol=1e-12)
     precision = [np.mean((np.cumsum(h) / np.arange(1, IMAGES + 1))[h]) for h in hits]
     np.testing.assert_allclose(records["map"], precision, atol=1e-12)
-    headline = [score.title for score in retrieval_scores(settings) if score.headline]
+    headline = [score.title for score in list_scores(settings) if score.headline]
     assert headline == ["R@1", "R@5", "R@10", "R@1%", "AP"]
     assert not [name for name in records if name.startswith(("sdm", "dis", "ma@", "distance"))]
 
@@ -169,10 +169,10 @@ def test_gta_uav_scores(seed: int) -> None:
         sdm = (weight * np.exp(-0.001 * metres)).sum(axis=1) / weight.sum()
         np.testing.assert_allclose(records[f"sdm@{k}"], sdm, rtol=1e-12)
         np.testing.assert_allclose(records[f"dis@{k}"], metres.mean(axis=1), rtol=1e-12)
-    titles = [score.title for score in retrieval_scores(settings) if score.headline]
+    titles = [score.title for score in list_scores(settings) if score.headline]
     near = [f"{name}@{k}" for name in ("SDM", "Dis") for k in (1, 3, 5)]
     assert titles == ["R@1", "R@5", "R@10", "R@1%", "AP", *near]
-    [ap] = [score.column for score in retrieval_scores(settings) if score.title == "AP"]
+    [ap] = [score.column for score in list_scores(settings) if score.title == "AP"]
     assert ap == "map"  # scikit-learn's, not the trapezoids'
 
 

@@ -14,7 +14,7 @@ from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.track import reconstruction_scores
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn, score_columns
-from airzoo_bench.retrieval.scoring import retrieval_scores
+from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.comparison import comparison_table, sentence, verdict
 from airzoo_bench.tables.render import render
@@ -25,7 +25,7 @@ from tests.tables.comparisons import FAST, PAIR, against
 def scores_of(name: str) -> tuple[str, tuple[ScoreColumn, ...]]:
     protocol = load_protocol(shipped_protocols()[name])
     if isinstance(protocol, RetrievalProtocol):
-        return "retrieval", score_columns(retrieval_scores(protocol.scores))
+        return "retrieval", score_columns(list_scores(protocol.scores))
     if isinstance(protocol, MatchingProtocol):
         return "matching", score_columns(matching_scores(protocol.scores))
     assert isinstance(protocol, ReconstructionProtocol)
