@@ -15,7 +15,7 @@ from airzoo_bench.api.scores import Scores
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.checks import check_lists
+from airzoo_bench.retrieval.predictions import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
 from airzoo_bench.retrieval.scoring import hit_columns
 from airzoo_bench.retrieval.settings import ApVariant, TileScores

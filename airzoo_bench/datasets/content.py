@@ -40,9 +40,8 @@ from airzoo_bench.geometry.crs import (
 from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, survey_heights
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
 from airzoo_bench.retrieval.gallery import tile_starts
-from airzoo_bench.retrieval.prepare import grouped_reasons
+from airzoo_bench.retrieval.prepare import build_stated_truth, grouped_reasons
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
-from airzoo_bench.retrieval.stated_truth import build_truth as build_stated_truth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 _MOST_DSM_BANDS = 2  # heights, and perhaps a mask

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.datasets.metadata import PhotoPrior
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.retrieval.stated_truth import ImageSet, StatedPairs
+from airzoo_bench.retrieval.prepare import ImageSet, StatedPairs
 
 _OFF_CENTRE = 0.2  # a matrix for photos of half the size has its principal point 0.25 off
 

@@ -98,7 +98,8 @@ def open_predictions(
     if name is not None:
         return _open_native(path, reader_named(name), name, data, track, chosen, run, read_by)
     for option, value in (("--names", read_by.names), ("--image-size", read_by.image_size)):
-        refuse_option(option, value, "the suite's own file, no reader's", path)
+        if value is not None:
+            refuse_option(option, value, "the suite's own file, no reader's", path)
     info = _track_of(path, asked, fields)
     if chosen is not None:
         _check_track(path, chosen, info.name)

@@ -1,7 +1,8 @@
-"""Prediction files of the retrieval track: ranked tile ids, or descriptors."""
+"""Prediction files of the retrieval track, ranked tile ids or descriptors, and their faults."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -9,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, first_of
+from airzoo_bench.core.ids import check_ids
 from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
 from airzoo_bench.formats.arrays import (
     Arrays,
@@ -22,8 +24,32 @@ from airzoo_bench.geometry.arrays import Floats
 
 Texts = NDArray[np.str_]
 
+_CELLS = 1 << 20  # ranks at a time
 _COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")  # of a table
 _EXPECTED = "query_ids with ranked_ids, or with gallery_descriptors, gallery_ids, query_descriptors"
+
+
+_FAULTS_OF_LISTS = (  # field, what, expected, fix
+    (
+        *("ranked_ids", "an empty id before a tile in the lists of"),
+        "empty ids only at the end of a list that is shorter than the others",
+        "move the empty ids to the end",
+    ),
+    (
+        *("ranked_ids", "a tile is ranked more than once in the lists of"),
+        *("each tile once a query", "keep each tile's best rank"),
+    ),
+    (
+        *("scores", "NaN or infinite scores in the rows of"),
+        "a finite number for each ranked tile",
+        "look for a division by zero or half precision, or leave the scores out",
+    ),
+    (
+        *("scores", "scores are not in order for"),
+        "similarities that never rise along a row, or distances that never fall, in all rows alike",
+        "sort each query's tiles by its scores, best first",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -94,3 +120,53 @@ _FORMS = (
         _read_descriptors,
     ),
 )
+
+
+def check_predictions(predictions: RetrievalPredictions) -> None:
+    """Refuse predictions for faults that can be found without truth, and quickly."""
+    content, where = predictions.content, f"{predictions.path}, field "
+    check_ids(predictions.query_ids, f"{where}'query_ids'")
+    if isinstance(content, RankedIds):
+        try:
+            check_lists(content.ids, content.scores, predictions.query_ids)
+        except PredictionError as error:
+            raise error.inside(predictions.path) from error
+        return
+    check_ids(content.gallery_ids, f"{where}'gallery_ids'")
+    if content.queries.shape[1] != content.gallery.shape[1]:
+        raise PredictionError(
+            f"query descriptors have {content.queries.shape[1]} dimensions, gallery descriptors "
+            f"{content.gallery.shape[1]}",
+            where=f"{predictions.path}, fields 'query_descriptors' and 'gallery_descriptors'",
+            expected="the same number",
+            fix="describe photos and tiles with the same model",
+        )
+
+
+def check_lists(
+    ids: NDArray[Any], scores: Floats | None, names: Sequence[object] | NDArray[Any]
+) -> None:
+    """Refuse faulty ranked lists (Q, K) of ids, or of indices as the Python face has.
+
+    An empty id, or -1, ends a list. Scores may rise or fall, and the fewer rows are at fault.
+    """
+    interrupted, repeated, unusable, rises, falls = flags = np.zeros((5, len(ids)), np.bool_)
+    ended = "" if ids.dtype.kind == "U" else -1
+    step = max(1, _CELLS // max(1, ids.shape[1]))
+    for part in (slice(start, start + step) for start in range(0, len(ids), step)):
+        order, there = np.sort(ids[part], axis=1), ids[part] != ended
+        interrupted[part] = (~there[:, :-1] & there[:, 1:]).any(axis=1)
+        same = (order[:, 1:] == order[:, :-1]) & (order[:, 1:] != ended)
+        repeated[part] = same.any(axis=1)
+        if scores is not None:
+            values = scores[part]
+            finite = ~np.isnan(values) if ended == -1 else np.isfinite(values)
+            unusable[part] = (~finite & there).any(axis=1)
+            rises[part] = ((values[:, 1:] > values[:, :-1]) & there[:, 1:]).any(axis=1)
+            falls[part] = ((values[:, 1:] < values[:, :-1]) & there[:, 1:]).any(axis=1)
+    flags[3] = min(rises, falls, key=np.count_nonzero)
+    for rows, (field, what, expected, fix) in zip(flags[:4], _FAULTS_OF_LISTS, strict=True):
+        if rows.any():
+            named = (names[row] for row in np.flatnonzero(rows).tolist())
+            what = f"{what} {first_of(named, len(names), noun='query')}"
+            raise PredictionError(what, where=f"field '{field}'", expected=expected, fix=fix)

@@ -327,7 +327,8 @@ def _are_sound(found: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> 
         return False
     if offsets.shape != (n_queries + 1,) or tiles.ndim != 1 or overlap.shape != tiles.shape:
         return False
-    counts = np.diff(offsets.astype(np.int64))
+    offsets = offsets.astype(np.int64)
+    counts: Ints = offsets[1:] - offsets[:-1]
     if offsets[0] != 0 or offsets[-1] != len(tiles) or (counts < 0).any():
         return False
     pairs = np.repeat(np.arange(n_queries), counts) * n_tiles + tiles

@@ -34,13 +34,11 @@ def over_all_orders(n_tiles: int, n_positives: int, chosen: TileScores) -> dict[
     return records.select_dtypes("number").mean().to_dict()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(1, 8), st.data())
 def test_the_mean_over_all_orders_is_what_is_given(n_tiles: int, data: st.DataObject) -> None:
     n_positives = data.draw(st.integers(0, n_tiles))
-    kept = data.draw(st.integers(10, 12))
-    k = data.draw(st.integers(1, 7))
-    chosen = scores(ranks_kept=kept, ap_at=k)
+    chosen = scores(ranks_kept=data.draw(st.integers(10, 12)), ap_at=data.draw(st.integers(1, 7)))
     expected = over_all_orders(n_tiles, n_positives, chosen)
     found = chance_scores(np.array([n_positives]), n_tiles, chosen)
     names = {"map", "mrr", *(name for name in expected if name.startswith(("re", "ap@", "nd")))}
@@ -49,8 +47,8 @@ def test_the_mean_over_all_orders_is_what_is_given(n_tiles: int, data: st.DataOb
         assert value[0] == pytest.approx(expected[name], abs=1e-12), name
 
 
-def test_recall_is_that_of_scipy() -> None:
-    positives = np.array([1, 3, 40, 500, 5000])
+def test_recall_is_that_of_scipy_for_each_query() -> None:
+    positives = np.array([1, 3, 40, 500, 0, 3, 5000])
     found = chance_scores(positives, 5000, scores())
     for k in (1, 3, 5):
         expected = hypergeom.sf(0, 5000, positives, k)
@@ -68,15 +66,3 @@ def test_lists_cut_at_the_ranks_kept_agree_with_random_orders() -> None:
     for name, value in chance_scores(np.array([n_positives]), n_tiles, scores()).items():
         column = records[name]
         assert abs(column.mean() - value[0]) < 4 * column.std() / np.sqrt(n_orders), name
-
-
-def test_each_query_has_its_own() -> None:
-    found = chance_scores(np.array([3, 0, 3, 50]), 100, scores())["recall@1"]
-    np.testing.assert_allclose(found, [0.03, 0, 0.03, 0.5])
-
-
-@pytest.mark.parametrize("n_tiles", [1, 2, 3])
-def test_no_order_is_wrong_where_all_tiles_are_positive(n_tiles: int) -> None:
-    found = chance_scores(np.array([n_tiles]), n_tiles, scores())
-    for name in ("recall@1", "map", "mrr", "ndcg@5", "ap@5/min", "ap@5/trec", "ap@5/hits"):
-        assert found[name] == pytest.approx([1.0]), name

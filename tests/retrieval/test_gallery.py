@@ -21,15 +21,8 @@ from airzoo_bench.retrieval.truth import BOX_COLUMNS
 
 
 def gallery(sizes: tuple[int, ...] = (64, 32), gsd_m: float | str = "any") -> MapGallery:
-    return MapGallery.model_validate(
-        {
-            "tile_sizes_px": sizes,
-            "overlap": 0.5,
-            "gsd_m": gsd_m,
-            "gsd_tolerance": 0.1,
-            "least_valid_share": 0.0,
-        }
-    )
+    rules = {"overlap": 0.5, "gsd_tolerance": 0.1, "least_valid_share": 0.0}
+    return MapGallery.model_validate(rules | {"tile_sizes_px": sizes, "gsd_m": gsd_m})
 
 
 def write_map(path: Path, crs: str, transform: Affine, width: int = 150, height: int = 100) -> Path:
@@ -39,14 +32,19 @@ def write_map(path: Path, crs: str, transform: Affine, width: int = 150, height:
     return path
 
 
-def test_starts_worked_by_hand() -> None:
-    # 150 px, tiles of 64 at stride 32: 0, 32, 64 (ends at 128); the next would end at 160, so the
-    # last one is anchored at 150 - 64 = 86.
-    assert tile_starts(150, 64, 0.5).tolist() == [0, 32, 64, 86]
-    # 128 px is met exactly: no anchored tile is added.
-    assert tile_starts(128, 64, 0.5).tolist() == [0, 32, 64]
-    assert tile_starts(64, 64, 0.5).tolist() == [0]
-    assert tile_starts(40, 64, 0.5).tolist() == [0]
+@pytest.mark.parametrize(
+    ("length", "starts"),
+    [
+        # 150 px, tiles of 64 at stride 32: 0, 32, 64 (ends at 128); the next would end at 160, so
+        # the last one is anchored at 150 - 64 = 86. 128 px is met exactly.
+        (150, [0, 32, 64, 86]),
+        (128, [0, 32, 64]),
+        (64, [0]),
+        (40, [0]),
+    ],
+)
+def test_starts_worked_by_hand(length: int, starts: list[int]) -> None:
+    assert tile_starts(length, 64, 0.5).tolist() == starts
 
 
 @given(

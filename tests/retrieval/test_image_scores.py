@@ -16,19 +16,16 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
+from airzoo_bench.retrieval.prepare import ImageSet, build_stated_truth, pairs_of_labels
 from airzoo_bench.retrieval.ranking import rank_scene
 from airzoo_bench.retrieval.scoring import list_scores, score_scene
-from airzoo_bench.retrieval.settings import ImageScores, RetrievalProtocol
-from airzoo_bench.retrieval.stated_truth import ImageSet, build_truth, pairs_of_labels
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 QUERIES, IMAGES, CLASSES = 40, 330, 12
 
 
-def protocol(name: str) -> RetrievalProtocol:
-    found = load_protocol(shipped_protocols()[name])
-    assert isinstance(found, RetrievalProtocol)
-    return found
+def protocol(name: str) -> Any:
+    return load_protocol(shipped_protocols()[name])
 
 
 def made_truth(
@@ -44,10 +41,10 @@ def made_truth(
         for which, (letter, of) in enumerate(zip("qt", labels, strict=True))
     ]
     rules = protocol("university-1652-drone-to-satellite").ground_truth
-    return build_truth("s", sets[0], sets[1], pairs_of_labels(*labels), rules).truth
+    return build_stated_truth("s", sets[0], sets[1], pairs_of_labels(*labels), rules).truth
 
 
-def records_of(truth: RetrievalTruth, settings: ImageScores, content: Any) -> pd.DataFrame:
+def records_of(truth: RetrievalTruth, settings: Any, content: Any) -> pd.DataFrame:
     ids = truth.queries["id"].to_numpy(str)
     predictions = RetrievalPredictions(Path("p.npz"), None, ids, content)
     rows = np.arange(len(ids))
@@ -97,10 +94,9 @@ def curve_area(right: np.ndarray[Any, Any]) -> float:
     return area
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_university_1652_scores(seed: int) -> None:
     made, settings = Made(seed), protocol("university-1652-drone-to-satellite").scores
-    assert isinstance(settings, ImageScores)
     truth = made_truth(made.labels)
     records = records_of(truth, settings, made.content(truth))
     hits = [made.of_images[o] == c for o, c in zip(made.orders, made.of_queries, strict=True)]
@@ -114,13 +110,11 @@ def test_university_1652_scores(seed: int) -> None:
     np.testing.assert_allclose(records["map"], precision, atol=1e-12)
     headline = [score.title for score in list_scores(settings) if score.headline]
     assert headline == ["R@1", "R@5", "R@10", "R@1%", "AP"]
-    assert not [name for name in records if name.startswith(("sdm", "dis", "ma@", "distance"))]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_denseuav_scores(seed: int) -> None:
     made, settings = Made(seed), protocol("denseuav-drone-to-satellite").scores
-    assert isinstance(settings, ImageScores)
     places = made.places[made.of_queries], made.places[made.of_images]
     truth = made_truth(made.labels, places, degrees=True)
     records = records_of(truth, settings, made.content(truth))
@@ -150,10 +144,9 @@ def haversine(one: Floats, other: Floats) -> float:
     return 2 * math.asin(math.sqrt(half)) * 6_378_137
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_gta_uav_scores(seed: int) -> None:
     made, settings = Made(seed), protocol("gta-uav-cross-area-drone-to-satellite").scores
-    assert isinstance(settings, ImageScores)
     random = np.random.default_rng(seed)
     places = random.uniform(0, 9000, (QUERIES, 2)), random.uniform(0, 9000, (IMAGES, 2))
     truth = made_truth(made.labels, places)
@@ -176,29 +169,23 @@ def test_gta_uav_scores(seed: int) -> None:
     assert ap == "map"  # scikit-learn's, not the trapezoids'
 
 
-@pytest.mark.parametrize("n_positives", [0, 1, 2, 5])
+@pytest.mark.parametrize("n_positives", [1, 2, 5])
 def test_chance_is_the_mean_over_all_orders(n_positives: int) -> None:
     n_tiles, settings = 5, protocol("university-1652-drone-to-satellite").scores
-    assert isinstance(settings, ImageScores)
     orders = list(permutations(range(n_tiles)))
     labels = ["1"] * n_positives + ["2"] * (n_tiles - n_positives)
-    truth = (
-        made_truth((["1"] * len(orders), labels))
-        if n_positives
-        else made_truth((["1"] * (len(orders) - 1) + ["2"], labels))
-    )
+    truth = made_truth((["1"] * len(orders), labels))
     ids = truth.tiles["id"].to_numpy(str)
     ranked = RankedIds(np.array([ids[list(order)] for order in orders]), None)
-    records = records_of(truth, settings, ranked).iloc[: len(orders) - 1 + bool(n_positives)]
-    found = chance_scores(np.array([n_positives]), n_tiles, settings)
+    records = records_of(truth, settings, ranked)
+    found = chance_scores(np.array([n_positives, 0]), n_tiles, settings)
     assert {"recall@1", "recall@1%", "ap/trapezoid", "map", "mrr"} <= set(found)
     for name, value in found.items():
-        assert value[0] == pytest.approx(records[name].mean(), abs=1e-12), name
+        assert value == pytest.approx([records[name].mean(), 0], abs=1e-12), name
 
 
 def test_queries_that_the_predictions_lack_score_nothing() -> None:
     made, settings = Made(0), protocol("denseuav-drone-to-satellite").scores
-    assert isinstance(settings, ImageScores)
     places = made.places[made.of_queries], made.places[made.of_images]
     truth = made_truth(made.labels, places, degrees=True)
     ids = truth.queries["id"].to_numpy(str)
@@ -221,7 +208,6 @@ def test_queries_that_the_predictions_lack_score_nothing() -> None:
 def test_positives_that_are_not_ranked_are_never_found() -> None:
     truth = made_truth((["1", "2"], ["1", "1", "2", "3"]))
     settings = protocol("university-1652-drone-to-satellite").scores
-    assert isinstance(settings, ImageScores)
     ranked = RankedIds(np.array([["s/t0003", "s/t0001"], ["", ""]]), None)
     records = records_of(truth, settings, ranked)
     # One of two positives, at rank 2: half of (0 / 1 + 1 / 2) / 2.

@@ -11,8 +11,6 @@ import pytest
 from airzoo_bench.evaluation.evaluate import check, evaluate
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
-MEMORY = 1 << 30
-
 
 def evaluated(path: Path, data: Path) -> Any:
     return evaluate(path, data=data).result
@@ -31,28 +29,13 @@ def has(notes: list[str], *words: str) -> bool:
     return any(all(word in note for word in words) for note in notes)
 
 
-def random_descriptors(scenes: list[MadeScene]) -> dict[str, Any]:
-    rng = np.random.default_rng(0)
-    tiles = [t for s in scenes for t in s.tile_ids]
-    queries = [q for s in scenes for q in s.query_ids]
-    return {
-        "query_ids": queries,
-        "query_descriptors": rng.standard_normal((len(queries), 4)),
-        "gallery_ids": tiles,
-        "gallery_descriptors": rng.standard_normal((len(tiles), 4)),
-    }
-
-
 def test_empty_lists_are_counted_as_missing(
     data: Path, tmp_path: Path, perfect: dict[str, Any]
 ) -> None:
     ranked = np.array(perfect["ranked_ids"])
     ranked[1:3] = ""
     path = write_predictions(
-        tmp_path / "p.npz",
-        "made-retrieval",
-        query_ids=perfect["query_ids"],
-        ranked_ids=ranked,
+        tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=ranked
     )
     assert has(both(path, data), "2 queries have an empty list")
     evaluation = evaluate(path, data=data)
@@ -72,10 +55,7 @@ def test_lists_that_end_before_their_positives_are_said(
     path = write_predictions(
         tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=lists
     )
-    assert has(
-        both(path, data),
-        "10 lists end without all positives",
-    )
+    assert has(both(path, data), "10 lists end without all positives")
     whole = write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect)
     assert both(whole, data) == []
 
@@ -118,9 +98,13 @@ def test_ranks_that_short_lists_lack_score_nothing(
 def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
     data: Path, tmp_path: Path, scenes: list[MadeScene]
 ) -> None:
-    arrays = random_descriptors(scenes)
-    arrays["gallery_descriptors"] = np.ones((20, 4))
-    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
-    notes = both(path, data)
+    queries = [q for s in scenes for q in s.query_ids]
+    arrays = {
+        "query_ids": queries,
+        "query_descriptors": np.random.default_rng(0).standard_normal((len(queries), 4)),
+        "gallery_ids": [t for s in scenes for t in s.tile_ids],
+        "gallery_descriptors": np.ones((20, 4)),
+    }
+    notes = both(write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays), data)
     assert has(notes, "10 queries depend on ties")
     assert has(notes, "10 queries give all tiles the same score")

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.retrieval.checks import check_lists
+from airzoo_bench.retrieval.predictions import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
 from tests.retrieval.ranking_support import (
     assert_is,

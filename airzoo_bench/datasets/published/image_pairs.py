@@ -31,7 +31,7 @@ from airzoo_bench.datasets.published.places import (
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text
-from airzoo_bench.retrieval.stated_truth import ImageSet, StatedPairs, pairs_of_labels
+from airzoo_bench.retrieval.prepare import ImageSet, StatedPairs, pairs_of_labels
 
 _DIRECTIONS = ("drone-to-satellite", "satellite-to-drone")
 _SUFFIXES = (*PHOTO_SUFFIXES, ".ppm", ".bmp", ".pgm", ".webp")  # those of torchvision
