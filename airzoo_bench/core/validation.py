@@ -40,7 +40,7 @@ Ranks = Annotated[
     Field(min_length=1, max_length=16),
     AfterValidator(_ascending),
 ]
-Limits = Annotated[
+Thresholds = Annotated[
     tuple[Positive, ...], Field(min_length=1, max_length=16), AfterValidator(_ascending)
 ]
 

@@ -144,7 +144,7 @@ class Run:
 
 
 class Track(ABC):
-    """A track; where ``Any`` stands it has types of its own.
+    """A track; ``Any`` marks types of its own.
 
     Attributes
     ----------

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
+from airzoo_bench.core.validation import Count, Thresholds, Positive, Seed, Strict
 from airzoo_bench.protocol.model import Protocol
 
 SolverName = Literal["colmap", "colmap+refine", "poselib"]
@@ -66,11 +66,11 @@ class MatchingScores(Strict):
 
     orientation_is_trusted: bool
     failed_rotation_deg: Annotated[float, Field(gt=0, le=180)] | Literal["infinite"]
-    translation_below_m: Limits
+    translation_below_m: Thresholds
     pose_below_m_deg: Annotated[
         tuple[tuple[Positive, Positive], ...], Field(min_length=1, max_length=16)
     ]
-    auc_up_to_m: Limits
+    auc_up_to_m: Thresholds
 
     @property
     def finest_m(self) -> float:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from airzoo_bench.core.validation import Count, Limits, Positive, Seed, Strict
+from airzoo_bench.core.validation import Count, Thresholds, Positive, Seed, Strict
 from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.protocol.model import Protocol
 
@@ -91,11 +91,11 @@ class Preparation(Strict):
 class ReconstructionScores(Strict):
     """Distances below which points count as right, all strict."""
 
-    f1_below_m: Limits
+    f1_below_m: Thresholds
     headline_below_m: Positive
     curve_up_to_m: Positive
     curve_steps: Annotated[int, Field(ge=2, le=10_000)]
-    pose_auc_below_deg: Limits
+    pose_auc_below_deg: Thresholds
     pose_auc_rule: Literal["exact", "depth-anything-3"]
     least_baseline_m: Distance
     trajectory_alignment: Literal["umeyama", "cloud"]

@@ -213,42 +213,29 @@ def chance_scores(
 ) -> dict[str, Floats]:
     """Return the expected score of each query under a random order of its gallery."""
     kinds, back = np.unique(positives, return_inverse=True)
-    if isinstance(settings, ImageScores):
-        scores = _image_chance(kinds, n_tiles, settings)
-    else:
-        scores = _tile_chance(kinds, n_tiles, settings)
-    return {name: values[back] for name, values in scores.items()}
-
-
-def _image_chance(kinds: Ints, n_tiles: int, settings: ImageScores) -> dict[str, Floats]:
     right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
-    share = settings.recall_at_share
-    none = _none_among(kinds, n_tiles, max(n_tiles, *settings.recall_at))
-    scores = {f"recall@{n}": 1 - none[:, n] for n in settings.recall_at}
-    scores[share_name(share)] = 1 - none[:, rank_of_share(n_tiles, share)]
-    scores["map"] = _precision_sums(right, n_tiles, n_tiles) / divisor
-    scores["ap/trapezoid"] = (scores["map"] + _precision_before(right, n_tiles) / divisor) / 2
-    scores["mrr"] = -np.diff(none[:, : n_tiles + 1], axis=1) @ (1 / np.arange(1.0, n_tiles + 1))
-    return scores
-
-
-def _tile_chance(kinds: Ints, n_tiles: int, settings: TileScores) -> dict[str, Floats]:
-    k, kept = settings.ap_at, min(settings.ranks_kept, n_tiles)
-    right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
+    whole_lists = isinstance(settings, ImageScores)
+    kept = n_tiles if whole_lists else min(settings.ranks_kept, n_tiles)
     none = _none_among(kinds, n_tiles, max(kept, *settings.recall_at))
-    sums = _precision_sums(right, n_tiles, min(k, n_tiles))
     scores = {f"recall@{n}": 1 - none[:, n] for n in settings.recall_at}
-    scores[ap_name(k, "precision")] = right / n_tiles * min(k, n_tiles) / k
-    scores[ap_name(k, "min")] = sums / np.minimum(divisor, k)
-    scores[ap_name(k, "trec")] = sums / divisor
-    scores[ap_name(k, "hits")] = np.array([_over_hits(int(r), n_tiles, k) for r in kinds])
     scores["map"] = _precision_sums(right, n_tiles, kept) / divisor
     scores["mrr"] = -np.diff(none[:, : kept + 1], axis=1) @ (1 / np.arange(1.0, kept + 1))
-    for depth in settings.ndcg_at:
-        gain = np.concatenate(([0.0], np.cumsum(1 / np.log2(np.arange(2, depth + 2)))))
-        best = gain[np.clip(kinds, 1, depth)]
-        scores[f"ndcg@{depth}"] = right / n_tiles * gain[min(depth, n_tiles)] / best
-    return scores
+    if isinstance(settings, ImageScores):
+        share, before = settings.recall_at_share, _precision_before(right, n_tiles) / divisor
+        scores[share_name(share)] = 1 - none[:, rank_of_share(n_tiles, share)]
+        scores["ap/trapezoid"] = (scores["map"] + before) / 2
+    else:
+        k = settings.ap_at
+        sums = _precision_sums(right, n_tiles, min(k, n_tiles))
+        scores[ap_name(k, "precision")] = right / n_tiles * min(k, n_tiles) / k
+        scores[ap_name(k, "min")] = sums / np.minimum(divisor, k)
+        scores[ap_name(k, "trec")] = sums / divisor
+        scores[ap_name(k, "hits")] = np.array([_over_hits(int(r), n_tiles, k) for r in kinds])
+        for depth in settings.ndcg_at:
+            gain = np.concatenate(([0.0], np.cumsum(1 / np.log2(np.arange(2, depth + 2)))))
+            best = gain[np.clip(kinds, 1, depth)]
+            scores[f"ndcg@{depth}"] = right / n_tiles * gain[min(depth, n_tiles)] / best
+    return {name: values[back] for name, values in scores.items()}
 
 
 def _none_among(positives: Ints, n_tiles: int, most: int) -> Floats:

@@ -58,7 +58,7 @@ class Ranking:
         """Return one without any tile."""
         return cls(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
 
-    def put(self, rows: Ints, found: Ranking) -> None:
+    def copy_rows(self, rows: Ints, found: Ranking) -> None:
         """Copy the rankings of some queries, as many ranks as are kept."""
         self.tiles[rows] = found.tiles[:, : self.tiles.shape[1]]
         self.tie_dependent[rows] = found.tie_dependent
@@ -102,7 +102,7 @@ def rank_scene(
         some = there[part]
         right = positives.take(some)
         found = rank(rows[some], predictions.query_ids[rows[some]], right)
-        ranking.put(some, found)
+        ranking.copy_rows(some, found)
         if hit_ranks is not None:
             hit_ranks[positives.pairs(some)] = _ranks_of_hits(found.tiles, right, n_tiles)
     return Ranking(ranking.tiles, ranking.tie_dependent, hit_ranks)
@@ -187,7 +187,7 @@ def rank_by_ids(
     found = order_pairs((query, tile, level), right, n_tiles, k, tie_ranks)
     found.tie_dependent[lost] = True
     found.drop_flat(np.flatnonzero((last == 0) & (length > 1)), right, n_tiles)
-    ranking.put(some, found)
+    ranking.copy_rows(some, found)
     return ranking
 
 
@@ -300,7 +300,7 @@ def rank_by_descriptors(
         name=lambda _: "some queries",
     )
     for part, ranked in zip(parts, found, strict=True):
-        ranking.put(some[part], ranked)
+        ranking.copy_rows(some[part], ranked)
     ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
     ranking.drop_flat(blank, positives, n_tiles)
     return ranking
@@ -314,7 +314,7 @@ def _rank_part(shared: tuple[Search, int, int], item: tuple[NDArray[Any], Positi
     ranking = Ranking.blank(len(queries), k)  # nearly everything ties: half of the queries each
     for half in split(len(queries), (len(queries) + 1) // 2):
         rows = np.arange(half.start, half.stop)
-        ranking.put(rows, _rank_part(shared, (queries[half], positives.take(rows))))
+        ranking.copy_rows(rows, _rank_part(shared, (queries[half], positives.take(rows))))
     return ranking
 
 

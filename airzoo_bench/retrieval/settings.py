@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from airzoo_bench.core.errors import ProtocolError
-from airzoo_bench.core.validation import Limits, Positive, Ranks, Strict
+from airzoo_bench.core.validation import Thresholds, Positive, Ranks, Strict
 from airzoo_bench.protocol.model import Protocol
 
 ApVariant = Literal["precision", "min", "trec", "hits"]
@@ -92,7 +92,7 @@ class TileScores(Strict):
     ap_at: RankNumber
     ap: ApVariant
     ndcg_at: Ranks
-    distance_below_m: Limits
+    distance_below_m: Thresholds
     sdm_at: Ranks
     sdm_scale_per_m: Positive
     pdm_at: Ranks
@@ -123,7 +123,7 @@ class DistanceScores(Strict):
     sdm_at: Ranks
     sdm_unit: Literal["metre", "degree"]
     sdm_scale: Positive
-    ma_below_m: Limits
+    ma_below_m: Thresholds
     dis_at: Ranks
 
 

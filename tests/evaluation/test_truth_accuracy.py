@@ -5,12 +5,7 @@ from __future__ import annotations
 import pytest
 
 from airzoo_bench.evaluation.evaluate import accuracy_notes
-from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
-
-
-def protocol(track: str) -> Protocol:
-    shipped = load_protocol(shipped_protocols()[f"photos-{track}"])
-    return shipped.model_copy(update={"scenes": (shipped.scenes[0],)})
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 
 @pytest.mark.parametrize(
@@ -28,9 +23,8 @@ def protocol(track: str) -> Protocol:
 def test_thresholds_below_three_times_the_accuracy_are_named(
     track: str, accuracy_m: float | None, fine: str | None
 ) -> None:
-    used = protocol(track)
+    shipped = load_protocol(shipped_protocols()[f"photos-{track}"])
+    used = shipped.model_copy(update={"scenes": (shipped.scenes[0],)})
     notes = accuracy_notes(used, {used.scenes[0].id: accuracy_m, "elsewhere": 1e9})
     assert len(notes) == (fine is not None)
-    if fine is not None:
-        assert fine in notes[0]
-        assert f"good to {accuracy_m:g} m" in notes[0]
+    assert all(fine in note and f"good to {accuracy_m:g} m" in note for note in notes)
