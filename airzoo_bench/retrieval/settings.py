@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from airzoo_bench.core.errors import ProtocolError
-from airzoo_bench.core.validation import Thresholds, Positive, Ranks, Strict
+from airzoo_bench.core.validation import Positive, Ranks, Strict, Thresholds
 from airzoo_bench.protocol.model import Protocol
 
 ApVariant = Literal["precision", "min", "trec", "hits"]
