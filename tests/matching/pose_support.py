@@ -26,7 +26,6 @@ SOLVER = Solver(
     max_matches=20_000,
     max_trials_times_matches=500_000_000,
 )
-PINHOLE = (0.0, 0.0, 0.0, 0.0, 0.0)
 PROJECTED = (400_000.0, 3_130_000.0, 60.0)
 
 
@@ -49,7 +48,7 @@ def make_scene(
     seed: int,
     *,
     count: int = 400,
-    lens: tuple[float, ...] = PINHOLE,
+    lens: tuple[float, ...] = (0.0,) * 5,
     noise_px: float = 0.0,
     outliers: float = 0.0,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -60,20 +59,14 @@ def make_scene(
     camera = Cameras.from_matrices(K, 4000, 3000, [lens])
     rotation = looking_down(rng.uniform(5.0, 35.0), rng.uniform(0.0, 360.0))
     poses = Poses.from_centres(rotation, rng.normal((0.0, 0.0, 140.0), 5.0)[None])
-    points = _seen(rng, camera, poses, count)
-    query_xy = project(camera, world_to_camera(poses, points[None]))[0]
-    query_xy += rng.normal(0.0, noise_px, query_xy.shape)
+    points = rng.uniform((-300.0, -300.0, 0.0), (300.0, 300.0, 25.0), (60 * count, 3))
+    xy = project(camera, world_to_camera(poses, points[None]))[0]
+    seen = np.flatnonzero(((xy > 0.0) & (xy < (4000.0, 3000.0))).all(axis=1))[:count]
+    query_xy, points = xy[seen] + rng.normal(0.0, noise_px, (len(seen), 2)), points[seen]
     wrong = rng.permutation(count) < round(outliers * count)
     query_xy[wrong] = rng.random((wrong.sum(), 2)) * (4000.0, 3000.0)
     problem = Problem(camera, query_xy, points + origin)
     return Scene(problem, rotation[0], poses.centres[0] + origin, wrong)
-
-
-def _seen(rng: np.random.Generator, camera: Cameras, poses: Poses, count: int) -> np.ndarray:
-    points = rng.uniform((-300.0, -300.0, 0.0), (300.0, 300.0, 25.0), (60 * count, 3))
-    xy = project(camera, world_to_camera(poses, points[None]))[0]
-    inside = ((xy > 0.0) & (xy < (4000.0, 3000.0))).all(axis=1)
-    return points[inside][:count]
 
 
 def errors(estimate: PoseEstimate, scene: Scene) -> tuple[float, float]:

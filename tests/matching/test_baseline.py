@@ -55,13 +55,12 @@ def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
     return np.array(((cos, -sin, x), (sin, cos, y), (0.0, 0.0, 1.0)))
 
 
-@pytest.mark.parametrize("wrong_deg", [0.0, 67.0])
-def test_matches_follow_a_known_homography(wrong_deg: float) -> None:
+def test_matches_follow_a_known_homography() -> None:
     crop = texture(420, 380)
     H = similarity(0.9, 30.0, 130.0, 40.0)
     H[2, :2] = (2e-4, -3e-4)
     query = seen_through(crop, H, 300, 240)
-    found, there = matched(query, crop, (300, 240), turn_deg=30.0 + wrong_deg)
+    found, there = matched(query, crop, (300, 240), turn_deg=97.0)  # a wrong turn does no harm
     off = there - moved(H, found)
     assert len(found) > 200
     assert (np.linalg.norm(off, axis=1) < 1).mean() > 0.97
@@ -92,15 +91,13 @@ def test_nothing_is_matched_where_the_map_has_no_data() -> None:
     assert (crop[row, column] > 0).all()
 
 
-@pytest.mark.parametrize("corner", [(110.0, 60.0), (200.0, 150.0)])
-def test_photos_are_matched_with_the_whole_map(tmp_path: Path, corner: tuple[float, float]) -> None:
+def test_photos_are_matched_with_the_whole_map(tmp_path: Path) -> None:
     # A photo of a map, 3.1 times as fine; libjpeg's reductions do not divide it.
-    grey = texture(500, 400, seed=2)
+    grey, corner = texture(500, 400, seed=2), (200.0, 150.0)
     dom = write_tif(tmp_path / "dom.tif", np.stack((grey, grey, grey)))
     shown = seen_through(grey, similarity(1 / 3.1, 0.0, *corner), 803, 651)
     Image.fromarray(shown).save(tmp_path / "a.jpg", quality=95)
-    window = (int(corner[0]) - 30, int(corner[1]) - 20, 320, 260)
-    task = Task(tmp_path / "a.jpg", camera(803, 651), dom, window, 0.0, 1 / 3.1)
+    task = Task(tmp_path / "a.jpg", camera(803, 651), dom, (170, 130, 320, 260), 0.0, 1 / 3.1)
     query_xy, map_xy = match_task(SETTINGS, task)
     off = query_xy - 3.1 * (map_xy - corner)
     assert len(off) > 100

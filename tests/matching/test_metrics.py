@@ -20,8 +20,7 @@ from tests.geometry.support import quick, seeds
 
 INF, NAN = math.inf, math.nan
 
-# Six queries; the fourth and the sixth have failed.
-#            dx    dy   dz  turn    3D   horizontal  vertical
+# Six queries; the fourth and the sixth have failed: dx, dy, dz, turn; in 3D, horizontal, vertical.
 TABLE = [
     (3.0, 0.0, 4.0, 0.5, 5.0, 3.0, 4.0),
     (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),

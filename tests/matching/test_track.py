@@ -21,7 +21,6 @@ from tests.matching.world import (
     made_matching_protocol,
     make_world,
     noisy,
-    records,
 )
 from tests.support import run_main
 
@@ -107,7 +106,7 @@ def test_the_rotation_of_a_failure_and_fewest_matches_are_the_protocols(tmp_path
     world, counts = world_of(tmp_path, **fewest), [0, 4, 5, N_MATCHES, N_MATCHES]
     query_xy = [xy[:n] for xy, n in zip(world.query_xy, counts, strict=True)]
     map_xy = [xy[:n] for xy, n in zip(world.map_xy, counts, strict=True)]
-    rows = records(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy))
+    rows = evaluated(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy)).records
     assert rows["failed"].tolist() == [True, True, False, False, False]
     assert rows["rotation_deg"].tolist()[:2] == [180.0, 180.0]
     assert rows["error_m"].tolist()[:2] == [np.inf, np.inf]
@@ -117,7 +116,7 @@ def test_the_rotation_of_a_failure_and_fewest_matches_are_the_protocols(tmp_path
 @pytest.mark.parametrize("limit", [100.0, 105.0])
 def test_heights_that_do_not_count_are_dropped(tmp_path: Path, limit: float) -> None:
     world = world_of(tmp_path, lift={"heights_above_m": limit})
-    rows = records(world, tmp_path, world.matches())
+    rows = evaluated(world, tmp_path, world.matches()).records
     low = [int((points[:, 2] <= limit).sum()) for points in world.points]
     assert (rows["no_height"] >= low).all()
     assert (rows["no_height"] + rows["lifted"] == N_MATCHES).all()
@@ -127,13 +126,13 @@ def test_heights_that_do_not_count_are_dropped(tmp_path: Path, limit: float) -> 
 def test_half_pixels_are_seen(tmp_path: Path, world: World) -> None:
     on_map = world.correspondences(world.query_xy, map_xy=[xy + 0.5 for xy in world.map_xy])
     # A pixel is 2 m: the estimate moves by 1 m to the east and 1 m to the south.
-    assert (abs(records(world, tmp_path, on_map)["horizontal_m"] - 2**0.5) < 0.5).all()
+    assert (abs(evaluated(world, tmp_path, on_map).records["horizontal_m"] - 2**0.5) < 0.5).all()
     on_photo = world.correspondences([xy + 0.5 for xy in world.query_xy], map_xy=world.map_xy)
     # Half a pixel of f = 520 px is 0.055 degrees; 0.078 along the diagonal.
-    assert records(world, tmp_path, on_photo)["rotation_deg"].between(0.03, 0.15).all()
+    assert evaluated(world, tmp_path, on_photo).records["rotation_deg"].between(0.03, 0.15).all()
     other = world_of(tmp_path / "integer", lift={"map_pixel_centres": "integer"})
     shifted = other.correspondences(other.query_xy, map_xy=[xy - 0.5 for xy in other.map_xy])
-    assert records(other, tmp_path, shifted)["error_m"].max() < 1e-6
+    assert evaluated(other, tmp_path, shifted).records["error_m"].max() < 1e-6
 
 
 # --- the prior itself ---------------------------------------------------------------------------

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import rasterio
 import tomli_w
+from PIL import Image
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.benchmark.folder import Benchmark, BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import SceneInputs, photo_table, write_queries
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import sha256_of
@@ -27,7 +27,7 @@ from airzoo_bench.matching.checks import ScenePart, open_scene
 from airzoo_bench.matching.predictions import read_matching
 from airzoo_bench.matching.prepare import build_truth
 from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.truth import MatchingTruth, read_truth, write_truth
+from airzoo_bench.matching.truth import MatchingTruth, write_truth
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.geometry.support import looking_down
 from tests.support import PLACE_CRS, write_raster
@@ -64,9 +64,6 @@ class World:
     @property
     def ids(self) -> list[str]:
         return self.truth.queries["id"].tolist()
-
-    def read(self) -> MatchingTruth:
-        return read_truth(Benchmark.open(self.folder), SCENE)
 
     def matches(self, **changes: Any) -> dict[str, Any]:
         """Return the fields of a prediction file of exact matches, some changed or left out."""
@@ -105,13 +102,9 @@ class World:
 def made_matching_protocol(base: str = "photos-matching", **sections: Any) -> MatchingProtocol:
     """Return a shipped protocol for the made scene, with some keys of sections changed."""
     values = load_protocol(shipped_protocols()[base]).model_dump(by_alias=True)
-    values |= {
-        "name": f"{SCENE}-matching",
-        "benchmark": SCENE,
-        "scenes": ({"id": SCENE, "title": "Hills"},),
-    }
-    for section, keys in sections.items():
-        values[section] = values[section] | keys
+    scenes = ({"id": SCENE, "title": "Hills"},)
+    values |= {"name": f"{SCENE}-matching", "benchmark": SCENE, "scenes": scenes}
+    values |= {section: values[section] | keys for section, keys in sections.items()}
     return MatchingProtocol.model_validate(values)
 
 
@@ -164,16 +157,9 @@ def write_benchmark(
     (folder / "protocols").mkdir()
     values = protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
     (folder / "protocols" / f"{protocol.name}.toml").write_text(tomli_w.dumps(values))
-    entry = SceneFile(
-        id=SCENE,
-        title="Hills",
-        crs=inputs.crs,
-        plane_height_m=inputs.plane_height_m,
-        images=str(inputs.dsm.parent / "photos"),
-        dom=str(inputs.dom.path),
-        dsm=str(inputs.dsm),
-        dsm_sha256=sha256_of(inputs.dsm),
-    )
+    files = {"images": str(inputs.dsm.parent / "photos"), "dom": str(inputs.dom.path)}
+    files |= {"dsm": str(inputs.dsm), "dsm_sha256": sha256_of(inputs.dsm), "crs": inputs.crs}
+    entry = SceneFile(id=SCENE, title="Hills", plane_height_m=inputs.plane_height_m, **files)
     tracks = {"matching": protocol.truth_settings()}
     named: dict[str, Any] = {"schema": 1, "name": SCENE, "version": 1, "title": "Hills"}
     file = BenchmarkFile(**named, tracks=tracks, scenes=(entry,), checksums={})
@@ -196,10 +182,6 @@ def without(fields: dict[str, Any], *names: str) -> dict[str, Any]:
 def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
     path = world.write(folder / "method.npz", fields)
     return evaluate(path, track="matching", data=world.root, run=Run(keep=True))
-
-
-def records(world: World, folder: Path, fields: dict[str, Any]) -> pd.DataFrame:
-    return evaluated(world, folder, fields).records
 
 
 def matched(
@@ -235,29 +217,25 @@ def _exact_matches(truth: MatchingTruth, row: int, heights: np.ndarray[Any, Any]
     random = np.random.default_rng(row)
     map_xy = (x, y) + random.random((4000, 2)) * (width, height)
     points = lifted(map_xy, heights)
-    camera, pose = truth.cameras.take(row), truth.poses.take(row)
-    pixels = project(camera, world_to_camera(pose, points[None]))[0]
-    seen = ((pixels > 0) & (pixels < SIZE)).all(axis=1)
-    chosen = np.flatnonzero(seen)[:N_MATCHES]
+    seen = world_to_camera(truth.poses.take(row), points[None])
+    pixels = project(truth.cameras.take(row), seen)[0]
+    chosen = np.flatnonzero(((pixels > 0) & (pixels < SIZE)).all(axis=1))[:N_MATCHES]
     return pixels[chosen], map_xy[chosen], points[chosen]
 
 
 def _write_rasters(folder: Path) -> tuple[Path, Path]:
     ground = np.random.default_rng(0).integers(0, 256, (3, MAP_PX, MAP_PX), np.uint8)
-    transform = Affine(MAP_GSD, 0, EAST, 0, -MAP_GSD, NORTH)
-    dom = write_raster(folder / "dom.tif", ground, transform=transform)
+    dom = write_raster(
+        folder / "dom.tif", ground, transform=Affine(MAP_GSD, 0, EAST, 0, -MAP_GSD, NORTH)
+    )
     row, column = np.mgrid[:DSM_PX, :DSM_PX]
     hills = 100 + 12 * np.sin(column / 9) * np.cos(row / 7) + 0.05 * column
+    heights = hills[None].astype(np.float32)
     corner = Affine(DSM_GSD, 0, EAST + DSM_OFFSET, 0, -DSM_GSD, NORTH - DSM_OFFSET)
-    dsm = write_raster(
-        folder / "dsm.tif", hills[None].astype(np.float32), transform=corner, nodata=-9999.0
-    )
-    return dom, dsm
+    return dom, write_raster(folder / "dsm.tif", heights, transform=corner, nodata=-9999.0)
 
 
 def _write_photos(folder: Path, images: tuple[str, ...]) -> None:
-    from PIL import Image
-
     folder.mkdir()
     for number, name in enumerate(images):
         Image.new("RGB", SIZE, (40 * number, 80, 120)).save(folder / name, compress_level=1)
