@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.reconstruction.world import World, make_world
-from tests.support import MadeScene
-
-
-@pytest.fixture
-def arrays(perfect: dict[str, Any], scenes: list[MadeScene]) -> dict[str, Any]:
-    return perfect | {"gallery_ids": [tile for scene in scenes for tile in scene.tile_ids]}
 
 
 @pytest.fixture(scope="module")

@@ -1,15 +1,15 @@
-"""Three methods a track, made of the truth and noise."""
+"""Three methods a track on the demo, made of the truth and noise, and their results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.formats.clouds.formats import open_cloud
@@ -24,15 +24,10 @@ TRACKS = ("retrieval", "matching", "reconstruction")
 # From bad to good, with what formats must escape.
 NAMES = ("weak_1 & co", "fair #2", "good 90 %")
 
-_MEMORY = 1 << 30
-
-
-# --- results ---------------------------------------------------------------------------------
-
 
 @dataclass(frozen=True)
 class Scored:
-    """Three methods on a track of the demo; `paths` are in the order of `NAMES`."""
+    """Three methods on a track; `paths` are in the order of `NAMES`."""
 
     track: str
     paths: tuple[Path, ...]
@@ -42,9 +37,9 @@ class Scored:
         return {name: read_result(path) for name, path in zip(NAMES, self.paths, strict=True)}
 
     @property
-    def records(self) -> dict[str, pd.DataFrame]:
-        pairs = zip(NAMES, self.paths, strict=True)
-        return {name: pd.read_csv(path.parent / "records.csv") for name, path in pairs}
+    def records(self) -> pd.DataFrame:
+        """The records of the best method."""
+        return pd.read_csv(self.paths[-1].parent / "records.csv")
 
     @property
     def headline(self) -> list[ScoreColumn]:
@@ -56,9 +51,6 @@ class Scored:
         return list(read_result(self.paths[0]).scenes)[-1]
 
 
-ScoresOf = Callable[[str], Scored]
-
-
 def demo() -> Benchmark:
     """Return the benchmark that ships with the package."""
     return find_benchmark("airzoo-demo", Path())
@@ -66,59 +58,48 @@ def demo() -> Benchmark:
 
 def score_methods(factory: pytest.TempPathFactory, track: str) -> Scored:
     """Write predictions of growing quality and score them as a user does."""
-    write = {"retrieval": _rank, "matching": _pose, "reconstruction": _cloud}[track]
 
     def make(out: Path) -> None:
         for quality, name in enumerate(NAMES):
-            given = out / f"predictions-{quality}"
-            given.mkdir()
-            predictions = write(demo(), quality, given)
-            ask = ("eval", track, predictions, "--method", name)
-            assert run_main(*ask, "--out", out / str(quality)) == 0
+            (out / f"{quality}-given").mkdir()
+            path = _cloud(demo(), quality, out / f"{quality}-given")
+            ask = ("eval", track, path, "--method", name, "--out", out / str(quality))
+            assert run_main(*ask) == 0
 
-    made = made_once(factory, f"demo-{track}", make)
-    paths = tuple(made / str(quality) / "result.json" for quality in range(len(NAMES)))
-    return Scored(track, paths)
+    def make_rows(out: Path) -> None:
+        rows = _rank if track == "retrieval" else _pose
+        for quality, name in enumerate(NAMES):
+            ids, values = zip(*rows(demo(), np.random.default_rng(quality), quality), strict=True)
+            field = "ranked_ids" if track == "retrieval" else "poses"
+            fields = {"query_ids": np.concatenate(ids), field: np.concatenate(values)}
+            np.savez(out / "p.npz", protocol=f"airzoo-demo-{track}", **fields)
+            ask = ("eval", track, out / "p.npz", "--method", name, "--out", out / str(quality))
+            assert run_main(*ask) == 0
+
+    made = made_once(factory, f"demo-{track}", make if track == "reconstruction" else make_rows)
+    return Scored(track, tuple(made / str(n) / "result.json" for n in range(len(NAMES))))
 
 
-def _scenes(benchmark: Benchmark) -> list[str]:
-    return [scene.id for scene in benchmark.file.scenes]
-
-
-def _rank(benchmark: Benchmark, quality: int, home: Path) -> Path:
+def _rank(benchmark: Benchmark, random: np.random.Generator, quality: int) -> Iterator[Any]:
     """Order tiles by noise, and positive ones by something more."""
-    random = np.random.default_rng(quality)
-    ids: list[str] = []
-    ranked = []
-    for scene in _scenes(benchmark):
-        truth = read_retrieval(benchmark.scene_folder(scene), scene)
+    for scene in benchmark.file.scenes:
+        truth = read_retrieval(benchmark.scene_folder(scene.id), scene.id)
         tiles = truth.tiles["id"].to_numpy(str)
-        for row, query in enumerate(truth.queries["id"]):
-            score = random.normal(size=len(tiles))
-            score[truth.positives.of_query(row)] += (0.0, 0.8, 1.6)[quality]
-            ids.append(query)
-            ranked.append(tiles[np.argsort(-score)[:20]])
-    protocol = f"{benchmark.file.name}-retrieval"
-    np.savez(home / "p.npz", protocol=protocol, query_ids=ids, ranked_ids=np.array(ranked))
-    return home / "p.npz"
+        scores = random.normal(size=(len(truth.queries), len(tiles)))
+        for row, line in enumerate(scores):
+            line[truth.positives.of_query(row)] += 0.8 * quality
+        yield truth.queries["id"].to_numpy(str), tiles[np.argsort(-scores, axis=1)[:, :20]]
 
 
-def _pose(benchmark: Benchmark, quality: int, home: Path) -> Path:
+def _pose(benchmark: Benchmark, random: np.random.Generator, quality: int) -> Iterator[Any]:
     """Move the true poses by metres, and give some queries none."""
-    random = np.random.default_rng(quality)
-    ids: list[str] = []
-    poses = []
-    for scene in _scenes(benchmark):
-        truth = read_matching(benchmark, scene)
+    for scene in benchmark.file.scenes:
+        truth = read_matching(benchmark, scene.id)
         noise = random.normal(0, (6.0, 2.0, 0.6)[quality], (len(truth.queries), 3))
         moved = truth.poses.translation + noise
         found = np.concatenate([truth.poses.rotation, moved[..., None]], axis=2)
         found[random.random(len(found)) < (0.6, 0.2, 0.0)[quality]] = np.nan
-        ids += truth.queries["id"].tolist()
-        poses.append(found)
-    protocol = f"{benchmark.file.name}-matching"
-    np.savez(home / "p.npz", protocol=protocol, query_ids=ids, poses=np.concatenate(poses))
-    return home / "p.npz"
+        yield truth.queries["id"].to_numpy(str), found
 
 
 def _cloud(benchmark: Benchmark, quality: int, home: Path) -> Path:
@@ -127,20 +108,17 @@ def _cloud(benchmark: Benchmark, quality: int, home: Path) -> Path:
     folder = home / "clouds"
     folder.mkdir()
     (folder / "protocol.txt").write_text(f"{benchmark.file.name}-reconstruction")
-    for scene in _scenes(benchmark):
+    for scene in (one.id for one in benchmark.file.scenes):
         truth = read_reconstruction(benchmark, scene)
-        poses, points = truth.poses, _true_points(truth.cloud)
+        cloud = open_cloud(truth.cloud, limit_bytes=1 << 30, sampling=None)
+        points = np.concatenate([piece.points for piece in cloud.pieces(1 << 20)])
         points = points[:: (500, 50, 10)[quality]]
         noise = random.normal(0, (2.0, 0.5, 0.1)[quality], points.shape)
         np.save(folder / f"{scene}.npy", points + noise)
+        poses = truth.poses
         np.savez(
             folder / f"{scene}.cameras.npz",
             image_names=truth.photos["image"].to_numpy(str),
             extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
         )
     return folder
-
-
-def _true_points(path: Path) -> NDArray[np.float64]:
-    cloud = open_cloud(path, limit_bytes=_MEMORY, sampling=None)
-    return np.concatenate([piece.points for piece in cloud.pieces(1 << 20)])

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.environment import environment
-from tests.support import HANGS_S
+from tests.support import HANGS_S, files_below, make_place
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -79,6 +79,63 @@ def test_solving_leaves_sigterm_to_the_command() -> None:
     assert (done.returncode, done.stderr) == (143, b"")
 
 
+# The signal comes as that module is imported, or when that function is called.
+_EARLY = """
+import signal, sys
+from airzoo_bench import __main__
+def stop(*given, **more):
+    signal.raise_signal(signal.SIGINT)
+class Finder:
+    def find_spec(self, name, *given):
+        if name == "airzoo_bench.cli.main":
+            stop()
+if {name!r}:
+    from airzoo_bench.cli import main
+    setattr(main, {name!r}, stop)
+else:
+    sys.meta_path.insert(0, Finder())
+__main__.main()
+"""
+_MESSAGE = b"airzoo-bench: stopped; nothing was left half-written\n"
+
+
+@pytest.mark.parametrize("name", ["", "app", "main"])
+def test_a_stop_before_the_command_line_looks_for_one(name: str) -> None:
+    command = [sys.executable, "-c", _EARLY.format(name=name)]
+    done = subprocess.run(command, capture_output=True, env=environment(), check=False)
+    assert (done.returncode, done.stderr) == (130, _MESSAGE)
+
+
+# Each of a thousand tiles takes so long that the signal comes in time on a machine of any speed.
+_SLOWED = """
+import time
+from airzoo_bench.__main__ import main
+from airzoo_bench.datasets import folder
+read = folder.read_tile
+folder.read_tile = lambda *given: (time.sleep(0.05), read(*given))[1]
+main()
+"""
+
+
+def test_an_interrupted_prepare_leaves_nothing(tmp_path: Path) -> None:
+    place = make_place(tmp_path / "sources")
+    arguments = place.arguments(out=tmp_path / "out" / "park", tile_size=16, tiles="files")
+    process = subprocess.Popen(
+        [sys.executable, "-c", _SLOWED, *arguments], stderr=subprocess.PIPE, env=environment()
+    )
+    deadline = time.monotonic() + HANGS_S
+    while not list(tmp_path.glob("out/.park.prepare/.park.*/scenes/park/retrieval/tiles/*.png")):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=HANGS_S)
+    assert process.returncode == 130
+    assert message.endswith(_MESSAGE)
+    assert b"Traceback" not in message
+    assert files_below(tmp_path / "out") == set()
+
+
 @pytest.mark.parametrize(
     ("wait", "number"),
     [
@@ -109,5 +166,5 @@ def test_a_command_ends_in_time(wait: str, number: int, tmp_path: Path) -> None:
     # LAPACK would have taken minutes of a processor.
     assert getrusage(RUSAGE_CHILDREN).ru_utime - before.ru_utime < 60.0
     assert process.returncode == 128 + number
-    assert message == b"airzoo-bench: stopped; nothing was left half-written\n"
+    assert message == _MESSAGE
     assert list(tmp_path.iterdir()) == []
