@@ -115,7 +115,7 @@ def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> lis
         order = np.argsort(truth.photos["image"].to_numpy(str))
         off = relative_misfit_deg(images.poses.take(rows), truth.poses.take(order[rows]))
         if off > _ORDER_FITS_DEG:
-            why = f"cameras that are {off:.0f} degrees off the photos in the order of their names"
+            why = f"cameras do not fit the photos in the order of their names, by {off:.0f} degrees"
     if why:
         raise PredictionError(f"has no image_names, and {why}", where=place, fix=_PHOTOS)
     return photos

@@ -50,9 +50,9 @@ def test_same_bits_as_all_pairs_in_any_order(
     assert np.array_equal(again, found[order])
 
 
-@pytest.mark.parametrize("shift", [(0, 0, 30), (500, 0, 0), (1e7, 1e7, 0), (0.01, 0, 0)])
-def test_clouds_that_lie_apart(shift: tuple[float, float, float]) -> None:
-    assert_exact(surface(1000, 0, far=0.05) + np.array(shift), surface(1000, 1))
+@pytest.mark.parametrize("east", [0.01, 500.0, 1e7])
+def test_clouds_that_lie_apart(east: float) -> None:
+    assert_exact(surface(1000, 0, far=0.05) + np.array((east, 0, 30)), surface(1000, 1))
 
 
 @pytest.mark.parametrize("scale", [1e-160, 1e3, 1e14, 1e140])

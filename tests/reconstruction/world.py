@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,7 +36,6 @@ BOX_LOW, BOX_HIGH = np.array((26.0, 24.0, 0.0)), np.array((36.0, 32.0, 6.0))
 PHOTO_SIZE = (480, 360)
 MAP_SIZE = (48, 36)
 FOCAL = 80.0  # of the maps, px
-MEMORY = 1 << 30
 
 
 def ground() -> Array:
@@ -157,7 +155,8 @@ class World:
 
     def protocol(self, path: Path, **sections: Any) -> Path:
         """Write a protocol file with some keys changed."""
-        path.write_text(tomli_w.dumps(_plain(protocol(**sections))))
+        values = protocol(**sections).model_dump(mode="json", by_alias=True, exclude_none=True)
+        path.write_text(tomli_w.dumps(values))
         return path
 
     def record(self, scene: str, predictions: Path, **options: Any) -> dict[str, Any]:
@@ -175,34 +174,38 @@ class World:
 
 def make_world(root: Path) -> World:
     """Write the benchmark folder."""
-    world, chosen = World(root), protocol()
-    entries = tuple(_write_scene(world, scene.id) for scene in chosen.scenes)
+    world, entries = World(root), []
+    for scene in ("yard", "lot"):
+        home, cloud = world.folder / "scenes" / scene, world.folder / "data" / scene / "cloud.ply"
+        write_ply(cloud, Cloud(true_points(scene)))
+        truth = made_truth(scene, cloud)
+        write_queries(home, truth.photos)
+        write_truth(home, truth)
+        entry = SceneFile(
+            id=scene,
+            title=scene,
+            crs="EPSG:32633",
+            plane_height_m=float(ORIGIN[2]),
+            images="photos",
+            dom="dom.tif",
+            cloud=str(cloud.relative_to(world.folder)),
+            cloud_sha256=truth.cloud_sha256,
+        )
+        entries.append(entry)
     (world.folder / "protocols").mkdir()
-    text = tomli_w.dumps(_plain(chosen))
-    (world.folder / "protocols" / f"{chosen.name}.toml").write_text(text)
-    file = BenchmarkFile(
-        schema=1,
-        name=NAME,
-        version=1,
-        title="Made",
-        tracks={"reconstruction": {}},
-        scenes=entries,
-        checksums={},
-    )
+    world.protocol(world.folder / "protocols" / f"{PROTOCOL}.toml")
+    heading = {"schema": 1, "name": NAME, "version": 1, "title": "Made", "checksums": {}}
+    file = BenchmarkFile(**heading, tracks={"reconstruction": {}}, scenes=tuple(entries))
     write_benchmark_file(world.folder, file)
     return world
 
 
 def replace_cloud(world: World, scene: str, points: Array) -> None:
     """Give a scene another true cloud, as if it had been prepared with it."""
-    path = world.folder / "data" / scene / "cloud.ply"
+    path, file = world.folder / "data" / scene / "cloud.ply", world.folder / "benchmark.toml"
+    before = sha256_of(path)
     write_ply(path, Cloud(points))
-    file = world.folder / "benchmark.toml"
-    values = tomllib.loads(file.read_text())
-    for entry in values["scenes"]:
-        if entry["id"] == scene:
-            entry["cloud_sha256"] = sha256_of(path)
-    file.write_text(tomli_w.dumps(values))
+    file.write_text(file.read_text().replace(before, sha256_of(path)))
 
 
 def save(path: Path, fields: dict[str, Any]) -> Path:
@@ -233,29 +236,6 @@ def made_truth(scene: str, cloud: Path = Path()) -> ReconstructionTruth:
     nothing = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
     digest = sha256_of(cloud) if cloud.is_file() else ""
     return ReconstructionTruth(scene, photos, cloud, digest, nothing)
-
-
-def _write_scene(world: World, scene: str) -> SceneFile:
-    home = world.folder / "scenes" / scene
-    cloud = world.folder / "data" / scene / "cloud.ply"
-    write_ply(cloud, Cloud(true_points(scene)))
-    truth = made_truth(scene, cloud)
-    write_queries(home, truth.photos)
-    write_truth(home, truth)
-    return SceneFile(
-        id=scene,
-        title=scene,
-        crs="EPSG:32633",
-        plane_height_m=float(ORIGIN[2]),
-        images="photos",
-        dom="dom.tif",
-        cloud=str(cloud.relative_to(world.folder)),
-        cloud_sha256=truth.cloud_sha256,
-    )
-
-
-def _plain(chosen: ReconstructionProtocol) -> dict[str, Any]:
-    return chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
 def _changed(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
