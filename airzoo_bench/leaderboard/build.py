@@ -17,7 +17,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_folder, check_new_folder
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.board import Board
-from airzoo_bench.leaderboard.measured import entries_of, forget_others, read_entries
+from airzoo_bench.leaderboard.measured import entries_of, read_entries
 from airzoo_bench.leaderboard.pages import render_pages
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
@@ -66,8 +66,6 @@ def board_json(
 ) -> dict[str, Any]:
     """Return all that the pages show, tables in the order of leaderboard.toml."""
     entries, tables = read_entries(runs, submissions, cache), {}
-    versions = [one.measured for entry in entries for one in (entry, *entry.older)]
-    forget_others({one.key for one in versions if one is not None}, cache)
     for benchmark in board.benchmarks:
         for name in benchmark.protocols:
             protocol = find_protocol(name, data)
@@ -133,20 +131,14 @@ def _escaped(text: str) -> str:
     return "".join(_TEX.get(letter, letter) for letter in text)
 
 
-class _Handler(SimpleHTTPRequestHandler):
-    """Answers GET and HEAD, and says nothing to the terminal."""
-
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class's name
-        """Say nothing."""
-
-
 def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
     """Serve a site until Ctrl-C."""
     if not (site / BOARD_JSON).is_file():
         fix = f"airzoo-bench leaderboard build --out {site}"
         raise UsageError("not the site of a board", where=site, fix=fix)
+    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
     try:
-        server = ThreadingHTTPServer((_ADDRESS, port), partial(_Handler, directory=str(site)))
+        server = ThreadingHTTPServer((_ADDRESS, port), handler)
     except OSError as error:
         what = f"port {port} cannot be used: {error.strerror}"
         raise UsageError(what, fix="name another by --port, or 0") from error

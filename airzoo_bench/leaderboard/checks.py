@@ -110,8 +110,7 @@ def _find_faults(
 ) -> Iterator[UserError | str]:
     """Yield errors and warnings, and raise an error that hides what would come after it."""
     folder, place = found.folder, Place.of_folder(found.folder)
-    for fault in check_listing(_listing(folder), folder, board.limits):  # before any is opened
-        raise fault
+    refuse_files(folder, board.limits)
     found.submission = given = read_submission(folder / SUBMISSION_FILE)
     yield from _check_names(given, place, known)
     yield from _check_stated(folder, given)
@@ -127,6 +126,12 @@ def _find_faults(
 
 
 # --- files ---
+
+
+def refuse_files(folder: Path, limits: Limits) -> None:
+    """Refuse links and whatever else is no plain file, before any is opened."""
+    for fault in check_listing(_listing(folder), folder, limits):
+        raise fault
 
 
 def _listing(folder: Path) -> Iterator[tuple[str, int, int]]:
@@ -201,7 +206,7 @@ def _wrong(what: str, fix: str) -> SubmissionError:
 def _check_names(
     given: Submission, place: Place, known: Mapping[Place, Submission]
 ) -> Iterator[UserError | str]:
-    """Yield names that readers would take for another's, and predictions that are another's."""
+    """Yield names that readers would take for another's."""
     others = {at: one for at, one in known.items() if at != place}
     strangers = [one for one in others.values() if one.team != given.team]
     for key, name, taken in (
@@ -213,11 +218,23 @@ def _check_names(
                 what = f"key '{key}' is {name!r}, which looks like {other!r} on this board"
                 yield _wrong(what, f"{key} = {other!r} if it is the same, else another name")
                 break
+    team = [at for at, one in others.items() if one.team == given.team]
+    if team and given.account not in {others[at].account for at in team}:  # anybody can write it
+        yield f"team {given.team!r} is on the board with {team[0].folder}, by another account"
     if "official" in given.method.casefold() and strangers:
         yield f"method {given.method!r} says that it is official: see whether it is"
+    beside = {at: one for at, one in others.items() if at[:2] == place[:2]}
+    yield from _check_table(given, place.folder, beside)
+
+
+def _check_table(
+    given: Submission, folder: str, others: Mapping[Place, Submission]
+) -> Iterator[UserError | str]:
+    """Yield folders, methods and predictions that are in the same table already."""
     for at, one in others.items():
-        if at[:2] != place[:2]:
-            continue
+        if at.folder.casefold() == folder.casefold():
+            what = f"differs from the folder {at.folder} of the board only in case"
+            yield SubmissionError(what, where=folder, fix="choose another name")
         by, same_team = f"of team {one.team!r}, in {at.folder}", one.team == given.team
         if not same_team and one.predictions.sha256 == given.predictions.sha256:
             yield f"the predictions are to the last byte those of {one.method!r} {by}"

@@ -19,7 +19,9 @@ from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.measured import Measured, Model, Row, Scene, Score
 from airzoo_bench.leaderboard.submission import Account
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.model import plain, show_number
+from airzoo_bench.tables.intervals import score_texts
+from airzoo_bench.tables.method_table import UNITS
+from airzoo_bench.tables.model import plain
 
 MARK = "<!-- airzoo-bench leaderboard -->"
 MOST_BYTES = 65_300
@@ -27,7 +29,6 @@ MOST_BYTES = 65_300
 
 _LONGEST_BLOCK, _LONGEST_SPAN, _MOST_PARTS = 4000, 120, 200
 _CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
-_UNITS = {"share": "%", "m": "m", "deg": "°"}
 _NOTHING = (
     "This pull request changes no submission: it is not for the board's branch, or all below "
     "`submissions/` is as it was where it began. (A submission is a folder "
@@ -172,21 +173,16 @@ def _estimate(column: ScoreColumn, score: Score) -> str:
     return f"{_text(column, score.value)} ± {_text(column, score.standard_error)}"
 
 
-def _text(
-    column: ScoreColumn, value: float | None, low: float | None = None, high: float | None = None
-) -> str:
+def _text(column: ScoreColumn, value: float | None, *limits: float | None) -> str:
     """Write a value and its interval."""
-    shown, *limits = (
-        "–" if one is None else show_number(100 * one if column.unit == "share" else one, 2)
-        for one in (value, low, high)
-    )
-    return shown if low is None and high is None else f"{shown} [{', '.join(limits)}]"
+    shown, *ends = score_texts(column, (value, *limits))
+    return f"{shown} [{', '.join(ends)}]" if {*limits} - {None} else shown
 
 
 def _table(columns: Sequence[ScoreColumn], rows: Sequence[Sequence[str]]) -> str:
     titles = ["Scene", "Queries"]
     titles += [
-        f"{code(c.title)} {_UNITS[c.unit]} {'↑' if c.higher_is_better else '↓'}" for c in columns
+        f"{code(c.title)} {UNITS[c.unit]} {'↑' if c.higher_is_better else '↓'}" for c in columns
     ]
     rules = ["---", *["---:"] * (len(titles) - 1)]
     return "".join(f"| {' | '.join(row)} |\n" for row in [titles, rules, *rows])

@@ -151,12 +151,8 @@ class DataBranch:
         path = self.folder / _TRIES_FILE
         if not path.is_file():
             return []
-        try:
-            with path.open(encoding="utf-8", newline="") as stream:
-                return [Try(*row) for row in list(csv.reader(stream))[1:]]
-        except TypeError as error:
-            fix = "put back the file that CI wrote: `git log` of the branch has it"
-            raise BoardError("not a list of tries", where=_TRIES_FILE, fix=fix) from error
+        with path.open(encoding="utf-8", newline="") as stream:
+            return [Try(*row) for row in list(csv.reader(stream))[1:]]
 
     def add_try(self, line: Try, limits: Limits, files: Mapping[str, bytes]) -> None:
         """Add a line to the list of tries, refused where it starts one too many, and files."""

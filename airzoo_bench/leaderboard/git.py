@@ -35,7 +35,6 @@ _OBJECT_ID = re.compile(r"[0-9a-f]{40}(?:[0-9a-f]{24})?")
 _LISTING_BYTES = (MOST_FILES + 1) * 512  # of an entry's line; paths are some thousand bytes at most
 _EMPTY_TREE = "4b825dc642cb6eb9a060e54bf8d69288fbee4904"
 _MOST_CHANGES = 100
-_TIMEOUT_S = 1800
 
 
 class BoardError(SubmissionError):
@@ -66,17 +65,13 @@ class Repository:
 
     def call(self, *arguments: str, stdin: bytes = b"") -> subprocess.CompletedProcess[bytes]:
         """Run a command that may fail."""
-        line = ["git", *_SAFE, "-C", str(self.folder), *arguments]
+        line, environment = ["git", *_SAFE, "-C", str(self.folder), *arguments], self._environment()
         try:
             return subprocess.run(
-                line, input=stdin, env=self._environment(), capture_output=True,
-                timeout=_TIMEOUT_S, check=False,
-            )  # fmt: skip
+                line, input=stdin, env=environment, capture_output=True, check=False
+            )
         except FileNotFoundError as error:
             raise BoardError("git is not installed", fix="install git 2.36 or later") from error
-        except subprocess.TimeoutExpired as error:
-            what = f"git {arguments[0]} took longer than {_TIMEOUT_S} s"
-            raise BoardError(what, where=self.remote) from error
 
     def fetch(self, refs: Mapping[str, str], *options: str) -> None:
         """Fetch refs of the remote under names of our own."""
@@ -130,12 +125,6 @@ class Repository:
             if path.startswith(f"{folder}/".encode()):
                 found.append((os.fsdecode(path), int(mode, 8), object_id))
         return found
-
-    def names(self, commit: str, folder: str) -> list[str]:
-        """Return the names directly in a folder of a commit."""
-        options = ("ls-tree", "-z", "--full-tree", "--name-only")
-        listed = self.run(*options, commit, "--", f"{folder}/").split(b"\0")[:-1]
-        return [os.fsdecode(path).rpartition("/")[2] for path in listed]
 
     def fetch_sizes(self, object_ids: Sequence[str]) -> list[int]:
         """Fetch the content of files, and return how large they are."""

@@ -7,7 +7,7 @@ only changed results. Whatever cannot be read there is measured again.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -44,7 +44,7 @@ from airzoo_bench.tables.intervals import intervals_made, resampled
 Number = float | None
 
 _RESAMPLING = ResamplingConfig()
-_FORMAT = "8"
+_FORMAT = "9"
 _NONE = (None, None)
 
 # --- board.json ---
@@ -171,10 +171,8 @@ class Table(Head):
 class Measured(Model):
     """The numbers of a result, or the answer of a sealed truth.
 
-    `row` has its scores, `floors` those without a method. `members` are by condition a hash of who
-    is in which group; `groups` are the names and sizes of the parts of `values` (V, N), a row a
-    headline score; `queries` is a hash of the names of all records. `key` names these numbers in
-    the cache.
+    `row` has its scores, `floors` those without a method. `groups` are the names and sizes of the
+    parts of `values` (V, N), a row a headline score; `key` names these numbers in the cache.
     """
 
     head: Head
@@ -184,9 +182,7 @@ class Measured(Model):
     floors: tuple[Row, ...] = ()
     about_intervals: str = ""
     conditions: tuple[Conditions, ...] = ()
-    members: dict[str, str] = {}
     groups: tuple[tuple[str, int], ...] = ()
-    queries: str = ""
     values: Any = Field(default=None, exclude=True)
     key: str = Field(default="", exclude=True)
 
@@ -231,26 +227,19 @@ def load_arrays(path: Path) -> dict[str, Any]:
         return {}
 
 
-def forget_others(keys: Collection[str], cache: Path) -> None:
-    """Remove from the cache results that are not among these."""
-    for file in cache.glob("*.npz"):
-        if len(file.stem) == 64 and file.stem not in keys:
-            file.unlink()
-
-
 def _measured(method: Scored) -> Measured:
     """Measure a result with its records."""
     result = method.result
     headline = [column for column in result.columns if column.headline]
     found = score_intervals(method, headline, _RESAMPLING)
-    sample, records = make_sample([method], headline), method.records["query"].astype(str)
+    sample = make_sample([method], headline)
     made = [one for part in (found.overall, *found.groups.values()) for one in part]
     about = intervals_made(made, _RESAMPLING, resampled(result.unit))
     limits = {
         scene: {c.key: (one.low, one.high) for c, one in zip(headline, part, strict=False)}
         for scene, part in {"": found.overall, **found.groups}.items()
     }
-    conditions, members, by_condition = _by_condition(method, headline)
+    conditions, by_condition = _by_condition(method, headline)
     row = Row(
         kind="re-scored",
         method=method.name,
@@ -277,9 +266,7 @@ def _measured(method: Scored) -> Measured:
         floors=tuple(_floor(name, part) for name, part in result.references.items()),
         about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
         conditions=conditions,
-        members=members,
         groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
-        queries=hashlib.sha256("\n".join(records).encode()).hexdigest(),
         values=np.concatenate(sample.values, axis=1),
     )
 
@@ -318,11 +305,11 @@ def _floor(name: str, part: Reference) -> Row:
 
 def _by_condition(
     method: Scored, scores: Sequence[ScoreColumn]
-) -> tuple[tuple[Conditions, ...], dict[str, str], dict[str, dict[str, tuple[Number, ...]]]]:
-    """Return conditions, hashes of who is in which group, and headline scores by group."""
-    conditions, members, found = [], {}, {}
+) -> tuple[tuple[Conditions, ...], dict[str, dict[str, tuple[Number, ...]]]]:
+    """Return conditions, and headline scores by their groups."""
+    conditions, found = [], {}
     if method.result.unit != "query" or not scores:
-        return (), {}, {}
+        return (), {}
     values = np.array([method.records[score.key].to_numpy(np.float64) for score in scores])
     medians = np.array([score.average == "median" for score in scores])
     for by in condition_names(method):
@@ -336,12 +323,11 @@ def _by_condition(
                 counts=tuple(grouping.counts.tolist()),
             )
         )
-        members[by] = hashlib.sha256(grouping.codes.tobytes()).hexdigest()
         found[by] = {
             score.key: tuple(None if np.isnan(one) else one for one in row)
             for score, row in zip(scores, means, strict=True)
         }
-    return tuple(conditions), members, found
+    return tuple(conditions), found
 
 
 # --- entries ---

@@ -26,8 +26,7 @@ FEW = 20
 """Groups of fewer queries are greyed."""
 
 _SCORED = ("re-scored", "sealed")
-_LEADING, _RECENT = 3, 8
-_UNITS = {"share": "%", "m": "m", "deg": "°"}
+_LEADING = 3
 
 
 def render_pages(board: Json) -> dict[str, str]:
@@ -47,7 +46,7 @@ def render_pages(board: Json) -> dict[str, str]:
             **values,
         )
 
-    page("index.html", "front.html", recent=_recent(tables))
+    page("index.html", "front.html")
     page("about.html", "about.html", tables=tables)
     for table in tables:
         home, lead = f"tables/{table['id']}", _lead(table)
@@ -144,17 +143,6 @@ def _leaders(table: Json, lead: Json) -> list[Json]:
     return ([row for row in rows if row["kind"] in _SCORED] or rows)[:_LEADING]
 
 
-def _recent(tables: Sequence[Json]) -> list[tuple[str, Json, Json]]:
-    """Return the latest entries: the date, the table and the row of each."""
-    found = [
-        (row["rescored"], table, row)
-        for table in tables
-        for row in table["rows"]
-        if row["rescored"] and row["kind"] in _SCORED
-    ]
-    return sorted(found, key=lambda one: (one[0], one[2]["date"] or ""), reverse=True)[:_RECENT]
-
-
 def _timeline(table: Json, lead: Json) -> list[tuple[Any, ...]]:
     """Return the scored methods by date: its place and the score's from 0 to 1, the best so far.
 
@@ -246,7 +234,7 @@ def _compared(table: Json, ids: Sequence[str]) -> dict[str, Any]:
         "scores": [
             {
                 "title": column["title"],
-                "unit": _UNITS[column["unit"]],
+                "unit": {"share": "%", "m": "m", "deg": "°"}[column["unit"]],
                 "share": column["unit"] == "share",
                 "higher": column["higher_is_better"],
                 "values": [_number(row["scores"][key]["value"]) for row in rows],

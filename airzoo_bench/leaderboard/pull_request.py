@@ -19,7 +19,6 @@ from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
 _HEAD, _BASE = "refs/heads/head", "refs/heads/base"
-_MOST_TOML_BYTES = 100_000
 _BATCH = 64
 
 
@@ -78,8 +77,6 @@ def fetch_changed(
     then, at_head, at_base = (
         repository.resolve(f"{at}:{place.path}") for at in (base, pull.head, _BASE)
     )
-    if at_base is None:
-        _check_case(repository, place)
     owner = former_owner(place) if at_base is None else _find_owner(repository, place)
     is_new = at_base is None and owner is None
     if pull.account not in (owner, *board.maintainers) and not is_new:
@@ -120,13 +117,6 @@ def _find_place(changes: Sequence[tuple[str, bool]], board: Board) -> Place:
     return place
 
 
-def _check_case(repository: Repository, place: Place) -> None:
-    for name in repository.names(_BASE, f"submissions/{place.benchmark}/{place.track}"):
-        if name.casefold() == place.folder.casefold():
-            what = f"differs from the folder {printable(name)} of the board only in case"
-            raise RefusedError(what, where=place.path, fix="choose another name")
-
-
 def _find_owner(repository: Repository, place: Place) -> int | None:
     """Return the account that the submission names which is on the board."""
     file = repository.resolve(f"{_BASE}:{place.path}/{SUBMISSION_FILE}")
@@ -151,12 +141,7 @@ def write_files(
     files, total = [(path, of) for path, mode, of in entries if stat.S_ISREG(mode)], 0
     for start in range(0, len(files), _BATCH):  # the rest is not fetched where this is too much
         batch = files[start : start + _BATCH]
-        sizes = repository.fetch_sizes([of for _, of in batch])
-        for (path, _), size in zip(batch, sizes, strict=True):
-            if path == SUBMISSION_FILE and size > _MOST_TOML_BYTES:
-                where, expected = f"{place.path}/{path}", f"at most {_MOST_TOML_BYTES:,} bytes"
-                raise RefusedError(f"has {size:,} bytes", where=where, expected=expected)
-        total += sum(sizes)
+        total += sum(repository.fetch_sizes([of for _, of in batch]))
         for fault in check_listing([("all", 0o100644, total)], place.path, board.limits):
             raise fault
     for path, of in files:

@@ -31,6 +31,7 @@ from airzoo_bench.leaderboard.checks import (
     CheckedSubmission,
     check_pipeline,
     check_submission,
+    refuse_files,
 )
 from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.data_branch import (
@@ -129,9 +130,7 @@ def _score_written(
             raise error
     if checked.errors or given is None or predictions is None:
         return {"kind": "refused", "problems": checked.errors}
-    # Warnings about others come first: a comment may be cut at its end.
-    warnings = [*_team_warnings(given, known), *checked.warnings]
-    tree = sha256_of_tree(folder)
+    tree, warnings = sha256_of_tree(folder), checked.warnings
     facts: dict[str, Any] = {"method": given.method, "team": given.team, "tree": tree}
     if rules.board.archive(place.benchmark):
         if predictions.is_relative_to(rules.data / FETCHED):
@@ -143,6 +142,7 @@ def _score_written(
     run = _next_run(home / place.runs)  # among the runs of the others, as a merge would place it
     save(scored, run)
     write_facts(run, given, tree, None)
+    # Warnings about others come first: a comment may be cut at its end.
     facts["warnings"] = [*_copies(run, given, place, known, home), *warnings]
     protocol = find_protocol(given.protocol, rules.data)
     return facts | find_standing(place, protocol, home / "runs", work / "cache")
@@ -173,16 +173,6 @@ def _account_errors(
     if own >= board.limits.entries:
         what = f"this account has {counted(own, 'submission')} in this table already"
         yield RefusedError(what, where=where, fix="withdraw one, or put this into its folder")
-
-
-def _team_warnings(given: Submission, known: Mapping[Place, Submission]) -> Iterator[str]:
-    """Warn of a team that other accounts alone have submitted for: anybody can write a name."""
-    theirs = {at: one for at, one in known.items() if one.team == given.team}
-    if theirs and given.account not in {one.account for one in theirs.values()}:
-        yield (
-            f"team {given.team!r} is on the board with {next(iter(theirs)).folder}, by another "
-            "account: the maintainers should know whether this is of the same team"
-        )
 
 
 def _copies(
@@ -312,6 +302,7 @@ def _score_place(
         for at, one in known_submissions(rules.root).items()
         if at == place or run_folders(out / at.runs)
     }
+    refuse_files(folder, rules.board.limits)  # or a hash would follow its links
     sealed = rules.board.archive(place.benchmark) is not None
     tree, counts = sha256_of_tree(folder), last is not None and _counts(last, rules, truths)
     if last is not None and read_facts(last).tree == tree and (sealed or counts):

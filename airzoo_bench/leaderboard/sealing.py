@@ -7,7 +7,6 @@ public as they were.
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import importlib
 import io
@@ -23,6 +22,7 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import pandas as pd
 from pydantic import AfterValidator, Field
 
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile, SealedTruth, write_benchmark_file
@@ -44,7 +44,6 @@ from airzoo_bench.core.files import (
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.evaluation.opening import read_truths
-from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.raster_files import raster_files
 from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
 from airzoo_bench.protocol.model import load_protocol
@@ -217,18 +216,16 @@ def _refuse_known_truth(benchmark: Benchmark) -> None:
     if prior != "metadata":
         what = f"its methods are given the truth: prior.source is {prior!r}"
         raise BenchmarkError(what, where=benchmark.folder, expected="priors from metadata")
-    columns = (*POSE_COLUMNS, *PRIOR_COLUMNS)
     for scene in benchmark.file.scenes:
         path = benchmark.scene_folder(scene.id) / "queries.csv"
         photos = read_table(path, ("id",))
-        if not set(columns) <= set(photos.columns):
-            continue
-        pose, given = np.split(photos[list(columns)].to_numpy(np.float64), 2, axis=1)
-        near = np.linalg.norm(pose[:, 4:] - given[:, 4:], axis=1) < _SAME_M
-        near &= np.abs((pose[:, :4] * given[:, :4]).sum(axis=1)) > 1 - _SAME_ROTATION
-        if near.any():
-            what = f"priors equal the true pose: {first_of(photos['id'][near], len(photos))}"
-            raise BenchmarkError(what, where=path, expected="priors measured apart from the truth")
+        if {*POSE_COLUMNS, *PRIOR_COLUMNS} <= {*photos.columns}:
+            pose, given = (photos[[*names]].to_numpy() for names in (POSE_COLUMNS, PRIOR_COLUMNS))
+            near = np.linalg.norm(pose[:, 4:] - given[:, 4:], axis=1) < _SAME_M
+            near &= np.abs((pose[:, :4] * given[:, :4]).sum(axis=1)) > 1 - _SAME_ROTATION
+            if near.any():
+                what = f"priors equal the true pose: {first_of(photos['id'][near], len(photos))}"
+                raise BenchmarkError(what, where=path, expected="priors that were measured apart")
 
 
 # --- the public folder ---
@@ -307,7 +304,7 @@ def _publish(source: Path, place: Path, how: tuple[str, ...] | None) -> SealedFi
         return SealedFile(sha256=digest, size=size, how="sealed")
     place.parent.mkdir(parents=True, exist_ok=True)
     if how == _PHOTO:
-        write_bare_photo(source, place)
+        place.write_bytes(bare_photo(source.read_bytes(), source))
     elif how == _COPY:
         shutil.copyfile(source, place)
     else:
@@ -319,22 +316,17 @@ def _publish(source: Path, place: Path, how: tuple[str, ...] | None) -> SealedFi
 
 def _public_table(path: Path, columns: Sequence[str]) -> bytes:
     """Return a table with its public columns alone, in the order of its ids, digits as they are."""
-    if path.suffix == ".parquet":
-        table = read_table(path, ("id",))
-        public = table[[name for name in table.columns if name in columns]].sort_values("id")
-        public.attrs, out = {}, io.BytesIO()
+    table, out = read_table(path, ("id",)), io.BytesIO()
+    if path.suffix == ".csv":
+        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
+    public = table[[name for name in table.columns if name in columns]]
+    public = public.sort_values("id", kind="stable")
+    public.attrs = {}
+    if path.suffix == ".csv":
+        public.to_csv(out, index=False, lineterminator="\n")
+    else:
         public.to_parquet(out, index=False)
-        return out.getvalue()
-    with path.open(encoding="utf-8-sig", newline="") as stream:
-        head, *rows = list(csv.reader(stream)) or [[]]
-    if "id" not in head or any(len(row) != len(head) for row in rows):
-        raise BenchmarkError("a table without ids, or with rows of other lengths", where=path)
-    places, first = [n for n, name in enumerate(head) if name in columns], head.index("id")
-    text = io.StringIO(newline="")
-    ordered = [head, *sorted(rows, key=lambda row: row[first])]
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([row[place] for place in places] for row in ordered)
-    return text.getvalue().encode()
+    return out.getvalue()
 
 
 def _write_archive(folder: Path, contents: Contents, archive: Path, to: Any) -> None:
@@ -358,7 +350,7 @@ def _member(name: str, size: int) -> tarfile.TarInfo:
     return member
 
 
-# --- photos without metadata: cut, not encoded again, and looked at by Pillow ---
+# --- photos without metadata: cut, not encoded again ---
 
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 _END, _SCAN, _JFIF, _ADOBE = 0xD9, 0xDA, 0xE0, 0xEE
@@ -368,20 +360,6 @@ _JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD8), _END))
 # A scan, with its coded data: up to a marker that is no stuffed byte and no restart.
 _CODED = re.compile(rb"(?:[^\xff]|\xff[\x00\xd0-\xd7])*+", re.DOTALL)
 _PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
-# Pillow may know these of a file that holds a picture alone.
-_KNOWN = {"jfif", "jfif_version", "jfif_unit", "jfif_density", "dpi", "adobe", "adobe_transform"}
-_KNOWN |= {"progressive", "progression", "transparency", "interlace"}
-_MARKS = (b"Exif\0\0", b"http://ns.adobe.com", b"<x:xmpmeta", b"Photoshop 3.0", b"ICC_PROFILE")
-_ENDS = {"JPEG": b"\xff\xd9", "PNG": b"IEND\xaeB`\x82"}
-_PLAIN_SEGMENTS = {("APP0", 14, b"JFIF\0"), ("APP14", 12, b"Adobe")}
-
-
-def write_bare_photo(source: Path, place: Path) -> None:
-    """Write a photo without metadata, and refuse one that still holds some."""
-    place.write_bytes(bare_photo(source.read_bytes(), source))
-    if found := leftovers(place):
-        fix = "write the photo without metadata (exiftool -all= FILE), and seal again"
-        raise BenchmarkError(f"the photo still holds {first_of(found)}", where=source, fix=fix)
 
 
 def bare_photo(data: bytes, where: Path) -> bytes:
@@ -399,21 +377,6 @@ def bare_photo(data: bytes, where: Path) -> bytes:
         expected="a complete JPEG or PNG",
         fix="write the photo again as one of these, and prepare the benchmark anew",
     )
-
-
-def leftovers(path: Path) -> list[str]:
-    """Name what a photo holds beside its picture, as another reader sees it."""
-    data = path.read_bytes()
-    found = [repr(mark) for mark in _MARKS if mark in data]
-    with opened_photo(path) as image:
-        found += [f"metadata {key!r}" for key in sorted(map(str, set(image.info) - _KNOWN))]
-        segments = getattr(image, "applist", [])
-        odd = [n for n, body in segments if (n, len(body), body[:5]) not in _PLAIN_SEGMENTS]
-        found += [f"segment {name}" for name in odd]
-        found += ["EXIF"] * bool(len(image.getexif()))
-        found += ["more than one picture"] * (getattr(image, "n_frames", 1) > 1)
-        found += ["bytes after its end"] * (not data.endswith(_ENDS.get(image.format or "", b"")))
-    return found
 
 
 def _jpeg_parts(data: bytes) -> Iterator[bytes]:

@@ -158,21 +158,19 @@ Bibtex = Annotated[
 ]
 
 
-def _key(what: str, example: Any, default: Any = ..., **more: Any) -> Any:
-    """Return a key of the file, which may be left out where it has a default."""
-    return Field(default, description=what, examples=[example], **more)
+def _question(what: str, example: Any, default: Any = ...) -> Any:
+    """Return a key of the file that `submit` asks for where it is missing."""
+    return Field(default, description=what, examples=[example])
 
 
 class PredictionsGiven(Strict):
-    """The place of the predictions: next to submission.toml, or at an address."""
+    """The place of the predictions, next to submission.toml or at an address, and their hash."""
 
-    file: Name | None = _key("The file or folder next to submission.toml.", "predictions.npz", None)
-    url: Url | None = _key(
-        "Where CI fetches the predictions.", "https://zenodo.org/records/1/files/preds.npz", None
-    )
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] = _key("SHA-256.", "0" * 64)
-    size: Annotated[int, Field(ge=1, le=1 << 50)] = _key("Size in bytes.", 52431, alias="bytes")
-    reader: Name | None = _key("The reader of a method's own files.", "hloc-poses", None)
+    file: Name | None = None
+    url: Url | None = None
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    size: Annotated[int, Field(ge=1, le=1 << 50, alias="bytes")]
+    reader: Name | None = None
 
     @model_validator(mode="after")
     def _one_place(self) -> PredictionsGiven:
@@ -186,56 +184,44 @@ class PredictionsGiven(Strict):
 class Pipeline(Strict):
     """The class of a method: entries of different classes are not compared like with like."""
 
-    stages: Literal["single-stage", "re-ranked"] = _key(
+    stages: Literal["single-stage", "re-ranked"] = _question(
         "Whether a first answer is re-ordered or refined by a second method.", "single-stage"
     )
-    uses: tuple[Literal["prior", "sequence", "heights"], ...] = _key(
-        "Inputs besides the photo and the map.", ["prior"], ()
-    )
+    uses: tuple[Literal["prior", "sequence", "heights"], ...] = ()
 
 
 class Submission(Strict):
     """A method's predictions for one protocol, and all that a reader of the board may ask.
 
-    A board keeps it without the contact.
+    docs/submission.md explains each key. A board keeps it without the contact.
     """
 
-    schema_version: Literal[1] = _key("Version of this format.", 1, alias="schema")
-    protocol: Name = _key(
-        "The protocol that scores the predictions, one of the board's.", "airzoo-mini-retrieval"
-    )
-    method: BoardName = _key("The method's name in tables.", "SALAD")
-    summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] | None = _key(
-        "The method in a sentence.", "DINOv2 features, aggregated by optimal transport", None
-    )
-    team: BoardName = _key(
+    schema_version: Literal[1] = Field(alias="schema")
+    protocol: Name = _question("The protocol that scores the predictions.", "airzoo-mini-retrieval")
+    method: BoardName = _question("The method's name in tables.", "SALAD")
+    summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] | None = None
+    team: BoardName = _question(
         "Who submits; the same words for all submissions of a team.", "Example Lab"
     )
-    account: Account | None = _key("Id of the account that opens the pull request.", 1001, None)
-    authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = _key(
-        "Of the method, in their order.", ["Ada Example", "Grace Example"]
+    account: Account | None = None
+    authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = _question(
+        "Authors of the method, in their order.", ["Ada Example", "Grace Example"]
     )
-    date: datetime.date = _key(
-        "When the predictions were made, without quotes.", datetime.date(2026, 11, 22)
-    )
-    paper: Url | None = _key("The method's paper.", "https://arxiv.org/abs/2311.15937", None)
-    bibtex: Bibtex | None = _key("How to cite the method.", "@article{key, title = {T}}", None)
-    code: Url | None = _key("Open code.", "https://github.com/serizba/salad", None)
-    weights: Url | None = _key("The weights.", "https://huggingface.co/example/salad", None)
-    licence: Line = _key(
+    date: datetime.date
+    paper: Url | None = None
+    bibtex: Bibtex | None = None
+    code: Url | None = None
+    weights: Url | None = None
+    licence: Line = _question(
         "Under which others may use these predictions, an id of SPDX.", "CC-BY-4.0"
     )
-    training_data: Annotated[tuple[Name, ...], Field(max_length=100)] = _key(
-        "Ids of all datasets that any weights were trained on, as far as known; [] for a method "
-        "without training.",
+    training_data: Annotated[tuple[Name, ...], Field(max_length=100)] = _question(
+        "Ids of all datasets that any weights were trained on, as far as known, or none.",
         ["gsv-cities", "university-1652"],
     )
-    pipeline: Pipeline = _key("The class of the method.", {"stages": "single-stage", "uses": []})
-    predictions: PredictionsGiven = _key(
-        "Where the predictions lie, and their hash.",
-        {"file": "predictions.npz", "sha256": "0" * 64, "bytes": 52431},
-    )
-    contact: Contact | None = _key(
+    pipeline: Pipeline
+    predictions: PredictionsGiven
+    contact: Contact | None = _question(
         "Where the maintainers reach you; it is shown on no page, but this file is as public as "
         "its repository.",
         "first.last@example.org",

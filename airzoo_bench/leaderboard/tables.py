@@ -122,10 +122,9 @@ def _measured(entry: Entry) -> Measured:
 
 
 def _members(entries: Sequence[Entry]) -> tuple[list[Entry], list[Row]]:
-    """Return the entries that measure the same, and a row with its reason for every other one.
+    """Return the entries of the newest protocol and truth, and a row for every other one.
 
-    The newest protocol and truth count, and the queries that most are scored on. Members are in an
-    order that stays when others come or go.
+    Members are in an order that stays when others come or go.
     """
 
     def basis(entry: Entry) -> tuple[Any, ...]:
@@ -138,22 +137,15 @@ def _members(entries: Sequence[Entry]) -> tuple[list[Entry], list[Row]]:
         return head.protocol_version, version, entry.scored, times[basis(entry)], head.truth
 
     shown = [entry for entry in entries if entry.measured is not None]
-    faults = [_stated_row(entry, "failed", entry.reason) for entry in entries if entry not in shown]
-    if not shown:
-        return [], faults
     times = Counter(map(basis, shown))
-    newest = basis(max(shown, key=age))
-    same = [entry for entry in shown if basis(entry) == newest]
-    queries = Counter(_measured(entry).queries for entry in same).most_common(1)[0][0]
-    members = [entry for entry in same if _measured(entry).queries == queries]
-    for entry in shown:
-        if entry not in members:
-            why = "scored by another protocol or truth, earlier"
-            why = (
-                "scored on other queries than most methods of this table" if entry in same else why
-            )
-            faults.append(_stated_row(entry, "failed", why))
-    return sorted(members, key=lambda entry: (_measured(entry).key, entry.place)), faults
+    newest = basis(max(shown, key=age)) if shown else ()
+    members = [entry for entry in shown if basis(entry) == newest]
+    members.sort(key=lambda entry: (_measured(entry).key, entry.place))
+    old = "scored by another protocol or truth, earlier"
+    others = [entry for entry in entries if entry not in members]
+    return members, [
+        _stated_row(one, "failed", old if one.measured else one.reason) for one in others
+    ]
 
 
 def _head_of(protocol: Protocol) -> Head:
@@ -201,7 +193,6 @@ def _scored_row(entry: Entry, number: int, ranks: Mapping[str, Ranks], first: Me
         rank = tuple(ranks[key].ranges[number].tolist())
         near = bool(ranks[key].near_best[number])
         scores[key] = scores[key].model_copy(update={"rank": rank, "near_best": near})
-    titles = {condition.by: condition.labels for condition in one.conditions}
     history = (
         Version(
             number=version.number,
@@ -221,8 +212,7 @@ def _scored_row(entry: Entry, number: int, ranks: Mapping[str, Ranks], first: Me
             "conditions": {
                 given.by: one.row.conditions[given.by]
                 for given in first.conditions
-                if titles.get(given.by) == given.labels
-                and one.members[given.by] == first.members[given.by]
+                if given in one.conditions
             },
             "history": tuple(history),
         }

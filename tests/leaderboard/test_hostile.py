@@ -121,7 +121,6 @@ HOSTILE: dict[str, tuple[dict[str, File], str]] = {
     # Names.
     "attributes in the folder": (beside(".gitattributes", b"* filter=x\n"), NOT_PLAIN),
     "hidden file": (beside(".env"), NOT_PLAIN),
-    "case-only rename of a folder": (only("Theirs/submission.toml"), CASE),
     "names that differ in case": (beside("P.npz", b"2"), CASE),
     "folders that differ in case": (beside("a/x") | {f"{MINE}/A/y": b"x"}, CASE),
     "blank": (beside("a b.npz"), NOT_PLAIN),
@@ -150,7 +149,6 @@ HOSTILE: dict[str, tuple[dict[str, File], str]] = {
     "executable": (beside("run", ("100755", b"#!/bin/sh\n")), "executable"),
     "the folder itself is a link": (only("mine", ("120000", b"theirs")), NO_FOLDER),
     "the folder itself is a submodule": (only("mine", ("160000", b"a" * 40)), NO_FOLDER),
-    "large metadata": (only("mine/submission.toml", b"a = 1\n" * 20_000), "120,000"),
     "large predictions": (beside("p.npz", b"x" * 1_000_001), "1,000,000 bytes"),
     "large together": (
         SOUND | {f"{MINE}/{n}": bytes([n]) * 600_000 for n in range(2)}, "1,000,000 bytes",

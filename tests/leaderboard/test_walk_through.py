@@ -13,7 +13,6 @@ import pytest
 from airzoo_bench.core import sandbox
 from airzoo_bench.evaluation import opening
 from airzoo_bench.leaderboard.checks import CheckedSubmission
-from airzoo_bench.leaderboard.git import BoardError
 from tests.leaderboard.made import (
     ADA,
     BOARD,
@@ -151,7 +150,7 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
     board.push_main("Salad")
     board.step("keep", board.rescore())
     broken = board.submit(board.main, worse(perfect), "Aaa", "--team", "Team A", account=2)
-    (broken / "link").symlink_to("/etc/passwd")
+    (broken / "link").symlink_to("/")
     alike = board.submit(board.main, perfect, "Cress", "--team", "Team C", account=3)
     toml = alike / "submission.toml"
     toml.write_text(toml.read_text().replace('"Cress"', '"S-A-L-A-D"'))
@@ -168,26 +167,6 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
     assert "fault" not in git(
         board.hosted.folder, "ls-tree", "-r", "--name-only", "leaderboard-data"
     )
-
-
-@pytest.mark.slow
-def test_a_job_that_breaks_off_has_all_older_runs(
-    board: Board, perfect: Arrays, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A board is built of the runs that are there, however far scoring came."""
-    board.submit(board.main, perfect, "Salad")
-    board.push_main("One")
-    board.step("keep", board.rescore())
-    board.submit(board.main, worse(perfect), "Aaa")
-    board.push_main("Another, which comes first")
-
-    def broken(*_: Any, **__: Any) -> None:
-        raise BoardError("no space left")
-
-    monkeypatch.setattr(CheckedSubmission, "score", broken)
-    done = board.step("score", "--out", board.home / "broken", code=1)
-    assert isinstance(done.exception, BoardError)
-    assert [p.name for p in (board.home / "broken").glob("runs/made/retrieval/*")] == ["salad"]
 
 
 def test_no_account_fills_a_table_or_enters_as_another(board: Board, perfect: Arrays) -> None:
