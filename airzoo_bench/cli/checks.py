@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -12,10 +11,10 @@ import typer
 
 from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import atomic_write
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
-    from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
+    from airzoo_bench.datasets.geometry_checks.scenes import PosedScene, SceneGeometry
 _MOST_M = 2000.0  # rays to the ground are cut here
 
 
@@ -98,13 +97,12 @@ def check_geometry(
     Example: airzoo-bench check-geometry airzoo-mini --format json
     """
     from airzoo_bench.datasets.geometry_checks import scenes
-    from airzoo_bench.datasets.geometry_checks.report import geometry_table
 
     if depth_scale is not None and not 0.0 < depth_scale < float("inf"):
         what = f"--depth-scale {depth_scale} is not a scale"
         raise UsageError(what, expected="metres of a unit")
     if data is not None and (poses, images, crs) == (None, None, None):
-        found = scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene, measured=True)
+        found = scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene)
     elif data is None and scene is None and poses is not None and images is not None:
         found = [scenes.scene_from_poses(poses, images, crs, cli.progress)]
     else:
@@ -115,20 +113,15 @@ def check_geometry(
         )
     sampling = {"kind": depth_kind, "scale_m": depth_scale, "median_below": median_below}
     checked = [_checked(one, depth, sampling) for one in found]
-    passes = not any(one.failures for one in checked)
-    if form is cli.Format.JSON:
-        values = {"passes": passes, "scenes": [one.values for one in checked]}
-        cli.put(json.dumps(values, indent=1, allow_nan=False) + "\n")
-    else:
-        cli.show(geometry_table(checked), form)
-    if not passes:
+    cli.show(scenes.geometry_table(checked), form)
+    if any(one.failures for one in checked):
         raise typer.Exit(1)
 
 
 def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
     from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
     from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
-    from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
+    from airzoo_bench.datasets.geometry_checks.scenes import SceneGeometry
 
     folder = scene.folder.resolve().parent / "depth" if depth is None else depth
     if depth is not None and (depth / scene.name).is_dir():
@@ -145,7 +138,8 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
     found = None
     if has_depth:
         paths = find_depths(folder, scene.images)
-        found = check_depth_consistency(scene, paths, **sampling, progress=cli.progress)
+        posed = (scene.ids, scene.cameras, scene.poses, paths)
+        found = check_depth_consistency(*posed, **sampling, progress=cli.progress)
     return SceneGeometry(scene, chain, found)
 
 
@@ -166,9 +160,12 @@ def check_split(
     from airzoo_bench.datasets.geometry_checks import splits
 
     sets = [splits.read_footprints(place, _MOST_M) for place in (train, test)]
-    found = splits.compare_splits(*sets, csv=out, progress=cli.progress)
-    cli.show(splits.split_table(found), form)
+    pairs = splits.compare_splits(sets[0], sets[1], cli.progress)
+    unknown = [name for one in sets for name in one.unknown_ids]
+    cli.show(splits.split_table(pairs, unknown), form)
     if out is not None:
+        with atomic_write(out, "w") as stream:
+            pairs.to_csv(stream, index=False, lineterminator="\n")
         cli.say(f"wrote {out}")
-    if not found.passes:
+    if unknown or not pairs.empty:
         raise typer.Exit(1)

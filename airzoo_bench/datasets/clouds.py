@@ -53,13 +53,9 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     beside = (high[:2] < centres.min(axis=0) - reach) | (low[:2] > centres.max(axis=0) + reach)
     if beside.any() or (inputs.dsm is None and not _is_seen(points, inputs)):
         x, y = centres.mean(axis=0)
-        raise BenchmarkError(
-            f"lies about ({low[0]:.0f}, {low[1]:.0f}), the photos are about ({x:.0f}, {y:.0f}) and "
-            "do not look at it",
-            where=cloud,
-            expected=f"a cloud of what the photos show, in the frame of the poses, {crs}",
-            fix="transform the cloud, or add the offset that it was reduced by",
-        )
+        what = f"lies about ({low[0]:.0f}, {low[1]:.0f}), the photos are about ({x:.0f}, {y:.0f}) "
+        fix = f"transform the cloud to {crs}, or add the offset that it was reduced by"
+        raise BenchmarkError(f"{what}and do not look at it", where=cloud, fix=fix)
     if inputs.dsm is None:
         return math.nan
     with blocked_heights(inputs.dsm) as surface:
@@ -97,11 +93,9 @@ def _check_stated_crs(cloud: Path, crs: str) -> None:
         check_same_crs(crs, stated, f"the poses and the cloud ({cloud})")
     units = {axis.unit_conversion_factor for axis in stated.axis_info}
     if units - {1.0} or vertical_m(stated) not in (None, 1.0):
+        what = f"is in {stated.name}, in units of {max(units):.10g} m"
         raise BenchmarkError(
-            f"is in {stated.name}, in units of {max(units):.10g} m",
-            where=cloud,
-            expected="a cloud in metres",
-            fix="convert it, e.g. with pdal translate or las2las",
+            what, where=cloud, fix="convert it to metres, e.g. with pdal translate"
         )
 
 

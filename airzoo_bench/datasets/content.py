@@ -39,7 +39,6 @@ from airzoo_bench.geometry.crs import (
 )
 from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, survey_heights
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
-from airzoo_bench.retrieval.gallery import tile_starts
 from airzoo_bench.retrieval.prepare import build_stated_truth, grouped_reasons
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -47,7 +46,6 @@ from airzoo_bench.retrieval.truth import RetrievalTruth
 _MOST_DSM_BANDS = 2  # heights, and perhaps a mask
 # No ground is lower or higher, above sea level or ellipsoid.
 _LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
-_MOST_TILES = 500_000  # some 0.8 GB
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,6 @@ def make_content(native: NativeScene | ImageScene, protocols: BenchmarkProtocols
     inputs = _inputs(native, crs)
     heights = measure_heights(inputs)
     _check_above_surface(*heights, native.dsm)
-    _check_tile_count(inputs, protocols.first(RetrievalProtocol))
     above = None if native.cloud is None else check_cloud(native.cloud, inputs)
     truths = build_truths(inputs, protocols, native.cloud)
     retrieval = None if truths.retrieval is None else truths.retrieval.truth
@@ -149,12 +146,9 @@ def check_names(names: Sequence[str], folder: Path) -> None:
     stems = Counter(Path(name).with_suffix("").as_posix() for name in names)
     twice = [stem for stem, count in stems.items() if count > 1]
     if twice:
-        raise BenchmarkError(
-            f"photos that differ in their ending only: {first_of(twice, len(names))}",
-            where=folder,
-            expected="names that differ without their endings, which ids lack",
-            fix="rename these photos, or keep one of each",
-        )
+        what = f"photos that differ in their ending only: {first_of(twice, len(names))}"
+        fix = "rename these photos, or keep one of each: ids lack the endings"
+        raise BenchmarkError(what, where=folder, fix=fix)
 
 
 def metric_crs(named: str, where: str) -> CRS:
@@ -164,12 +158,10 @@ def metric_crs(named: str, where: str) -> CRS:
     except UserError as error:
         raise error.inside(where) from error
     if not crs.is_projected or any(axis.unit_conversion_factor != 1 for axis in crs.axis_info):
-        raise CameraError(
-            f"poses are in {describe_crs(crs)}, which is not in metres",
-            where=where,
-            expected="a projected CRS in metres, such as UTM",
-            fix="transform the camera centres, rotations and the DSM to one",
-        )
+        what = f"poses are in {describe_crs(crs)}, which is not in metres"
+        fix = "transform the camera centres, rotations and the DSM to one"
+        expected = "a projected CRS in metres, such as UTM"
+        raise CameraError(what, where=where, expected=expected, fix=fix)
     return crs
 
 
@@ -195,13 +187,9 @@ def _checked_crs(native: NativeScene) -> str:
         raise error.inside(source) from error
     dsm = None if path is None else open_info(path)
     if dsm is not None and not same_plane(crs, dsm.crs):
-        raise RasterError(
-            f"the poses ({source}) and the DSM ({path}) differ in CRS: {describe_crs(crs)} and "
-            f"{describe_crs(dsm.crs)}",
-            expected="one CRS",
-            fix=f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear makes a DSM in the CRS of the "
-            "poses; heights stay as they are",
-        )
+        what = f"is in {describe_crs(dsm.crs)}, the poses ({source}) in {describe_crs(crs)}"
+        fix = f"gdalwarp -t_srs '{crs.to_string()}' -r bilinear brings it there"
+        raise RasterError(what, where=path, expected="one CRS", fix=fix)
     if dsm is not None and dsm.bands > _MOST_DSM_BANDS:
         fix = "look whether --dom and --dsm are the wrong way round"
         what = f"has {dsm.bands} bands"
@@ -217,9 +205,7 @@ def surveyed(path: Path) -> HeightSurvey:
             f"{found.beyond:,} of its {found.valid:,} heights are no heights of the ground: they "
             f"go from {found.low:.10g} to {found.high:.10g} m",
             where=path,
-            expected=f"{_LOWEST_M:g} to {_HIGHEST_M:g} m",
-            fix="look at their unit, metres or feet; or tag the number that means that there is "
-            "none: gdal_edit.py -a_nodata",
+            fix="look at their unit (feet), or tag the number of none: gdal_edit.py -a_nodata",
         )
     return found
 
@@ -228,32 +214,11 @@ def _check_above_surface(heights: Floats, surface: Floats, dsm: Path | None) -> 
     """Refuse a scene whose cameras are all on or below the surface model, or else the plane z0."""
     known = np.isfinite(heights)
     if known.any() and (heights[known] <= 0.0).all():
-        ground = float(np.median(surface[known]))
-        raise BenchmarkError(
-            "every camera is below the surface: they are at "
-            f"{ground + float(np.median(heights[known])):.1f} m, the surface below them is at "
-            f"{ground:.1f} m (medians)",
-            where=dsm,
-            expected="cameras above the surface model, both in the same vertical unit and datum",
-            fix="look at the vertical datum and unit of both (feet: gdal_edit.py -units ft)",
-        )
-
-
-def _check_tile_count(inputs: SceneInputs, protocol: RetrievalProtocol | None) -> None:
-    """Refuse a gallery of more than 500,000 tiles."""
-    info = inputs.gallery or inputs.dom
-    if protocol is None or info is None:
-        return
-    gallery = protocol.map_rules()[0]
-    count = sum(
-        len(tile_starts(info.width, size, gallery.overlap))
-        * len(tile_starts(info.height, size, gallery.overlap))
-        for size in gallery.tile_sizes_px
-    )
-    if count > _MOST_TILES:
-        what = f"{info.width} x {info.height} px make {count:,} tiles"
-        fix = "choose a larger --tile-size, or cut the map to the photos by gdal_translate"
-        raise RasterError(what, where=info.path, expected=f"at most {_MOST_TILES:,}", fix=fix)
+        ground, above = np.median(surface[known]), np.median(heights[known])
+        what = f"every camera is below the surface: they are at {ground + above:.1f} m, the "
+        what += f"surface below them is at {ground:.1f} m (medians)"
+        fix = "look at the vertical datum and unit of both (feet: gdal_edit.py -units ft)"
+        raise BenchmarkError(what, where=dsm, fix=fix)
 
 
 def _nothing_to_ask(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:

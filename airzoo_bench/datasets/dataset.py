@@ -22,29 +22,10 @@ class Dataset(Generic[OptionsT]):
     """A kind of data, such as own photos, or a benchmark as it is downloaded.
 
     It states what it is, names the scenes below its source (`scenes`) and reads one (`read`).
-
-    Attributes
-    ----------
-    name : str
-        Of the benchmark, and of its folder in the data root.
-    about : About
-        What it says of itself.
-    options : type
-        A frozen dataclass whose fields become options of the command, next to those of
-        `PrepareSettings`, which every dataset has; `about` has their texts.
-    protocols : tuple of str
-        Names or files of the protocols that its truth is made for.
-    jobs : int or None
-        Default of ``--jobs``; None where there is nothing to share out, and no such option.
-
-    Notes
-    -----
-    Its methods take options of that class, and these:
-
-    root : Path
-        The data root, for protocols to start from.
-    settings : PrepareSettings
-        Where the folder is made, and how.
+    `name` is that of the benchmark and of its folder in the data root; `options` a frozen dataclass
+    whose fields become options of the command, with texts in `about`; `protocols` names or files of
+    the protocols that its truth is made for; `jobs` the default of ``--jobs``, None where there is
+    nothing to share out. Methods take these options; `root` is the data root.
     """
 
     name: ClassVar[str] = ""
@@ -54,39 +35,16 @@ class Dataset(Generic[OptionsT]):
     jobs: ClassVar[int | None] = 1
 
     def scenes(self, options: OptionsT) -> Mapping[str, Sequence[Path]]:
-        """Return the scenes below the source, in the protocols' order, with the files of each.
+        """Return the scenes below the source by id, with the files that each is read from.
 
-        Returns
-        -------
-        mapping of str to sequence of Path
-            Files and folders by the scene's id; all else may change.
-
-        Raises
-        ------
-        UserError
-            There is none.
+        They are in the protocols' order. Raise a UserError where there is none.
         """
         raise NotImplementedError
 
     def read(self, options: OptionsT, scene: str, progress: Progress) -> NativeScene | ImageScene:
-        """Read a scene's files; several processes may read several scenes at once.
+        """Read one of `scenes`; several processes may read several at once.
 
-        Parameters
-        ----------
-        scene : str
-            One of `scenes`.
-        progress : Progress
-            Shows what takes long.
-
-        Returns
-        -------
-        NativeScene or ImageScene
-            What the files state.
-
-        Raises
-        ------
-        UserError
-            A file is missing or wrong.
+        Raise a UserError where a file is missing or wrong; `progress` shows what takes long.
         """
         raise NotImplementedError
 
@@ -105,20 +63,11 @@ class Dataset(Generic[OptionsT]):
         return is_prepared(self._source(options), protocols, settings)
 
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
-        """Make the benchmark folder of all scenes.
-
-        Raises
-        ------
-        UserError
-            The data are missing or wrong, or the folder cannot be written.
-        """
+        """Make the benchmark folder of all scenes."""
         for path in path_options(options):
             if settings.folder.resolve() in (path.resolve(), *path.resolve().parents):
-                raise UsageError(
-                    f"the folder to make holds {path}, which it is made from",
-                    where=settings.folder,
-                    fix="name another --out",
-                )
+                what = f"the folder to make holds {path}, which it is made from"
+                raise UsageError(what, where=settings.folder, fix="name another --out")
         protocols = self.benchmark_protocols(options, settings.root)
         return prepare_scenes(self._source(options), protocols, settings)
 

@@ -257,8 +257,7 @@ def fact_lines(facts: SceneFacts) -> list[str]:
     """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
     dom, crops, chances = facts.inputs.dom, facts.crop_shares, facts.positive_shares
     rows = {"photos": _photos_line(facts), "poses": _poses_line(facts)}
-    if facts.priors is not None:
-        one = facts.priors
+    if (one := facts.priors) is not None:
         rows["priors"] = (
             f"{len(one.ids)}, off by {one.position_m:.1f} m; yaw {one.yaw_deg:.1f}, pitch "
             f"{one.pitch_deg:.1f}, rotation {one.rotation_deg:.1f} degrees (medians)"
@@ -268,9 +267,13 @@ def fact_lines(facts: SceneFacts) -> list[str]:
         rows["map"] = f"{dom.width} x {dom.height} px, {gsd} m per pixel"
         if math.isfinite(facts.on_map):
             rows["map"] += f"; {facts.on_map:.0%} of the photos' corners lie on it"
-    rows |= _surface_line(facts)
-    if facts.cloud_over_surface_m is not None and math.isfinite(facts.cloud_over_surface_m):
-        rows["cloud"] = f"{round(facts.cloud_over_surface_m, 2) + 0.0:.2f} m above the surface"
+    if (plane := facts.inputs.plane_height_m) is not None:
+        rows["surface"] = f"none; the ground is taken as a plane at {plane} m"
+        if (survey := facts.survey) is not None:
+            heights = f"a height, {survey.low:.1f} to {survey.high:.1f} m; z0 is {plane:.1f} m"
+            rows["surface"] = f"{survey.valid / survey.pixels:.0%} of its pixels have {heights}"
+    if (above := facts.cloud_over_surface_m) is not None and math.isfinite(above):
+        rows["cloud"] = f"{round(above, 2) + 0.0:.2f} m above the surface"
     if len(crops):
         rows["crops"] = f"{crops.mean():.0%} of the map each on average, at most {crops.max():.0%}"
     if len(chances):
@@ -279,16 +282,14 @@ def fact_lines(facts: SceneFacts) -> list[str]:
 
 
 def _photos_line(facts: SceneFacts) -> str:
-    parts = [f"{len(facts.inputs.photos)}"]
     ground = "the ground" if facts.survey is None else "the surface"
-    height, relative = _median(facts.heights_m), _median(facts.relative_m)
-    if math.isfinite(height):
-        parts.append(f"{height:.1f} m above {ground}")
-    if math.isfinite(relative):
-        parts.append(f"{relative:.1f} m above take-off by their metadata")
-    if math.isfinite(facts.photo_gsd_m):
-        parts.append(f"{facts.photo_gsd_m:.3g} m per pixel")
-    return ", ".join(parts) + " (medians)" * (len(parts) > 1)
+    medians = {
+        f"{{:.1f}} m above {ground}": _median(facts.heights_m),
+        "{:.1f} m above take-off by their metadata": _median(facts.relative_m),
+        "{:.3g} m per pixel": facts.photo_gsd_m,
+    }
+    known = [text.format(value) for text, value in medians.items() if math.isfinite(value)]
+    return ", ".join([f"{len(facts.inputs.photos)}", *known]) + " (medians)" * bool(known)
 
 
 def _poses_line(facts: SceneFacts) -> str:
@@ -301,14 +302,3 @@ def _poses_line(facts: SceneFacts) -> str:
         return "no photo has a GPS position to hold them against"
     up = f", {gps.up_m:+.1f} m in height" if math.isfinite(gps.up_m) else ""
     return f"{gps.distance_m:.1f} m from the GPS of {counted(gps.photos, 'photo')}{up} (medians)"
-
-
-def _surface_line(facts: SceneFacts) -> dict[str, str]:
-    survey, plane = facts.survey, facts.inputs.plane_height_m
-    if survey is not None and plane is not None:
-        return {
-            "surface": f"{survey.valid / survey.pixels:.0%} of its pixels have a height, "
-            f"{survey.low:.1f} to {survey.high:.1f} m; z0 is {plane:.1f} m"
-        }
-    text = f"none; the ground is taken as a plane at {plane} m"
-    return {} if plane is None else {"surface": text}

@@ -25,12 +25,8 @@ def complete_manifest(folder: Path, *, replace: bool = False) -> list[str]:
     values = read_toml(path, BenchmarkError, "benchmark file")
     protocols = [load_protocol(one) for one in sorted((folder / "protocols").glob("*.toml"))]
     if not protocols:
-        raise BenchmarkError(
-            "has no protocol",
-            where=folder / "protocols",
-            expected="a protocol file for each track that the folder has truth for",
-            fix="copy one of `airzoo-bench protocols NAME`, and set `benchmark` and scenes",
-        )
+        fix = "copy one of `airzoo-bench protocols NAME`, and set `benchmark` and scenes"
+        raise BenchmarkError("has no protocol", where=folder / "protocols", fix=fix)
     name = protocols[0].benchmark
     complete = {"schema": 1, "name": name, "version": 1, "title": name, "checksums": {}}
     complete["tracks"] = {one.track: one.truth_settings() for one in protocols}
@@ -67,11 +63,9 @@ def _check_truth(benchmark: Benchmark, scene: str, protocol: Protocol) -> None:
         ids = [] if table is None else table["id"].tolist()
         without = [one for one in ids if not one.startswith(f"{scene}/")]
         if without:
-            raise BenchmarkError(
-                f"ids of {name} lack their scene: {first_of(without, len(ids))}",
-                where=home,
-                expected=f"ids that begin with the scene, such as {scene}/{without[0]}",
-            )
+            what = f"ids of {name} lack their scene: {first_of(without, len(ids))}"
+            expected = f"ids that begin with the scene, such as {scene}/{without[0]}"
+            raise BenchmarkError(what, where=home, expected=expected)
 
 
 def _with_checksums(folder: Path, scene: SceneFile, said: list[str], replace: bool) -> SceneFile:
@@ -82,10 +76,8 @@ def _with_checksums(folder: Path, scene: SceneFile, said: list[str], replace: bo
             continue
         now = found[f"{part}_sha256"] = sha256(folder / place)
         if before not in (None, now) and not replace:
-            raise BenchmarkError(
-                f"the {part} of scene {scene.id} was changed since its checksums were written",
-                where=folder / place,
-                fix="put it back; or, if the truth is that of the changed file, add --force",
-            )
+            what = f"the {part} of scene {scene.id} was changed since its checksums were written"
+            fix = "put it back; or, if the truth is that of the changed file, add --force"
+            raise BenchmarkError(what, where=folder / place, fix=fix)
         said += [f"{part}_sha256 of scene {scene.id}"] * (before is None)
     return scene.model_copy(update=found)

@@ -45,11 +45,8 @@ def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -
     width, height = size
     stated = (values.get("width", float(width)), values.get("height", float(height)))
     if stated != (float(width), float(height)):
-        raise CameraError(
-            f"the camera is for photos of {stated[0]:g}x{stated[1]:g} px, not {width}x{height}",
-            where=where,
-            fix="give the camera for the photos' own size",
-        )
+        what = f"the camera is for photos of {stated[0]:g}x{stated[1]:g} px, not {width}x{height}"
+        raise CameraError(what, where=where, fix="give the camera for the photos' own size")
     fx, ways = values.get("fx", math.nan), [{"fx"}, {"focal_mm", "sensor_mm"}, {"fov_deg"}]
     if values.get("sensor_mm", 0.0) > 0.0:
         fx = values.get("focal_mm", math.nan) / values["sensor_mm"] * width
@@ -85,14 +82,10 @@ def check_focal_lengths(
             continue
         film, (width, height) = film_focal_px(images / name, sizes[name])[0], sizes[name]
         if film is not None and not are_alike(one["fx"], film):
-            raise CameraError(
-                f"fx is {one['fx']:g} px, and the focal length of 35 mm film makes {film:g} px in "
-                f"a photo of {width}x{height} px, {name}",
-                where=where,
-                expected="the focal length in pixels of photos of this size",
-                fix=f'scale fx to the photos; if it is right, give --camera with "width": {width} '
-                f'and "height": {height}',
-            )
+            what = f"fx is {one['fx']:g} px, and the focal length of 35 mm film makes {film:g} px "
+            what += f"in a photo of {width}x{height} px, {name}"
+            fix = f'scale fx to the photos; if it is right, add "width": {width} and "height": '
+            raise CameraError(what, where=where, fix=f"{fix}{height} to the file of --camera")
 
 
 def are_alike(first: float, second: float) -> bool:

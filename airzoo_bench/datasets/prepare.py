@@ -7,11 +7,10 @@ files did not change is not made again.
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,6 @@ from airzoo_bench.benchmark.folder import Benchmark, SceneFile
 from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, UserError, counted
 from airzoo_bench.core.files import (
     atomic_folder,
-    cannot_write,
     fingerprint,
     only_writer,
     temporary_folder,
@@ -47,7 +45,6 @@ from airzoo_bench.geometry.raster_files import raster_files
 RECORDS = "prepared.json"
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
 _MAPS = (".vrt", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".jp2", ".img", ".ecw", ".asc", ".bil")
-_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 _OF_THE_RUN = ("scene", "keep_going")  # options that do not change a scene
 _WAY_OUT = "leave the scene out with --keep-going, or name those to make with --scene"
 
@@ -64,12 +61,6 @@ class Source:
     options: Any
     home: Path = field(default_factory=Path.cwd)
 
-    @property
-    def option_texts(self) -> dict[str, str]:
-        """The options that a scene depends on, as text, by the names of their fields."""
-        names = [one.name for one in fields(self.options) if one.name not in _OF_THE_RUN]
-        return {name: str(getattr(self.options, name)) for name in names}
-
 
 @dataclass(frozen=True)
 class Record:
@@ -81,7 +72,6 @@ class Record:
     key: str
     entry: SceneFile
     summary: SceneSummary
-    options: Mapping[str, str]
 
     def is_whole(self, home: Path) -> bool:
         """Whether a folder holds the scene, and all that it refers to is there."""
@@ -127,6 +117,8 @@ def scene_keys(
     """Return for each scene the SHA-256 of its inputs."""
     stamps: dict[Path, list[tuple[str, int, int]]] = {}
     flags = [settings.tiles_on_disk, settings.crops_on_disk, settings.copy]
+    names = [one.name for one in fields(source.options) if one.name not in _OF_THE_RUN]
+    options = {name: str(getattr(source.options, name)) for name in names}
     keys = {}
     for scene, given in source.scenes.items():
         paths = sorted({path.resolve() for path in given})
@@ -138,7 +130,7 @@ def scene_keys(
             for one in protocols.of_scene(scene).of_scenes([scene]).every
         ]
         files = [[str(path), stamps[path]] for path in paths]
-        keys[scene] = fingerprint([__version__, source.option_texts, flags, scene, rules, files])
+        keys[scene] = fingerprint([__version__, options, flags, scene, rules, files])
     return keys
 
 
@@ -164,13 +156,10 @@ def chosen_scenes(
     """Return the requested scenes in the dataset's order."""
     unknown = [scene for scene in only or () if scene not in there]
     if unknown:
-        raise UsageError(
-            f"there is no scene {', '.join(map(repr, unknown))} below {source}"
-            + nearest(unknown[0], list(there), 1),
-            where="--scene",
-            expected="some of " + ", ".join(there),
-            fix="download or unpack it there, or name a scene that is there",
-        )
+        known = "some of " + ", ".join(there)
+        what = f"there is no scene {', '.join(map(repr, unknown))} below {source}"
+        what += nearest(unknown[0], list(there), 1)
+        raise UsageError(what, where="--scene", expected=known)
     return {scene: files for scene, files in there.items() if only is None or scene in only}
 
 
@@ -180,7 +169,8 @@ def is_prepared(source: Source, protocols: BenchmarkProtocols, settings: Prepare
     keys = scene_keys(source, protocols, settings) if records else {}
     if {scene: record.key for scene, record in records.items()} != keys:
         raise UsageError(
-            f"the folder exists already, made {_difference(records, source)}",
+            "the folder exists already, made from other scenes, options or files, or by another "
+            "version of this suite",
             where=settings.folder,
             fix="name another folder with --out, or replace this one with --force",
         )
@@ -190,27 +180,13 @@ def is_prepared(source: Source, protocols: BenchmarkProtocols, settings: Prepare
     return True
 
 
-def _difference(records: Mapping[str, Record], source: Source) -> str:
-    """Say which scenes and options a folder was made with, where they are others now."""
-    now, before = source.option_texts, next(iter(records.values())).options
-    said = [
-        f"--{name.replace('_', '-')} {before[name]}, now {now[name]}"
-        for name in now
-        if before.get(name, now[name]) != now[name]
-    ]
-    if set(records) != set(source.scenes):
-        said.append(f"scenes {', '.join(records)}, now {', '.join(source.scenes)}")
-    otherwise = "from files that have changed since, or by another version of this suite"
-    return f"with {'; '.join(said)}" if said else otherwise
-
-
 def prepare_scenes(
     source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Make the benchmark folder of some scenes."""
     run = _Run(source, protocols, settings)
     # Runs into other folders share the finished scenes, by the benchmark's name.
-    with _writing(settings.folder), only_writer(run.staging):
+    with only_writer(run.staging):
         try:
             run.finish()
             prepared = run.assemble()
@@ -320,24 +296,12 @@ class _Run:
         return Prepared(folder, {one.name: one.track for one in served}, summaries, self.failed)
 
 
-@contextmanager
-def _writing(folder: Path) -> Iterator[None]:
-    """Name the folder where the disk takes no more."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in _OF_WRITING:  # it is a file that is read
-            raise
-        raise cannot_write(folder, error) from None
-
-
 def _task(run: _Run, scene: str) -> Record | UserError:
     """Make a scene and keep it among the finished ones."""
     if Path.cwd() != run.source.home:  # on a cluster
         os.chdir(run.source.home)
     try:
-        with _writing(run.settings.folder):
-            return _make_scene(run, scene)
+        return _make_scene(run, scene)
     except UserError as fault:
         if getattr(run.source.options, "keep_going", False):
             return fault
@@ -353,7 +317,7 @@ def _make_scene(run: _Run, scene: str) -> Record:
     summary = summary_of(content, run.protocols, native.notes)
     with temporary_folder(run.staging, scene) as temporary:
         entry = write_scene(temporary, content, run.protocols.titles[scene], run.settings)
-        record = Record(run.keys[scene], entry, summary, source.option_texts)
+        record = Record(run.keys[scene], entry, summary)
         run.keep(record, temporary, _link_or_copy)
     return record
 

@@ -115,11 +115,8 @@ def check_centred(photos: PosedPhotos, path: Path) -> None:
     bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1)).tolist()
     if bad:
         (cx, cy), (width, height) = photos.cameras.principal_point[bad[0]], size[bad[0]]
-        raise CameraError(
-            "camera matrices of another image size: "
-            f"{first_of([photos.names[row] for row in bad], len(photos.names))}; the first is "
-            f"{width}x{height} px, with the principal point at ({cx:.1f}, {cy:.1f})",
-            where=path,
-            expected="a principal point near the middle of the photo",
-            fix="scale K to the size of the photos; photos of several sizes need a K each",
-        )
+        what = "camera matrices of another image size: "
+        what += f"{first_of([photos.names[row] for row in bad], len(photos.names))}; the first is "
+        what += f"{width}x{height} px, with the principal point at ({cx:.1f}, {cy:.1f})"
+        fix = "scale K to the size of the photos; photos of several sizes need a K each"
+        raise CameraError(what, where=path, fix=fix)

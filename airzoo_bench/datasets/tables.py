@@ -134,12 +134,10 @@ def read_table(
         unknown = [name for name in names if name and plain(name) not in known]
         listed = ", ".join(f"{ours}{nearest(ours, unknown)}" for ours in missing)
         has = ", ".join(map(repr, names))[:300]
+        what = f"lacks the columns {listed}, or has two columns of one meaning; it has {has}"
+        expected = ", ".join("/".join(called) for ours, called in columns.items())
         raise BenchmarkError(
-            f"lacks the columns {listed}, or has two columns of one meaning; it has {has}",
-            where=path,
-            expected="a first line with each once of "
-            + ", ".join("/".join(called) for ours, called in columns.items()),
-            fix="name the columns so, or download the table again",
+            what, where=path, expected=f"a first line with each once of {expected}"
         )
     kept, numbers = [], []
     for number, line in enumerate(lines[place + 1 :], place + 2):
@@ -215,14 +213,13 @@ def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> d
         found |= {name: known[_form(name, form)] for name in names if _form(name, form) in known}
     twice = [photo for photo, count in Counter(found.values()).items() if count > 1]
     if twice or not found:
-        raise BenchmarkError(
-            f"more than one name means {first_of(twice, len(there))}"
-            if twice
-            else f"none of its {counted(len(names), 'name')} is among "
-            f"{counted(len(there), 'photo')}: it has names such as {first_of(names, shown=1)}",
-            where=where,
-            expected=f"names such as {min(there, default='')!r}, each photo once",
+        what = (
+            f"none of its {counted(len(names), 'name')} is among {counted(len(there), 'photo')}: "
         )
+        what += f"it has names such as {first_of(names, shown=1)}"
+        what = f"more than one name means {first_of(twice, len(there))}" if twice else what
+        expected = f"names such as {min(there, default='')!r}, each photo once"
+        raise BenchmarkError(what, where=where, expected=expected)
     return {name: found[name] for name in names if name in found}
 
 

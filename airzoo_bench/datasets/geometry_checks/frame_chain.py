@@ -6,11 +6,13 @@ a position is no place of the CRS, or the CRS cannot be inverted to a micrometre
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from airzoo_bench.core.errors import counted
 from airzoo_bench.datasets.angles import grid_to_true_north
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
@@ -34,11 +36,10 @@ _SIDE = 5
 
 @dataclass(frozen=True, eq=False)
 class FrameChain:
-    """How well the chain closes for N photos.
+    """How far points and pixels of N photos come back from where they started, at most.
 
-    `closure_m` and `closure_px` (N,) are the farthest that a point or pixel comes back from where
-    it started, infinite where one does not; `lens_fails` and `off_crs` (N,) say where a pixel has
-    no ray, and where the camera or a point is no place of the CRS.
+    It is infinite where one does not; `lens_fails` and `off_crs` (N,) say where a pixel has no ray,
+    and where the camera or a point is no place of the CRS.
     """
 
     closure_m: Floats
@@ -55,6 +56,18 @@ class FrameChain:
     def worst(self) -> int:
         """The photo whose chain closes worst."""
         return int(np.maximum(self.closure_m / CLOSES_M, self.closure_px / CLOSES_PX).argmax())
+
+    def failures(self, ids: Sequence[str]) -> list[str]:
+        """Return a sentence on the photos whose chain does not close, if there are any."""
+        worst, count = self.worst, int(self.open_photos.sum())
+        said = (
+            f"the frame chain of {count} of {counted(len(ids), 'photo')} does not close to "
+            f"{CLOSES_M:g} m and {CLOSES_PX:g} px (worst: {ids[worst]}, "
+            f"{self.closure_m[worst]:.2g} m, {self.closure_px[worst]:.2g} px): "
+            f"{int(self.lens_fails.sum())} with pixels beyond the range of the lens model, "
+            f"{int(self.off_crs.sum())} with positions that are no place of the CRS"
+        )
+        return [said] * (count > 0)
 
 
 def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:

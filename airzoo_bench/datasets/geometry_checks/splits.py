@@ -6,6 +6,7 @@ ground. Two footprints overlap where they share an area; to touch is not to over
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ import shapely
 
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, counted, first_of
-from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.geometry_checks.scenes import open_benchmark, scenes_of_benchmark
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
@@ -36,15 +36,16 @@ _LEAST_AREA_M2 = 1e-4  # what rounding makes of borders that touch: 1e-9 degrees
 
 @dataclass(frozen=True, eq=False)
 class NamedFootprints:
-    """Footprints of N photos.
-
-    `lonlat` (N, 4, 2) are corners in order, NaN for a photo that sees no ground; `unknown` (N,) are
-    photos of which it is not known where they look.
-    """
+    """Corners (N, 4, 2) of N photos in order, NaN for one that sees no ground, or is `unknown`."""
 
     ids: tuple[str, ...]
     lonlat: Floats
     unknown: Bools
+
+    @property
+    def unknown_ids(self) -> list[str]:
+        """The photos of which it is not known where they look."""
+        return [self.ids[row] for row in np.flatnonzero(self.unknown)]
 
 
 def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
@@ -80,31 +81,13 @@ def cast_corners(
     return lonlat, unknown
 
 
-@dataclass(frozen=True, eq=False)
-class SplitOverlap:
-    """The ground that two sets share.
-
-    A row of `pairs` is train and test id, shared m2, and the share of the test footprint; of
-    photos that are `unknown` it is not known where they look.
-    """
-
-    pairs: pd.DataFrame
-    unknown: list[str]
-
-    @property
-    def passes(self) -> bool:
-        """Whether nothing overlaps, and all footprints are known."""
-        return self.pairs.empty and not self.unknown
-
-
 def compare_splits(
-    train: NamedFootprints,
-    test: NamedFootprints,
-    *,
-    csv: Path | None = None,
-    progress: Progress = silent,
-) -> SplitOverlap:
-    """Look for ground that both sets see; write the pairs into a CSV if one is named."""
+    train: NamedFootprints, test: NamedFootprints, progress: Progress = silent
+) -> pd.DataFrame:
+    """Return the pairs of photos that see common ground.
+
+    A row is train and test id, shared m2, and the share of the test footprint.
+    """
     near, turn = _unwrapped(train.lonlat), np.array((360.0, 0.0))
     around, rows = _polygons(np.concatenate([near + n * turn for n in (-1, 0, 1)]))
     tree = shapely.STRtree(around)
@@ -125,7 +108,7 @@ def compare_splits(
     found = np.concatenate(parts)
     found = found[found[:, 2] > _LEAST_AREA_M2]
     of_train, of_test = found[:, :2].astype(np.int64).T
-    pairs = pd.DataFrame(
+    return pd.DataFrame(
         {
             "train": [train.ids[row] for row in of_train],
             "test": [test.ids[row] for row in of_test],
@@ -133,11 +116,6 @@ def compare_splits(
             "share_of_test": np.round(found[:, 3], 6),
         }
     )
-    if csv is not None:
-        with atomic_write(csv, "w") as stream:
-            pairs.to_csv(stream, index=False, lineterminator="\n")
-    unknown = [one.ids[row] for one in (train, test) for row in np.flatnonzero(one.unknown)]
-    return SplitOverlap(pairs, unknown)
 
 
 def _polygons(lonlat: Floats) -> tuple[Any, Ints]:
@@ -154,7 +132,7 @@ def _unwrapped(lonlat: Floats) -> Floats:
     return np.stack((lon, lonlat[..., 1]), axis=-1)
 
 
-def split_table(found: SplitOverlap) -> Table:
+def split_table(pairs: pd.DataFrame, unknown: Sequence[str]) -> Table:
     """Lay out the first pairs that overlap, with the counts below."""
     columns = (
         *(Column("Training photo"), Column("Test photo"), Column("Shared", "m²", decimals=1)),
@@ -162,10 +140,10 @@ def split_table(found: SplitOverlap) -> Table:
     )
     rows = tuple(
         Row((Cell(train), Cell(test), Cell(area), Cell(100 * share)))
-        for train, test, area, share in found.pairs.head(_SHOWN).itertuples(index=False)
+        for train, test, area, share in pairs.head(_SHOWN).itertuples(index=False)
     )
-    tainted = counted(int(found.pairs["test"].nunique()), "test photo")
-    notes = [f"{counted(len(found.pairs), 'pair')}, of {tainted}; --out writes all"]
-    if found.unknown:
-        notes.append(f"it is not known where photos look: {first_of(found.unknown)}")
+    tainted = counted(int(pairs["test"].nunique()), "test photo")
+    notes = [f"{counted(len(pairs), 'pair')}, of {tainted}; --out writes all"]
+    if unknown:
+        notes.append(f"it is not known where photos look: {first_of(unknown)}")
     return Table("Ground that both sets see", columns, rows, tuple(notes))

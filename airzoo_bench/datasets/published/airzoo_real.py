@@ -25,7 +25,6 @@ from typing import Literal
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import UsageError, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
@@ -36,16 +35,18 @@ from airzoo_bench.datasets.metadata import (
     priors_to_poses,
     read_prior_file,
 )
-from airzoo_bench.datasets.published.maps import find_maps, only_one, with_georeference
 from airzoo_bench.datasets.published.places import (
     files_by_key,
     find_home,
+    find_maps,
     missing,
     needed_path,
+    only_one,
     published_scenes,
     read_posed_lines,
     stem_key,
     sub_path,
+    with_georeference,
 )
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.settings import Files, SourceOptions
@@ -97,7 +98,6 @@ class _AirZooRealOptions(SourceOptions):
     satellite: Files = None
     priors: Files = None
     prior: Literal["metadata", "truth"] = "metadata"
-    height_offset: Files = None
     cloud: Files = None
 
 
@@ -182,9 +182,7 @@ def _maps(options: _AirZooRealOptions, scene: str) -> tuple[dict[str, Path], lis
     dsm = given.get("dsm") or only_one(
         surfaces, "surface model", home, f"name it: --dsm {scene}=FILE"
     )
-    of_retrieval = (
-        f"no map has {gsd:g} m a pixel: retrieval has no truth (--satellite {scene}=FILE)"
-    )
+    of_retrieval = f"no map has {gsd:g} m a pixel: retrieval has no truth"
     if satellite is not None:
         of_retrieval = f"{satellite.name} is the map of retrieval"
     notes = [f"{dom.name} is the DOM, {dsm.name} the surface model; {of_retrieval}"]
@@ -217,15 +215,10 @@ def _read_region(options: _AirZooRealOptions, scene: str, progress: Progress) ->
     names, crs = tuple(truth), _CRS
     own_sizes, fix = {name: sizes[name] for name in names}, "download the photos as they were taken"
     cameras, of_cameras = photo_cameras(home, own_sizes, tags, None, fix)
-    text = values_by_scene(options.height_offset, "height-offset", list(_REGIONS)).get(scene, "0")
-    with readable(f"--height-offset {text[:40]}", "is no number", kind=UsageError):
-        up = np.array((0.0, 0.0, float(text)))
     poses = priors_to_poses(truth, crs)
-    poses = replace(poses, centres=poses.centres + up)
     priors = metadata_priors({name: metadata[name] for name in names}, crs)
     notes += of_cameras
     if priors is not None:
-        priors = replace(priors, centres=priors.centres + up)
         priors = _unlike_truth(priors, poses, notes)
     satellite = maps.get("satellite")
     return NativeScene(

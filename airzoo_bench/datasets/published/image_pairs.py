@@ -128,14 +128,9 @@ def class_images(folder: Path, below: str = "") -> list[ClassImage]:
         images = [one for one in files if one.suffix.lower() in _SUFFIXES and one.name[0] != "."]
         if not re.fullmatch("[0-9]+", home.name) or not images:
             raise missing(f"{home.name!r} is no class with images", home / below, layout)
-        found += [
-            ClassImage(
-                str(int(home.name)),
-                f"{home.name}/{one.stem}",
-                one.relative_to(folder).as_posix(),
-            )
-            for one in images
-        ]
+        for one in images:
+            name = f"{home.name}/{one.stem}"
+            found.append(ClassImage(str(int(home.name)), name, str(one.relative_to(folder))))
     if not found:
         raise missing("holds no class folder", folder, layout, "unpack it there")
     return found
@@ -221,11 +216,9 @@ class _DenseUav(ClassFolders):
                     moved[label] = None
                 found[label] = position
             elif line.strip():
-                raise BenchmarkError(
-                    f"is {line[:80]!r}",
-                    where=f"{path}, line {number}",
-                    expected="such as test/query_drone/000001/H80.JPG E120.387 N30.324 93.2",
-                )
+                expected = "such as test/query_drone/000001/H80.JPG E120.387 N30.324 93.2"
+                where = f"{path}, line {number}"
+                raise BenchmarkError(f"is {line[:80]!r}", where=where, expected=expected)
         said = f"classes whose lines in {_POSITIONS} differ, of which the last is taken: "
         return found, (said + first_of(moved),) if moved else ()
 

@@ -33,15 +33,17 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
-from airzoo_bench.datasets.published.maps import find_maps, only_one, with_georeference
 from airzoo_bench.datasets.published.places import (
     files_by_key,
     find_home,
+    find_maps,
     missing,
     needed_path,
+    only_one,
     read_posed_lines,
     stem_key,
     sub_path,
+    with_georeference,
 )
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.settings import SourceOptions
@@ -120,15 +122,6 @@ class _AerialExtreMatch(Dataset[_Options]):
 
 def _parts(options: _Options) -> tuple[Path, ...]:
     """Return photos, poses, cameras and references of the localisation set."""
-    if sub_path(options.source, "class_0") and not sub_path(options.source, "gt_pose.txt"):
-        raise BenchmarkError(
-            "these are _AerialExtreMatch's evaluation pairs, class_0 to class_31, whose .npy files "
-            "are Python pickles, which are never loaded here",
-            where=options.source,
-            expected=f"the localization set: {_PARTS}",
-            fix="where you trust them, write them as .npz and score poses by "
-            "airzoo_bench.pose_errors: docs/benchmarks.md has the lines",
-        )
     home = find_home(options.source, lambda f: sub_path(f, "gt_pose.txt") is not None, _PARTS)
     parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[options.reference])
     return tuple(needed_path(home, one, _PARTS) for one in parts)

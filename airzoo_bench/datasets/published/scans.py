@@ -21,19 +21,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import (
-    BenchmarkError,
-    CameraError,
-    UsageError,
-    first_of,
-    readable,
-)
+from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
@@ -70,7 +64,6 @@ class _UavScenesOptions(SourceOptions):
     interval: int = 5
     every: int = 10
     cloud: Files = None
-    lens: Literal["file", "none"] = "file"
 
 
 class _UavScenes(Dataset[_UavScenesOptions]):
@@ -103,7 +96,7 @@ class _UavScenes(Dataset[_UavScenesOptions]):
             names = tuple(photos[stem] for stem in chosen)
             shown = progress(names, scene, len(names))
             sizes = [photo_size(folder / name) for name in shown]
-            cameras, poses = _posed([samples[s] for s in chosen], sizes, names, options.lens)
+            cameras, poses = _posed([samples[s] for s in chosen], sizes, names)
         check_centred(PosedPhotos(names, cameras, poses), path)
         cloud, where = _cloud_of(scene, options, runs)
         return NativeScene(
@@ -134,12 +127,10 @@ def _find_runs(options: _UavScenesOptions) -> dict[str, Path]:
     known = published_scenes("uavscenes-reconstruction")
     strange = [run for run in found if run not in known]
     if strange or not found:
-        raise missing(
-            f"holds no run of UAVScenes, or unknown ones: {first_of(strange)}",
-            source / pack if (source / pack).is_dir() else source,
-            f"{_RUNS}; the runs are {', '.join(known)}",
-            f"unpack {pack}.zip there; --interval chooses between interval1 and interval5",
-        )
+        what = f"holds no run of UAVScenes, or unknown ones: {first_of(strange)}"
+        layout = f"{_RUNS}; the runs are {', '.join(known)}"
+        fix = f"unpack {pack}.zip there; --interval chooses between interval1 and interval5"
+        raise missing(what, source, layout, fix)
     return {run: found[run] for run in known if run in found}
 
 
@@ -163,12 +154,11 @@ def _cloud_of(
     run: str, options: _UavScenesOptions, runs: Mapping[str, Path]
 ) -> tuple[Path, tuple[str, ...]]:
     """Return a run's cloud and, where it is that of another name, a sentence that says so."""
-    clouds = _clouds(options, run, runs)
-    if not clouds:
+    place, cloud = next(iter(_clouds(options, run, runs)), ("", None))
+    if cloud is None:
         fix = f"unpack {_CLOUDS}.zip there, or name the cloud with --cloud {run}=FILE"
         layout = f"{_CLOUDS}/{run}/{_CLOUD}"
         raise missing(f"there is no cloud for {run}", options.source, layout, fix)
-    place, cloud = clouds[0]
     own = place in (run, re.sub(r"(\d+|_Evening)$", "", run))
     return cloud, () if own else (f"its cloud is taken to be that of {place}",)
 
@@ -177,9 +167,8 @@ def _posed(
     samples: Sequence[Mapping[str, Any]],
     sizes: Sequence[tuple[int, int]],
     names: Sequence[str],
-    lens: str,
 ) -> tuple[Cameras, Poses]:
-    """Return the cameras and poses of images, whose lens is that of the file or "none"."""
+    """Return the cameras and poses of images."""
     for sample, size, name in zip(samples, sizes, names, strict=True):
         stated = (sample.get("Width") or size[0], sample.get("Height") or size[1])
         if stated != size:
@@ -188,9 +177,7 @@ def _posed(
     bent = np.array([[one.get(key, 0.0) for key in keys] for one in samples], np.float64)
     matrices = np.array([one["T4x4"] for one in samples], np.float64)
     (width, height), calibrations = np.array(sizes).T, [one["P3x3"] for one in samples]
-    cameras = Cameras.from_matrices(
-        calibrations, width, height, bent * (lens == "file"), names=names
-    )
+    cameras = Cameras.from_matrices(calibrations, width, height, bent, names=names)
     rotations = np.swapaxes(matrices[:, :3, :3], 1, 2)
     return cameras, Poses.from_centres(rotations, matrices[:, :3, 3], names)
 
@@ -245,10 +232,9 @@ class _UrbanScene3D(Dataset[_UrbanScene3DOptions]):
             raise UsageError(
                 f"the scan of {scene} is not named, or not how its poses lie to it",
                 where=folder,
-                expected=f"--scan {scene}=FILE; and --transform {scene}=FILE, 4 x 4 numbers from "
-                "the frame of the poses to the scan's, or --same-frame",
-                fix="find the transform by registering the model's points to the scan, such as "
-                "with CloudCompare; or name the scenes to prepare with --scene",
+                expected=f"--scan {scene}=FILE; and --same-frame or --transform {scene}=FILE, 4 x "
+                "4 numbers from the frame of the poses to the scan's",
+                fix="register the model's points to the scan, such as with CloudCompare",
             )
         images, photos, unposed, notes = _photos(folder, options.every, progress)
         if transform is not None:
@@ -335,11 +321,8 @@ def _read_mega_nerf(
         width, height, (fx, fy, cx, cy), pose = stated
         size = photo_size(folder / name)
         if (int(width), int(height)) != size:
-            raise CameraError(
-                f"its photo is {size[0]}x{size[1]} px, not {width:g}x{height:g}",
-                where=photos[name],
-                fix="use the photos that copy_images.py makes",
-            )
+            what = f"its photo is {size[0]}x{size[1]} px, not {width:g}x{height:g}"
+            raise CameraError(what, where=photos[name], fix="use those of copy_images.py")
         sizes.append(size)
         to_world.append(pose)
         matrices.append(((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)))

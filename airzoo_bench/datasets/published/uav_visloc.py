@@ -23,8 +23,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import utm_zone
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.published.maps import join_maps
-from airzoo_bench.datasets.published.places import find_home, missing
+from airzoo_bench.datasets.published.places import find_home, join_maps, missing
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_table
@@ -142,12 +141,9 @@ def _read_rows(
     listed = [name.casefold() for name in table.texts("filename")]
     absent = [name for name in listed if name not in there]
     if absent:
-        raise BenchmarkError(
-            f"photos of it are not in the folder drone: {first_of(absent, len(listed))}",
-            where=path,
-            expected="every photo of the table",
-            fix="download or unpack the flight again; remove rows only to leave photos out",
-        )
+        what = f"photos of it are not in the folder drone: {first_of(absent, len(listed))}"
+        fix = "download or unpack the flight again; remove rows only to leave photos out"
+        raise BenchmarkError(what, where=path, fix=fix)
     lonlat = np.stack([table.numbers("lon", -180, 180), table.numbers("lat", -80, 84)], axis=1)
     heading, notes = np.full(len(table), np.nan), []
     if table.has(_HEADING):
@@ -180,13 +176,10 @@ def _plane_height(
         )
     below = int((heights <= plane).sum())
     if below:
-        raise BenchmarkError(
-            f"{below:,} of {counted(len(heights), 'photo')} were taken at or below the ground: the "
-            f"lowest at {heights.min():g} m, the ground is at {plane:g} m",
-            where=path,
-            expected="heights above the ground",
-            fix=f"give the height of the ground: --plane-height {flight}=METRES",
-        )
+        what = f"{below:,} of {counted(len(heights), 'photo')} were taken at or below the ground: "
+        what += f"the lowest at {heights.min():g} m, the ground is at {plane:g} m"
+        fix = f"give the height of the ground: --plane-height {flight}=METRES"
+        raise BenchmarkError(what, where=path, fix=fix)
     return plane
 
 

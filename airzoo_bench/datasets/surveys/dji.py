@@ -50,6 +50,7 @@ _FIXED = (48, 49, 50)  # RtkFlag of a fixed solution, or its finer kinds
 _SAME_PLACE_M = 5.0  # between a photo's own position and its time stamp's
 _PHOTO_NUMBER = re.compile(r"(?<!\d)(\d{4})(?!\d)")
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
+_OUT = "take the table out of the folder, and positions come from the photos"
 _DEWARP = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 Std = tuple[float, float, float]
@@ -161,11 +162,8 @@ def _take_off(truth: Mapping[str, PhotoPrior], images: Path, notes: list[str]) -
         if p.altitude_m is not None and p.relative_altitude_m is not None
     ]
     if not known:
-        raise UsageError(
-            "there is no surface model, and photos have no RelativeAltitude",
-            where=images,
-            fix="give --dsm or --plane-height",
-        )
+        what = "there is no surface model, and photos have no RelativeAltitude"
+        raise UsageError(what, where=images, fix="give --dsm or --plane-height")
     height = float(np.median(known))
     notes.append(
         f"the ground is a plane at {height:.2f} m, where the drone took off: absolute less "
@@ -194,8 +192,7 @@ def _priors(
         raise BenchmarkError(
             f"gives no photo a whole prior, or its positions are the truth ({away:.4f} m from it)",
             where=options.priors,
-            expected="image, lon, lat, altitude_m, yaw_deg, pitch_deg, roll_deg of another source, "
-            "such as the receiver without RTK",
+            expected="priors of another source, such as the receiver without RTK",
             fix="leave --priors out: retrieval needs none",
         )
     return priors
@@ -224,12 +221,10 @@ def read_tags(path: Path, size: tuple[int, int]) -> DjiTags:
     said = "DewarpData" + ", of photos without distortion" * (texts.get("DewarpFlag") == "1")
     film, millimetres = film_focal_px(path, size)
     if lens and film is not None and not are_alike(lens["fx"], film):
-        raise BenchmarkError(
-            f"DJI's DewarpData has fx = {lens['fx']:g} px, and the focal length of 35 mm film "
-            f"makes {film:g} px in a photo of {size[0]}x{size[1]} px",
-            where=path,
-            fix="take the photos in their original size, or give the camera with --camera",
-        )
+        what = f"DJI's DewarpData has fx = {lens['fx']:g} px, and the focal length of 35 mm film "
+        what += f"makes {film:g} px in a photo of {size[0]}x{size[1]} px"
+        fix = "take the photos in their original size, or give the camera with --camera"
+        raise BenchmarkError(what, where=path, fix=fix)
     if not lens and film is not None:
         lens = {"fx": film}
         said = f"the focal length of 35 mm film ({millimetres} mm), without distortion"
@@ -270,12 +265,9 @@ def photo_cameras(
         said = sorted({tags[name].lens_from for name in names})
     lacking = [name for name in names if not values[name]]
     if lacking:
-        raise CameraError(
-            f"photos state no camera: {first_of(lacking, len(names))}",
-            where=home,
-            expected="DJI's DewarpData, or EXIF FocalLengthIn35mmFilm",
-            fix=fix,
-        )
+        what = f"photos state no camera: {first_of(lacking, len(names))}"
+        expected = "DJI's DewarpData, or EXIF FocalLengthIn35mmFilm"
+        raise CameraError(what, where=home, expected=expected, fix=fix)
     lenses = [lens_of(values[name], sizes[name], given or home / name) for name in names]
     return cameras_of_lenses(lenses, names, sizes), [f"cameras are from {what}" for what in said]
 
@@ -295,13 +287,10 @@ def read_time_stamps(path: Path) -> dict[int, TimeStamp]:
     """Read a table of time stamps (.MRK) by the number of the photo, its values by their order."""
     stamps: dict[int, TimeStamp] = {}
     text = read_native_text(path)
+    expected = "photo, time, [week], N, E, V (mm), latitude, longitude, height, three standard "
+    expected += "deviations, flag; a flight in each folder"
     with readable(
-        path,
-        "is no table of time stamps",
-        kind=BenchmarkError,
-        expected="photo, time, [week], N, E, V (mm), latitude, longitude, height, three standard "
-        "deviations, flag; a flight in each folder",
-        fix="take the file out of the folder, and positions come from the photos",
+        path, "no table of time stamps", kind=BenchmarkError, expected=expected, fix=_OUT
     ):
         for line in filter(str.strip, text.splitlines()):
             photo, *_, lat, lon, height, north, east, up, flag = map(float, _NUMBER.findall(line))
@@ -331,13 +320,9 @@ def photo_time_stamps(
         return {}, []
     far = [name for name, stamp in found.items() if _apart_m(metadata[name], stamp) > _SAME_PLACE_M]
     if far or not found:
-        raise BenchmarkError(
-            f"time stamps are of other photos: none has their numbers, or they are more than "
-            f"{_SAME_PLACE_M:g} m away ({first_of(far, len(found))})",
-            where=tables[0],
-            expected="the table of these photos, such as DJI_..._0001_V.JPG next to it",
-            fix="take the table out of the folder, and positions come from the photos",
-        )
+        what = "time stamps are of other photos: none has their numbers, or they are more than "
+        what += f"{_SAME_PLACE_M:g} m away ({first_of(far, len(found))})"
+        raise BenchmarkError(what, where=tables[0], fix=_OUT)
     names = first_of([table.name for table in tables], noun="table")
     said = f"positions of {len(found)} of {len(metadata)} photos come from {names} of time stamps"
     return found, [f"{said}, above the ellipsoid"]
@@ -377,12 +362,9 @@ def true_positions(
     if not chosen:
         seen = Counter(f"RtkFlag {flag}" for flag in flags.values())
         counts = ", ".join(f"{count} with {what}" for what, count in sorted(seen.items()))
-        raise BenchmarkError(
-            f"no photo has a fixed RTK position, an altitude and gimbal angles: {counts}",
-            where=where,
-            expected="photos as the drone wrote them, with EXIF GPS, DJI's XMP and RtkFlag 50",
-            fix="give poses or positions from elsewhere (prepare poses, odm, colmap)",
-        )
+        what = f"no photo has a fixed RTK position, an altitude and gimbal angles: {counts}"
+        expected = "photos as the drone wrote them, with EXIF GPS, DJI's XMP and RtkFlag 50"
+        raise BenchmarkError(what, where=where, expected=expected)
     others = [name for name in metadata if name not in chosen]
     what = "photos without an RTK fix, a time stamp, altitude or angles, left out"
     notes = [f"{what}: {first_of(others, len(metadata))}"] if others else []

@@ -79,11 +79,9 @@ class _OdmProjects(Survey[SurveyOptions]):
         lacking = [] if dom.is_file() else [_ORTHOPHOTO]
         lacking += [_SURFACE] * (dsm is None and options.plane_height is None)
         if lacking:
-            raise BenchmarkError(
-                f"has no {' and no '.join(map(str, lacking))}",
-                where=project,
-                fix="give --dom, and --dsm or --plane-height; or run OpenDroneMap with --dsm",
-            )
+            what = f"has no {' and no '.join(map(str, lacking))}"
+            fix = "give --dom, and --dsm or --plane-height; or run OpenDroneMap with --dsm"
+            raise BenchmarkError(what, where=project, fix=fix)
         cloud = next((project / path for path in _CLOUDS if (project / path).is_file()), None)
         if cloud is not None and options.cloud is None:
             notes.append(f"it serves reconstruction too with its own cloud: --cloud {cloud}")
@@ -98,12 +96,8 @@ def _parts(project: Path) -> list[Path]:
     submodels = sorted((project / "submodels").glob("submodel_*"))
     found = [one for one in (project, *submodels) if (one / _RECONSTRUCTION).is_file()]
     if not found:
-        raise BenchmarkError(
-            "is no project of OpenDroneMap",
-            where=project,
-            expected=f"{_RECONSTRUCTION}, there or in submodels/submodel_*",
-            fix="name the project's own folder",
-        )
+        expected = f"{_RECONSTRUCTION}, there or in submodels/submodel_*"
+        raise BenchmarkError("is no project of OpenDroneMap", where=project, expected=expected)
     return found[:1] if found[0] == project else found
 
 
@@ -119,11 +113,9 @@ def _same_crs(folders: Sequence[Path]) -> CRS:
     first = next(iter(stated.values()), None)
     if first is None or not all(same_plane(first, other) for other in stated.values()):
         each = "; ".join(f"{path}: {describe_crs(found)}" for path, found in stated.items())
-        raise BenchmarkError(
-            f"its files state different CRS, or none: {each or 'none'}",
-            where=folders[0],
-            expected=f"{_COORDS}, {_PROJ} or {_ORTHOPHOTO}, in one CRS",
-        )
+        what = f"its files state different CRS, or none: {each or 'none'}"
+        expected = f"{_COORDS}, {_PROJ} or {_ORTHOPHOTO}, in one CRS"
+        raise BenchmarkError(what, where=folders[0], expected=expected)
     return next((crs for crs in stated.values() if crs.to_epsg() is not None), first)
 
 
@@ -161,11 +153,9 @@ def _read_part(folder: Path) -> _Part:
     elif has_topocentric and (folder / _COORDS).is_file():
         matrix[:2, 3] = _numbers(folder / _COORDS, slice(1, 2), (1, 2))[0]
     else:
-        raise BenchmarkError(
-            f"{_RECONSTRUCTION} cannot be placed",
-            where=folder,
-            expected=f"{_TRANSFORMATION}; or, of newer versions, {_TOPOCENTRIC} and {_COORDS}",
-        )
+        expected = f"{_TRANSFORMATION}; or, of newer versions, {_TOPOCENTRIC} and {_COORDS}"
+        what = f"{_RECONSTRUCTION} cannot be placed"
+        raise BenchmarkError(what, where=folder, expected=expected)
     every: dict[str, tuple[Any, Mapping[str, Any]]] = {}
     text, expected = _text(path), "photos with a pose, as OpenDroneMap writes it"
     with readable(path, "cannot be read", kind=BenchmarkError, expected=expected):
@@ -197,23 +187,17 @@ def _lens(camera: Mapping[str, Any], size: tuple[int, int], where: object) -> Le
     kind = str(camera.get("projection_type", "perspective"))
     keys = _LENS_KEYS.get(kind, ())
     if not keys or not all(isinstance(camera.get(key), int | float) for key in keys):
-        raise CameraError(
-            f"its camera is {kind[:40]!r}, with {', '.join(camera)[:200]}",
-            where=where,
-            expected=f"{', '.join(_LENS_KEYS)}, with their numbers",
-            fix="process the project with --camera-lens brown",
-        )
+        what = f"its camera is {kind[:40]!r}, with {', '.join(camera)[:200]}"
+        fix = "process the project with --camera-lens brown"
+        raise CameraError(what, where=where, expected=", ".join(_LENS_KEYS), fix=fix)
     value = {key: float(camera[key]) for key in keys}
     (width, height), longer = size, max(size)
     stated = [camera.get("width", width), camera.get("height", height)]
     scale = longer / max(*stated, 1)
     if any(abs(side * scale - own) > 1.0 for side, own in zip(stated, size, strict=True)):
-        raise CameraError(
-            f"its camera is {stated[0]:g}x{stated[1]:g} px, a photo {width}x{height}",
-            where=where,
-            expected="photos of the camera's shape",
-            fix="give --images of the photos that the project was made from",
-        )
+        what = f"its camera is {stated[0]:g}x{stated[1]:g} px, a photo {width}x{height}"
+        fix = "give --images of the photos that the project was made from"
+        raise CameraError(what, where=where, fix=fix)
     fx, fy = (longer * value.get(key, value.get("focal", 0.0)) for key in ("focal_x", "focal_y"))
     cx = value.get("c_x", 0.0) * longer + width / 2
     cy = value.get("c_y", 0.0) * longer + height / 2

@@ -198,12 +198,8 @@ def _rotations(
     heading = angles[:, 2] if photogrammetric else angles[:, 0]
     off = np.abs(angles[:, 1]).max() > 0.5 if convention == "gimbal" else np.abs(heading).max() > 1
     if np.abs(angles).max() <= 2.0 * math.pi and off:
-        raise BenchmarkError(
-            f"{', '.join(table.header[column] for column in columns)} look like radians",
-            where=table.path,
-            expected="degrees",
-            fix="multiply them by 57.29578",
-        )
+        what = f"{', '.join(table.header[column] for column in columns)} look like radians"
+        raise BenchmarkError(what, where=table.path, fix="multiply them by 57.29578")
     north = "the grid's" if photogrammetric else "true"
     notes.append(f"angles are read as {convention}, relative to {north} north")
     convergence = 0.0 if photogrammetric else convergence_deg
@@ -227,8 +223,7 @@ def _convention(table: Table, wanted: Convention | None) -> Convention:
         raise UsageError(
             f"what {', '.join(_angle_columns(table))} mean is not known",
             where=table.path,
-            expected="columns such as GimbalYawDegree (gimbal), or a table as Metashape or Pix4D "
-            "write it",
+            expected="columns such as GimbalYawDegree, or a table of Metashape or Pix4D",
             fix="--angles gimbal if pitch is -90 where a camera looks straight down, --angles "
             "airframe if it is 0 there",
         )
@@ -262,11 +257,9 @@ def _cameras(
 ) -> Cameras:
     columns = {key: table.numbers(key, empty=True)[rows] for key in LENS_KEYS if table.has(key)}
     if (camera is None) == (not columns):
-        raise UsageError(
-            "no camera is given, or two: by --camera and by columns",
-            where=table.path,
-            expected="--camera FILE, or columns such as fx, or focal_mm and sensor_mm, or fov_deg",
-        )
+        what = "no camera is given, or two: by --camera and by columns"
+        expected = "--camera FILE, or columns such as fx, or focal_mm and sensor_mm, or fov_deg"
+        raise UsageError(what, where=table.path, expected=expected)
     if camera is not None:
         values = dict.fromkeys(names, read_camera_file(camera))
     else:

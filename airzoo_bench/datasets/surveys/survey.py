@@ -75,8 +75,7 @@ class Survey(Dataset[OptionsT]):
             raise UsageError(
                 f"{name[:80]!r} cannot be the name of a benchmark",
                 where="--name" if options.name else options.source,
-                expected="letters, digits, '.', '_' and '-', beginning with a letter or digit, at "
-                f"most {_LONGEST_NAME} characters",
+                expected=f"letters, digits, '.', '_' and '-', at most {_LONGEST_NAME}",
                 fix="name it with --name",
             )
         return str(name)
@@ -121,11 +120,8 @@ def map_crs(dsm: Path | None, dom: Path | None) -> CRS:
     path = dsm or dom or Path()
     crs = horizontal_crs(open_info(path).crs)
     if not crs.is_projected:
-        raise CameraError(
-            f"is in {describe_crs(crs)}, in which poses have no metres",
-            where=path,
-            fix="give --crs, such as the UTM zone",
-        )
+        what = f"is in {describe_crs(crs)}, in which poses have no metres"
+        raise CameraError(what, where=path, fix="give --crs, such as the UTM zone")
     return crs
 
 
@@ -193,12 +189,8 @@ class _Photos(Survey[PhotoOptions]):
         sizes = photo_sizes(images, progress)
         photos, crs_from = read_poses(poses, sizes), f"{poses}, key 'crs'"
         if options.crs is None and photos.crs is None:
-            raise UsageError(
-                "the CRS of the poses is not known",
-                where=poses,
-                expected="a projected CRS in metres",
-                fix="add the key 'crs' to the file, or give --crs EPSG:...",
-            )
+            fix = "add the key 'crs' to the file, or give --crs EPSG:..."
+            raise UsageError("the CRS of the poses is not known", where=poses, fix=fix)
         parts = (scene, images, sizes, photos, poses, progress)
         return posed_scene(options, *parts, crs_from=crs_from)
 

@@ -13,8 +13,11 @@ import pytest
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
-from airzoo_bench.datasets.geometry_checks.report import SceneGeometry
-from airzoo_bench.datasets.geometry_checks.scenes import PosedScene, scenes_of_benchmark
+from airzoo_bench.datasets.geometry_checks.scenes import (
+    PosedScene,
+    SceneGeometry,
+    scenes_of_benchmark,
+)
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
