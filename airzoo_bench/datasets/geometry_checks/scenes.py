@@ -68,10 +68,17 @@ def scenes_of_benchmark(benchmark: Benchmark, only: str | None = None) -> list[P
         if only in (None, scene.id):
             numbers, none = (*CAMERA_COLUMNS, *POSE_COLUMNS), pd.DataFrame({"id": []})
             photos = read_queries(benchmark.scene_folder(scene.id), none, numbers)
-            names = tuple(photos["id"]), tuple(photos["image"])
-            crs = None if scene.crs == LOCAL_CRS else scene.crs
-            posed = cameras_of(photos), poses_of(photos), crs, benchmark.resolve(scene.images)
-            found.append(PosedScene(scene.id, *names, *posed, scene.plane_height_m))
+            one = PosedScene(
+                scene.id,
+                tuple(photos["id"]),
+                tuple(photos["image"]),
+                cameras_of(photos),
+                poses_of(photos),
+                None if scene.crs == LOCAL_CRS else scene.crs,
+                benchmark.resolve(scene.images),
+                scene.plane_height_m,
+            )
+            found.append(one)
     if not found:
         known = "one of " + ", ".join(scene.id for scene in benchmark.file.scenes)
         raise UsageError(f"there is no scene {only!r}", where=benchmark.folder, expected=known)
