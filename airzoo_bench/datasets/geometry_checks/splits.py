@@ -44,7 +44,7 @@ class NamedFootprints:
 
     @property
     def unknown_ids(self) -> list[str]:
-        """The photos of which it is not known where they look."""
+        """Photos that may look anywhere."""
         return [self.ids[row] for row in np.flatnonzero(self.unknown)]
 
 
