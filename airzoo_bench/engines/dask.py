@@ -7,7 +7,7 @@ import os
 import pickle
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -24,11 +24,9 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.engines.engine import (
     MORE_MEMORY,
-    UNREAD,
     Engine,
-    Submit,
-    Work,
     attempt,
+    read_ahead,
     without_ctrl_c,
 )
 
@@ -62,16 +60,17 @@ class DaskEngine(Engine):
         super().__init__()
         self.client, self.place = client, place
 
-    @contextmanager
-    def _submitter(self, work: Work, shared: Any, stage: str, count: int) -> Iterator[Submit]:
-        del count
-        self._ahead = UNREAD * max(1, sum(self.client.nthreads().values()))
+    def _results(
+        self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
+    ) -> Generator[Any, None, None]:
+        workers = max(1, sum(self.client.nthreads().values()))
         try:
             # The result of a task, not scattered: that would be lost with the workers that hold it.
             # Bytes, since arrays that Dask sends may lie at odd addresses, where sums round
             # otherwise.
             data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)
-            yield partial(self._submit, self.client.submit(_hold, data, pure=False))
+            held = self.client.submit(_hold, data, pure=False)
+            yield from read_ahead(partial(self._submit, held), items, workers)
         except KilledWorker as error:
             what = f"{_DEATHS} workers died of a block, perhaps for want of memory"
             raise UserError(what, where=stage, fix=MORE_MEMORY) from error

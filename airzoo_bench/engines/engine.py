@@ -28,9 +28,6 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
-Work = Callable[[Any, Any], Any]
-Submit = Callable[[Any], Callable[[], Any]]
-
 UNREAD = 4
 """Blocks a worker that may wait to be read, so that memory does not grow with their number."""
 MORE_MEMORY = "lower --jobs, or use workers or a machine with more memory"
@@ -44,7 +41,6 @@ class Engine:
 
     def __init__(self, progress: Progress = silent) -> None:
         self.progress = progress
-        self._ahead = 1  # blocks that are submitted before the first of them is read
 
     def cut(self, count: int, size: int) -> list[slice]:
         """Cut `count` elements into blocks of `size`, or into one where all is done here."""
@@ -77,20 +73,9 @@ class Engine:
     def _results(
         self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
     ) -> Generator[Any, None, None]:
-        waiting: deque[Callable[[], Any]] = deque()
-        with self._submitter(work, shared, stage, len(items)) as submit:
-            ahead = self._ahead
-            for item in items:
-                waiting.append(submit(item))
-                if len(waiting) >= ahead:
-                    yield waiting.popleft()()
-            while waiting:
-                yield waiting.popleft()()
-
-    @contextmanager
-    def _submitter(self, work: Work, shared: Any, stage: str, count: int) -> Iterator[Submit]:
-        """Yield a function that submits an item and returns one that waits for `attempt` of it."""
-        yield lambda item: partial(attempt, work, shared, item)
+        """Yield what `attempt` returns of each item, in their order."""
+        for item in items:
+            yield attempt(work, shared, item)
 
     def kill(self) -> None:
         """End the processes of this engine in the middle of their blocks."""
@@ -103,6 +88,19 @@ HERE = Engine()
 def split(count: int, size: int) -> list[slice]:
     """Split `count` elements into blocks of `size`; the last may be shorter."""
     return [slice(begin, min(begin + size, count)) for begin in range(0, count, size)]
+
+
+def read_ahead(
+    submit: Callable[[T], Callable[[], R]], items: Sequence[T], workers: int
+) -> Iterator[R]:
+    """Yield the results of items, of which few more are submitted than are read."""
+    waiting: deque[Callable[[], R]] = deque()
+    for item in items:
+        waiting.append(submit(item))
+        if len(waiting) >= UNREAD * workers:
+            yield waiting.popleft()()
+    while waiting:
+        yield waiting.popleft()()
 
 
 def attempt(work: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, UserError | None]:
@@ -129,12 +127,11 @@ class Processes(Engine):
         self._jobs = jobs
         self._pool: Any = None
 
-    @contextmanager
-    def _submitter(self, work: Work, shared: Any, stage: str, count: int) -> Iterator[Submit]:
-        self._ahead = UNREAD * self._jobs if self.distributed and count > 1 else 1
-        if self._ahead == 1:
-            with super()._submitter(work, shared, stage, count) as submit:
-                yield submit
+    def _results(
+        self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
+    ) -> Generator[Any, None, None]:
+        if not self.distributed or len(items) == 1:
+            yield from super()._results(work, items, shared, stage)
             return
         import joblib  # takes 50 ms, which commands that start no process do without
 
@@ -142,17 +139,16 @@ class Processes(Engine):
             file = str(Path(folder, "shared"))
             joblib.dump((work, shared), file)
             try:
-                yield partial(self._submit, file)
-            except BrokenProcessPool as error:
+                yield from read_ahead(partial(self._submit, file), items, self._jobs)
+            except BaseException as error:
                 self.kill()
+                if not isinstance(error, BrokenProcessPool):
+                    raise
                 raise UserError(
                     "a process was killed, perhaps for want of memory",
                     where=stage,
                     fix="lower --jobs, or add --engine dask, which does its work again",
                 ) from error
-            except BaseException:
-                self.kill()
-                raise
 
     def _submit(self, file: str, item: T) -> Callable[[], Any]:
         # joblib.Parallel would compute all items at once, however few are read.
@@ -225,8 +221,8 @@ def open_engine(where: str, *, jobs: int, here: Engine | None = None) -> Iterato
             engine.kill()
         return
     try:
-        named = "local_cluster" if where == DASK else "connect"
-        opener = resolve("airzoo_bench.engines.dask:" + named)
+        name = "local_cluster" if where == DASK else "connect"
+        opener = resolve(f"airzoo_bench.engines.dask:{name}")
     except ModuleNotFoundError as error:  # Dask is an extra
         raise UsageError(
             f"--engine {where} needs {error.name}, which is not installed",

@@ -21,7 +21,6 @@ from airzoo_bench.engines import dask
 from airzoo_bench.engines.dask import connect
 from airzoo_bench.engines.engine import open_engine
 from tests.engines import work
-from tests.engines.work import named
 
 HOME = Path(__file__).resolve().parents[2]
 
@@ -48,11 +47,11 @@ def scheduler(folder: Path, *, workers: bool = True) -> Iterator[tuple[str, Any]
             assert process.poll() is None
             time.sleep(0.05)
         address = json.loads(file.read_text())["address"]
-        if not workers:
-            yield address, process
-            return
         arguments = (address, "--no-nanny", "--nthreads", 1, "--no-dashboard")
-        with running("distributed.cli.dask_worker", *arguments):
+        if workers:
+            with running("distributed.cli.dask_worker", *arguments):
+                yield address, process
+        else:
             yield address, process
 
 
@@ -65,16 +64,12 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def test_its_workers_outlive_a_run(address: str) -> None:
     for _ in range(2):
         with connect(address) as place:
-            found = list(place.map(work.square, range(300), shared=1, stage="s", name=named))
+            found = list(place.map(work.square, range(300), shared=1, stage="s", name=str))
         assert [int(one["square"][0]) for one in found] == [n * n + 1 for n in range(300)]
         assert os.getpid() not in {int(one["who"]) for one in found}
-
-
-def test_a_fault_of_the_user_comes_whole_and_names_its_block(address: str) -> None:
-    for folder, said in (("long", "row 3"), ("unreadable", "shard 3")):
-        with pytest.raises(UserError) as caught, connect(address) as place:
-            list(place.map(work.faulty, range(6), shared=Path(folder), stage="s", name=named))
-        assert caught.value.where == said
+    with pytest.raises(UserError) as caught, connect(address) as place:
+        list(place.map(work.faulty, range(6), shared=Path("long"), stage="s", name=str))
+    assert caught.value.where == "row 3"
 
 
 def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> None:
@@ -88,29 +83,15 @@ def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> N
         killer = threading.Thread(target=kill_when_at_work)
         killer.start()
         with pytest.raises(UserError) as caught, connect(address) as place:
-            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=named))
+            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=str))
         killer.join()
     assert address in str(caught.value.where)
     assert "--resume" in str(caught.value.fix)
 
 
-@pytest.mark.parametrize("ever", [False, True])
-def test_a_cluster_without_workers_is_one_message(
-    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ever: bool
-) -> None:
-    monkeypatch.setattr(dask, "PATIENCE_S", 1.0)
-    with scheduler(tmp_path, workers=False) as (own, _):
-        if ever:  # they are there, and then paused
-            paused = {"workers": {"tcp://a": {"status": "paused"}}}
-            monkeypatch.setattr(dask.Client, "scheduler_info", lambda client, n_workers: paused)
-            own = address
-        with pytest.raises(UserError, match="workers") as caught, connect(own) as place:
-            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=named))
-    assert f"dask worker {own}" in str(caught.value.fix)
-
-
-def test_workers_with_other_versions_are_one_message(
-    address: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("fault", ["no workers", "paused workers", "other versions"])
+def test_a_cluster_that_cannot_work_is_one_message(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
 ) -> None:
     ask = dask.Client.get_versions
 
@@ -120,9 +101,18 @@ def test_workers_with_other_versions_are_one_message(
             worker["packages"]["airzoo-bench"] = None
         return found
 
-    monkeypatch.setattr(dask.Client, "get_versions", other)
-    with pytest.raises(UserError, match="airzoo-bench None"), connect(address):
-        pass
+    monkeypatch.setattr(dask, "PATIENCE_S", 1.0)
+    with scheduler(tmp_path, workers=False) as (own, _):
+        if fault == "paused workers":
+            paused = {"workers": {"tcp://a": {"status": "paused"}}}
+            monkeypatch.setattr(dask.Client, "scheduler_info", lambda client, n_workers: paused)
+        if fault == "other versions":
+            monkeypatch.setattr(dask.Client, "get_versions", other)
+        own = own if fault == "no workers" else address
+        with pytest.raises(UserError, match="workers") as caught, connect(own) as place:
+            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=str))
+    assert ("airzoo-bench None" in str(caught.value)) == (fault == "other versions")
+    assert own in str(caught.value)
 
 
 @pytest.mark.parametrize("place", ["silent", "tls://127.0.0.1:8786", "tpc://10.0.0.5:8786", "dsak"])
@@ -130,10 +120,8 @@ def test_no_scheduler_is_one_message(monkeypatch: pytest.MonkeyPatch, place: str
     monkeypatch.setattr(dask, "CONNECT_S", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as silent:  # as a dashboard is
         place = place.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
-        with pytest.raises(UserError) as caught, open_engine(place, jobs=1):
+        with pytest.raises(UserError, match="tcp://HOST:PORT"), open_engine(place, jobs=1):
             pass
-    assert caught.value.where == f"--engine {place}"
-    assert "tcp://HOST:PORT" in str(caught.value.expected)
 
 
 def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +11,6 @@ import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.registry import load_track
-from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.run_files import SceneStore, save
@@ -86,27 +82,7 @@ def test_any_engine_gives_the_same_bytes(
     assert saved(track, predictions[track], tmp_path / "out", run) == here[track]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("track", ["matching", "retrieval"])
-def test_a_worker_killed_on_the_way_changes_no_byte(
-    track: str,
-    predictions: dict[str, Path],
-    here: dict[str, object],
-    tmp_path: Path,
-) -> None:
-    with local_cluster(2) as engine:
-        first = min(engine.client.run(os.getpid).values())
-        killer = threading.Timer(0.3, os.kill, (first, signal.SIGKILL))
-        killer.start()
-        found = saved(track, predictions[track], tmp_path / "out", Run(engine=engine))
-        killer.join()
-    assert found == here[track]
-
-
-@pytest.mark.parametrize(
-    "track",
-    ["matching", *(pytest.param(t, marks=pytest.mark.slow) for t in TRACKS if t != "matching")],
-)
+@pytest.mark.parametrize("track", ["matching"])
 def test_resume_goes_on_from_scored_scenes(
     track: str,
     predictions: dict[str, Path],

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 import pytest
-
-from tests.storage.servers import Front, files_of, serving
 
 KEYS = {
     "AWS_ACCESS_KEY_ID": "testing",
@@ -76,11 +77,56 @@ def copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "copies"
 
 
+@dataclass
+class Web:
+    """A web server of a folder at work; it may refuse with a status, or cut what it sends."""
+
+    folder: Path
+    address: str = ""
+    asked: list[str] = field(default_factory=list)
+    status: int = 0
+    body: bytes = b""
+    cut: bool = False
+
+
+class _Handler(SimpleHTTPRequestHandler):
+    def __init__(self, web: Web, *arguments: Any) -> None:
+        self.web = web
+        super().__init__(*arguments, directory=str(web.folder))
+
+    def do_GET(self) -> None:
+        self.web.asked.append(f"{self.command} {self.path}")
+        if self.web.status:
+            self.send_response(self.web.status)
+            self.send_header("Content-Length", str(len(self.web.body)))
+            self.end_headers()
+            self.wfile.write(self.web.body * (self.command != "HEAD"))
+        elif self.command == "HEAD":
+            super().do_HEAD()
+        else:
+            super().do_GET()
+
+    do_HEAD = do_GET  # noqa: N815
+
+    def copyfile(self, source: Any, outputfile: Any) -> None:
+        outputfile.write(source.read()[: -100 if self.web.cut else None])
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
 @pytest.fixture
-def web(tmp_path: Path, copies: Path) -> Iterator[tuple[Path, Front]]:
+def web(tmp_path: Path, copies: Path) -> Iterator[Web]:
     """Return a folder and the server that shows it."""
     pytest.importorskip("aiohttp", reason="the extra storage is not installed")
-    folder = tmp_path / "www"
-    folder.mkdir()
-    with serving(files_of(folder)) as front:
-        yield folder, front
+    made = Web(tmp_path / "www")
+    made.folder.mkdir()
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, made))
+    server.daemon_threads = True
+    made.address = f"http://127.0.0.1:{server.server_address[1]}"
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    yield made
+    server.shutdown()
+    server.server_close()
+    thread.join()
