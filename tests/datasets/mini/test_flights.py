@@ -7,7 +7,6 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyproj import Geod, Transformer
 
 from airzoo_bench.datasets.mini.flights import (
     FPS,
@@ -15,7 +14,6 @@ from airzoo_bench.datasets.mini.flights import (
     Airspace,
     barrel_roll,
     footprints,
-    frame_poses,
     key_frames,
     overlaps,
     survey,
@@ -114,23 +112,6 @@ def test_the_survey_has_its_lines_and_its_orbit() -> None:
     assert np.abs(away - 80.0).max() < 4.0
     assert np.ptp(np.unwrap(yaw[orbit], period=360.0)) > 300.0
 
-
-@pytest.mark.parametrize(("yaw", "pitch"), [(0.0, -5.0), (90.0, -30.0), (-135.0, -60.0)])
-def test_the_camera_looks_where_the_geodesic_of_its_yaw_goes(yaw: float, pitch: float) -> None:
-    """The axis meets the ground where a geodesic of azimuth yaw arrives, as pyproj finds it."""
-    lonlat = to_lonlat(CRS, np.array([[CITY.west + 300.0, CITY.south + 300.0]]))
-    poses = frame_poses(lonlat, *np.array([[100.0], [pitch], [yaw]]))
-    forward = poses.rotation[0, 2]
-    assert np.degrees(np.arcsin(-forward[2])) == pytest.approx(-pitch)
-    reach = 100.0 / np.tan(np.radians(-pitch))
-    lon, lat, _ = Geod(ellps="WGS84").fwd(*lonlat[0], yaw, reach)
-    met = poses.centres[0] + forward * 100.0 / -forward[2]
-    # The grid of this CRS scales lengths by a few parts in 10,000 here.
-    to_grid = Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
-    assert np.hypot(*(met[:2] - to_grid.transform(lon, lat))) < 1e-3 * reach
-
-
-# --- key frames ------------------------------------------------------------------------------
 
 # 90 degrees wide and, in height, three quarters of that.
 CAMERA = Cameras.from_matrices(

@@ -77,9 +77,6 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
-# --- worlds ----------------------------------------------------------------------------------
-
-
 def test_what_is_saved_is_loaded_and_built_once(tmp_path: Path) -> None:
     built = []
 
@@ -91,8 +88,7 @@ def test_what_is_saved_is_loaded_and_built_once(tmp_path: Path) -> None:
         loaded = load_world(ensure_world(REGION, seed, tmp_path, build))
         assert (loaded.region, loaded.seed) == (REGION, seed)
         for name, array in small.world().arrays.items():
-            assert loaded.arrays[name].dtype == array.dtype
-            np.testing.assert_array_equal(loaded.arrays[name], array)
+            np.testing.assert_array_equal(loaded.arrays[name], array, strict=True)
     assert built == [("small", 7), ("small", 8)]
     save_world(tmp_path / "again", small.world())
     assert contents(tmp_path / "again") == contents(stored_world())
@@ -112,24 +108,13 @@ def test_other_programs_find_the_rasters_in_place() -> None:
     assert field.sample((401_000.25, 3_120_095.75)) == world.dsm[0, 0]
 
 
-# --- frames ----------------------------------------------------------------------------------
-
-
 def test_the_files_of_a_frame() -> None:
     frames, folder = frame_list(), rendered()
-    colmap = [f"colmap/{name}" for name in ("cameras.txt", "images.txt", "offset.json")]
-    tables = {*colmap, "colmap/points3D.txt", "frames.csv", "depth/f000.tif", "images/f000.jpg"}
-    assert tables <= set(contents(folder))
-    assert len(contents(folder)) == 5 + 2 * 4
+    assert {"frames.csv", "depth/f000.tif", "images/f000.jpg"} <= set(contents(folder))
     view = frames.camera, frames.poses.take(1), "rainy", "night", seed_of(frames.seed, "f001")
     true = small.renderer().render(*view)
     image, depth = frame_paths(folder, "f001")
     np.testing.assert_array_equal(read_depth(depth), true.depth)
-    with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
-        raster = rasterio.open(depth)
-    with raster:
-        assert (raster.dtypes, raster.compression.name) == (("float32",), "deflate")
-        np.testing.assert_array_equal(raster.read(1), true.depth)
     with Image.open(image) as photo:
         assert np.abs(np.asarray(photo, float) - true.rgb).mean() < 3.0
 
@@ -218,4 +203,4 @@ def test_only_what_is_missing_or_made_from_something_else_is_rendered(tmp_path: 
 
 def test_an_unknown_weather_is_refused() -> None:
     with pytest.raises(UsageError, match="foggy"):
-        replace(frame_list(), weather=("sunny", "sunny", "sunny", "hail"))
+        replace(frame_list(1), weather=("hail",))

@@ -59,9 +59,6 @@ def test_the_shadow_of_the_block(north: float, east: float) -> None:
         assert bool(blocked[0]) == (north < 8.0)
 
 
-# --- depth -----------------------------------------------------------------------------------
-
-
 def block_and_ground(origin: Floats, directions: Floats) -> Floats:
     """Distance to the ground and the block, by slabs; inf elsewhere."""
     low, high = np.array([*BLOCK[:2], GROUND_M]), np.array([*BLOCK[2:4], BLOCK[4]])
@@ -114,9 +111,6 @@ def test_sky_and_what_lies_beyond_the_mesh_have_no_depth() -> None:
     assert beyond.any()
     picture = shot(camera(), HORIZON)
     assert np.abs(picture[beyond].mean(axis=0) - picture[up].mean(axis=0)).max() > 3.0
-
-
-# --- colours ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("view", [OBLIQUE, HORIZON])
