@@ -387,7 +387,7 @@ def test_poses_that_are_the_prior_belong_to_its_class() -> None:
 
 
 def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> None:
-    """Those on AirZoo-Mini are scored where it is made: tests/datasets/mini/test_submissions.py."""
+    """Those on AirZoo-Mini are scored where it is made: tests/datasets/mini/test_prepare.py."""
     board, known = read_board(CHECKOUT / BOARD_FILE), known_submissions(CHECKOUT)
     assert {place.benchmark for place in known} >= {"airzoo-demo", "airzoo-mini"}
     for place in known:
