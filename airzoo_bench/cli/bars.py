@@ -6,32 +6,23 @@ from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as TimeLeft
-from rich.text import Text
 
 T = TypeVar("T")
 
 _display: list[Progress] = []
 
 
-class _Rate(TextColumn):
-    """How many are done a second."""
-
-    def render(self, task: Task) -> Text:
-        """Return the cell of a row."""
-        return Text(f"{task.speed:.3g}/s" if task.speed and task.total else "")
-
-
 def bar(items: Iterable[T], label: str, total: int) -> Iterator[T]:
-    """Yield the items and show how many are done, how fast, and the time left.
+    """Yield the items and show how many are done, and the time left.
 
     The label is printable.
     """
     is_first = not _display
     if is_first:
         name = TextColumn("{task.description}", markup=False)
-        columns = (name, BarColumn(), MofNCompleteColumn(), _Rate(""), TimeLeft())
+        columns = (name, BarColumn(), MofNCompleteColumn(), TimeLeft())
         _display.append(Progress(*columns, console=Console(stderr=True), transient=True))
         _display[0].start()
     bars = _display[0]

@@ -28,9 +28,9 @@ def audit(
     ],
     form: cli.FormatOption = cli.Format.TERMINAL,
     counts: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Queries of scenes, as 'scene=n,...' or 'benchmark/scene=n,...', repeatable "
+        cli.Texts,
+        cli.option(
+            "Queries of scenes, as 'scene=n,...' or 'benchmark/scene=n,...', repeatable "
             "(default: from the file, else implied by the values)."
         ),
     ] = None,
@@ -62,33 +62,32 @@ def audit(
 
 def check_geometry(
     data: Annotated[
-        Path | None, typer.Argument(help="A benchmark folder, or its name in the data root.")
+        cli.File, typer.Argument(help="A benchmark folder, or its name in the data root.")
     ] = None,
-    scene: Annotated[str | None, typer.Option(help="One scene (default: all).")] = None,
+    scene: Annotated[cli.Text, cli.option("One scene (default: all).")] = None,
     poses: Annotated[
-        Path | None,
-        typer.Option(help="Instead of DATA: pose file (JSON), or folder of a COLMAP model."),
+        cli.File, cli.option("Instead of DATA: pose file (JSON), or folder of a COLMAP model.")
     ] = None,
-    images: Annotated[Path | None, typer.Option(help="With --poses: folder of the photos.")] = None,
+    images: Annotated[cli.File, cli.option("With --poses: folder of the photos.")] = None,
     crs: Annotated[
-        str | None, typer.Option(help="With --poses: their CRS (default: what their file says).")
+        cli.Text, cli.option("With --poses: their CRS (default: what their file says).")
     ] = None,
     depth: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the depth maps, or of a folder by scene (default: depth/ next to the "
+        cli.File,
+        cli.option(
+            "Folder of the depth maps, or of a folder by scene (default: depth/ next to the "
             "folder of the photos)."
         ),
     ] = None,
     depth_kind: Annotated[
-        Literal["z", "ray"], typer.Option(help="Depth along the optical axis, or the pixel's ray.")
+        Literal["z", "ray"], cli.option("Depth along the optical axis, or the pixel's ray.")
     ] = "z",
     depth_scale: Annotated[
         float | None,
-        typer.Option(help="Metres of a unit, for whole numbers such as 16-bit PNG."),
+        cli.option("Metres of a unit, for whole numbers such as 16-bit PNG.", min=1e-6, max=1000),
     ] = None,
     median_below: Annotated[
-        float, typer.Option(min=0.0, help="Limit of the median relative depth error.")
+        float, cli.option("Limit of the median relative depth error.", min=0.0)
     ] = 0.00066,
     form: cli.FormatOption = cli.Format.TERMINAL,
 ) -> None:
@@ -98,19 +97,13 @@ def check_geometry(
     """
     from airzoo_bench.datasets.geometry_checks import scenes
 
-    if depth_scale is not None and not 0.0 < depth_scale < float("inf"):
-        what = f"--depth-scale {depth_scale} is not a scale"
-        raise UsageError(what, expected="metres of a unit")
     if data is not None and (poses, images, crs) == (None, None, None):
         found = scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene)
     elif data is None and scene is None and poses is not None and images is not None:
         found = [scenes.scene_from_poses(poses, images, crs, cli.progress)]
     else:
-        raise UsageError(
-            "what is to be checked is not clear",
-            expected="a benchmark folder DATA, perhaps with --scene; or --poses and --images, "
-            "perhaps with --crs",
-        )
+        expected = "DATA, perhaps with --scene; or --poses and --images, perhaps with --crs"
+        raise UsageError("what is to be checked is not clear", expected=expected)
     sampling = {"kind": depth_kind, "scale_m": depth_scale, "median_below": median_below}
     checked = [_checked(one, depth, sampling) for one in found]
     cli.show(scenes.geometry_table(checked), form)
@@ -146,9 +139,7 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
 def check_split(
     train: Annotated[Path, typer.Argument(help="A benchmark folder, or a CSV of footprints.")],
     test: Annotated[Path, typer.Argument(help="Another.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="CSV of all pairs that overlap.")
-    ] = None,
+    out: Annotated[cli.File, cli.option("CSV of all pairs that overlap.", "--out", "-o")] = None,
     form: cli.FormatOption = cli.Format.TERMINAL,
 ) -> None:
     """Check that photos of two sets see no common ground.

@@ -101,7 +101,7 @@ def evaluate(
         raise UsageError("there is nothing to score", fix=f"airzoo-bench eval {track} PREDICTIONS")
     info = TRACKS.get(track)
     extra = [name for name, given in (("figures", figures), ("clouds", clouds)) if given]
-    acts = [one for one in info.options if one.name in extra]
+    acts = [info.options[name] for name in extra if name in info.options]
     if len(acts) < len(extra):
         raise UsageError(f"--{' --'.join(extra)}: the {track} track does not draw that")
     if out is None and (extra or resume):
@@ -182,15 +182,15 @@ def _say_replaced(out: Path | None) -> None:
         cli.say(f"{out} holds a run; this one takes its place")
 
 
-def _save(evaluation: Evaluation, out: Path, acts: list[Any], run: Any) -> list[Path]:
+def _save(evaluation: Evaluation, out: Path, acts: list[str], run: Any) -> list[Path]:
     """Write the files of the run, and those that a track's own options ask for."""
     from airzoo_bench.evaluation.run_files import save
 
     lines: list[str] = []
 
     def draw(staged: Path) -> None:
-        for one in acts:
-            for line in resolve(one.act)(evaluation, True, staged, run):
+        for act in acts:
+            for line in resolve(act)(evaluation, True, staged, run):
                 lines.append(line.replace(str(staged), str(out)))
 
     written = save(evaluation, out, draw)

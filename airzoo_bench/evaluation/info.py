@@ -6,31 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from airzoo_bench.core.registry import Option
-
-DOUBLED = Option("double", "Find the finest features too, which takes four times as long.")
-
-
-@dataclass(frozen=True)
-class EvalOption:
-    """A flag of ``airzoo-bench eval`` that one track has, to write more files into the output.
-
-    `act` is a ``module:function``: it takes the `evaluate.Evaluation`, True, the output folder and
-    `Run`, yields lines to print, and writes files into a folder of the option's name.
-    """
-
-    name: str
-    help: str
-    act: str
-
 
 @dataclass(frozen=True)
 class Baseline:
     """A plain method that needs no weights.
 
-    `settings`, and `demo` for the demonstration, are dataclasses whose fields may be annotated with
-    an `Option`. `predict` is a ``module:function``: it takes protocol, benchmark, settings, the
-    path to write to, `Run`, and a callable for notes. The rest is for tables and the help.
+    `settings`, and `demo` for the demonstration, are dataclasses; the command line changes the
+    fields max_features, long_side_px and doubled. `predict` is a ``module:function``: it takes
+    protocol, benchmark, settings, the path to write to, `Run`, and a callable for notes. The rest
+    is for tables and the help.
     """
 
     method: str
@@ -38,8 +22,6 @@ class Baseline:
     settings: Any
     demo: Any
     out: str
-    out_help: str
-    example: str
     predict: str
 
 
@@ -51,15 +33,15 @@ class TrackInfo:
     track: str  # ``module:NAME`` of its `Track`, which is imported when something is scored
     summary: str
     argument: str = "A prediction file."
-    example: str = "preds.npz --out results/mymethod"
     unit: Literal["query", "scene"] = "query"  # of a record; intervals and tests resample these
     suffixes: tuple[str, ...] = (".npz",)  # of files that can be predictions
     kinds: str = ".npz"  # the same for messages
     folders: bool = False  # whether predictions can be a folder, as templates then are
     fields: tuple[str, ...] = ()  # fields of an ``.npz`` that no other track has
     jobs: int = 2  # threads that ``eval`` takes by default
-    takes_image_size: bool = False  # whether a reader of the track reads `Reading.image_size`
-    options: tuple[EvalOption, ...] = ()
+    # What ``eval --figures`` and ``--clouds`` do, by name a ``module:function``: it takes the
+    # `evaluate.Evaluation`, True, the output folder and `Run`, and yields lines to print.
+    options: Mapping[str, str] = field(default_factory=dict)
     baseline: Baseline | None = None
     # What a run writes beside result.json and records.csv: by its name the ``module:function`` to
     # call with the `evaluate.Evaluation` and the path.

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
-from airzoo_bench.core.registry import Option
-from airzoo_bench.evaluation.info import DOUBLED, Baseline, EvalOption, TrackInfo
+from airzoo_bench.evaluation.info import Baseline, TrackInfo
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
 from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
 
@@ -21,10 +19,10 @@ class SfmSettings:
     largest reprojection error, in pixels of the photo made small.
     """
 
-    long_side_px: Annotated[int, Option("long-side", "Largest side of a photo, px.", 64)] = 1600
-    max_features: Annotated[int, Option("features", "Most SIFT features of a photo.", 100)] = 4096
+    long_side_px: int = 1600
+    max_features: int = 4096
     peak_threshold: float = 0.02 / 3
-    doubled: Annotated[bool, DOUBLED] = True
+    doubled: bool = True
     ratio: float = 0.8
     neighbours: int | None = 12
     least_inliers: int = 15
@@ -39,24 +37,15 @@ INFO = TrackInfo(
     "scene.",
     argument="A folder or archive with an entry a scene (cloud, mesh, or .npz of depth or point "
     "maps), or one such file.",
-    example="clouds --out results/mymethod --figures",
     unit="scene",
     kinds=f"a folder, an archive, or {KINDS}",
     suffixes=(*SUFFIXES, *ARCHIVE_SUFFIXES),
     folders=True,
     fields=("depth", "world_points", "points"),
-    options=(
-        EvalOption(
-            "figures",
-            "Draw clouds by their errors into --out; report and plot use them.",
-            "airzoo_bench.report.reconstruction:draw_figures",
-        ),
-        EvalOption(
-            "clouds",
-            "Write clouds coloured by their errors into --out.",
-            "airzoo_bench.report.reconstruction:write_clouds",
-        ),
-    ),
+    options={
+        "figures": "airzoo_bench.report.reconstruction:draw_figures",
+        "clouds": "airzoo_bench.report.reconstruction:write_clouds",
+    },
     files={"alignment.json": "airzoo_bench.reconstruction.track:write_alignments"},
     baseline=Baseline(
         method="Structure from motion",
@@ -65,8 +54,6 @@ INFO = TrackInfo(
         settings=SfmSettings(),
         demo=SfmSettings(long_side_px=640, max_features=1500, doubled=False, neighbours=8),
         out="sfm",
-        out_help="The folder to write.",
-        example="airzoo-mini-reconstruction --out sfm",
         predict="airzoo_bench.reconstruction.baseline:predict",
     ),
 )

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
-from airzoo_bench.core.registry import Option
-from airzoo_bench.evaluation.info import DOUBLED, Baseline, TrackInfo
+from airzoo_bench.evaluation.info import Baseline, TrackInfo
 
 
 @dataclass(frozen=True)
@@ -14,8 +12,8 @@ class VladSettings:
     """How the baseline describes images."""
 
     max_features: int = 2048  # the strongest of an image are kept
-    doubled: Annotated[bool, DOUBLED] = True
-    long_side_px: Annotated[int, Option("long-side", "Largest side of a photo, px.", 64)] = 1024
+    doubled: bool = True
+    long_side_px: int = 1024
 
 
 INFO = TrackInfo(
@@ -32,8 +30,6 @@ INFO = TrackInfo(
         settings=VladSettings(),
         demo=VladSettings(doubled=False),
         out="sift-vlad.npz",
-        out_help="The .npz to write.",
-        example="brighton-retrieval --out sift.npz",
         predict="airzoo_bench.retrieval.baseline:predict",
     ),
     templates=("ranked-ids", "descriptors"),

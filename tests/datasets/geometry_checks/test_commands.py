@@ -85,7 +85,7 @@ def test_bad_input_gets_one_message(
     cases: list[tuple[tuple[object, ...], str]] = [
         (arguments(photos), "f002.npy"),
         (arguments(photos, "--depth", tmp_path / "none"), "none"),
-        (arguments(photos, "--depth-scale", 0), "not a scale"),
+        (arguments(photos, "--depth-scale", 0), "--depth-scale"),
         (arguments(photos, "--crs", "EPSG:4326"), "grid"),
         (("check-geometry",), "what is to be checked"),
         (("check-geometry", tmp_path, "--poses", poses), "what is to be checked"),
