@@ -34,7 +34,7 @@ def _run_entries() -> tuple[list[str], set[str]]:
     """Name the files and the folders that runs of any track leave."""
     tracks = [TRACKS.get(name) for name in TRACKS.names()]
     files = [_RESULT, "records.csv", *(name for info in tracks for name in info.files)]
-    return files, {option.name for info in tracks for option in info.options}
+    return files, {name for info in tracks for name in info.options}
 
 
 def check_run_folder(out: Path, predictions: str | Path) -> None:
