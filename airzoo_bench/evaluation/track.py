@@ -195,7 +195,8 @@ class Track(ABC):
     def scores(self, protocol: Any) -> list[Score]:
         """Return the scores that are columns of the records.
 
-        Records may lack some; a scene that lacks a column of others has its worst value there.
+        Records may lack those that are no headlines; a scene that lacks a column of others has its
+        worst value there.
         """
 
     def check(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:

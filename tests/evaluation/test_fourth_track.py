@@ -89,6 +89,14 @@ def test_it_is_scored_and_checked(heights: Path, data: Path) -> None:
         assert any("west/q00003" in note for note in notes)
 
 
+def test_a_headline_without_a_column_does_not_vanish(
+    heights: Path, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(HEIGHT, "scores", lambda _: [Score.share("r", "R", headline=True)])
+    with pytest.raises(ValueError, match="headline r"):
+        evaluate(heights, data=data)
+
+
 def test_the_command_line_has_it(
     heights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
