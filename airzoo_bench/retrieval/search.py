@@ -56,7 +56,7 @@ def find_nearest(search: Search, queries: NDArray[Any], caution: float = 1.0) ->
     queries do not fit the memory. `caution` is a factor of all error bounds.
     """
     n_queries, n_tiles = len(queries), len(search.gallery)
-    most_pairs = search.memory_bytes // 2 // _BYTES_OF_A_PAIR if n_queries > 1 else n_tiles
+    most_pairs = search.memory_bytes // _BYTES_OF_A_PAIR if n_queries > 1 else n_tiles
     if n_queries * search.k > most_pairs:
         return None
     if search.k == n_tiles:
@@ -107,12 +107,20 @@ def _drop_low(
 ) -> tuple[Ints, Ints, Singles]:
     """Raise the floors (Q, 1) to the k-th similarity less the errors, and drop pairs below."""
     query, tile, value = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-    order, counts = np.lexsort((value, query)), np.bincount(query, minlength=len(floors))
+    # One whole number holds query and value: its sort is ten times as fast as one by both.
+    keys = np.sort((query << 32) + _flipped(value.view(np.int32)))
+    counts = np.bincount(query, minlength=len(floors))
     some = np.flatnonzero(counts >= k)
-    kth = value[order[np.cumsum(counts)[some] - k]]
+    kth = keys[np.cumsum(counts)[some] - k] - (some << 32)
+    kth = _flipped(kth.astype(np.int32)).view(np.float32)
     floors[some, 0] = np.nextafter((kth - 2 * bounds[some]).astype(np.float32), np.float32(-np.inf))
     high = value >= floors[query, 0]
     return query[high], tile[high], value[high]
+
+
+def _flipped(bits: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Turn the bits of float32 into whole numbers in the same order, and back."""
+    return np.asarray(bits ^ (bits >> 31 & 0x7FFFFFFF), np.int32)
 
 
 def _rounded(rows: NDArray[Any], metric: Metric) -> tuple[Singles, Floats]:
