@@ -177,9 +177,8 @@ def _join_records(
 ) -> tuple[list[Score], pd.DataFrame]:
     """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
     records = concatenate([scene.records for scene in scored])
-    for score in scores:
-        if score.headline and score.column not in records:  # a fault of the track
-            raise ValueError(f"no record has the column of the headline {score.column}")
+    for score in (one for one in scores if one.headline and one.column not in records):
+        raise ValueError(f"no record has the headline {score.column}, by a fault of the track")
     scores = [score for score in scores if score.column in records]
     lacking = {
         score.column: 0.0 if score.higher_is_better else np.inf

@@ -224,8 +224,7 @@ def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
     truth: Truth = track.truth(benchmark, scene)
     conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
     taken = {*track.recorded, *(score.column for score in track.scores(protocol))}
-    names = [] if conditions is None else map(str, conditions.columns)
-    for name in names:
+    for name in [] if conditions is None else map(str, conditions.columns):
         if any(fnmatchcase(name, one) for one in taken):
             raise BenchmarkError(
                 f"condition {name} has the name of a column of {protocol.track} records",

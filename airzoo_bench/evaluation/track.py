@@ -162,8 +162,7 @@ class Track(ABC):
     protocol : Protocol of the class `protocol`
     predictions : from `open`
     truth, truths : from `truth`; of all scenes in the protocol's order
-    part : of `Assignment.parts`
-    run : Run
+    part, run : one of `Assignment.parts`; a Run
     scored : from `score` or `check`, of all scenes
     kind, seed : one of `TrackInfo.templates`, and what random answers come from
     """
@@ -195,8 +194,7 @@ class Track(ABC):
     def scores(self, protocol: Any) -> list[Score]:
         """Return the scores that are columns of the records.
 
-        Records may lack those that are no headlines; a scene that lacks a column of others has its
-        worst value there.
+        Records may lack some, but no headline; a scene without a column of others is worst there.
         """
 
     def check(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:

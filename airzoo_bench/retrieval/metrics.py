@@ -221,9 +221,10 @@ def chance_scores(
     scores["map"] = _precision_sums(right, n_tiles, kept) / divisor
     scores["mrr"] = -np.diff(none[:, : kept + 1], axis=1) @ (1 / np.arange(1.0, kept + 1))
     if isinstance(settings, ImageScores):
-        share, before = settings.recall_at_share, _precision_before(right, n_tiles) / divisor
+        share, also = settings.recall_at_share, (right - 1) / max(n_tiles - 1, 1)
         scores[share_name(share)] = 1 - none[:, rank_of_share(n_tiles, share)]
-        scores["ap/trapezoid"] = (scores["map"] + before) / 2
+        before = right / n_tiles * (1 + (n_tiles - 1) * also)  # precision before hits; 1 at rank 1
+        scores["ap/trapezoid"] = (scores["map"] + before / divisor) / 2
     else:
         k = settings.ap_at
         sums = _precision_sums(right, n_tiles, min(k, n_tiles))
@@ -251,12 +252,6 @@ def _precision_sums(positives: Floats, n_tiles: int, depth: int) -> Floats:
     rank = np.arange(1.0, depth + 1)
     also = (positives - 1) / max(n_tiles - 1, 1)
     return np.asarray(positives / n_tiles * ((1 / rank).sum() + also * ((rank - 1) / rank).sum()))
-
-
-def _precision_before(positives: Floats, n_tiles: int) -> Floats:
-    """Give the expected sum, over the hits, of the precision just before each; 1 at rank 1."""
-    also = (positives - 1) / max(n_tiles - 1, 1)
-    return positives / n_tiles * (1 + (n_tiles - 1) * also)
 
 
 def _over_hits(positives: int, n_tiles: int, k: int) -> float:

@@ -65,8 +65,7 @@ def find_nearest(search: Search, queries: NDArray[Any], caution: float = 1.0) ->
         return query, tile, _levels(query, score, slack)
     single, norms = _rounded(queries, search.metric)
     bounds = caution * error_bounds(norms, search.longest, queries.shape[1], search.metric)
-    found = _find_candidates(search, single, bounds, most_pairs)
-    if found is None:
+    if (found := _find_candidates(search, single, bounds, most_pairs)) is None:
         return None
     query, tile, value = found
     score, slack = _similarities(search, queries, query, tile)
@@ -108,8 +107,7 @@ def _drop_low(
     """Raise the floors (Q, 1) to the k-th similarity less the errors, and drop pairs below."""
     query, tile, value = (np.concatenate(parts) for parts in zip(*kept, strict=True))
     # One whole number holds query and value: its sort is ten times as fast as one by both.
-    keys = np.sort((query << 32) + _flipped(value.view(np.int32)))
-    counts = np.bincount(query, minlength=len(floors))
+    keys, counts = np.sort((query << 32) + _flipped(value.view(np.int32))), np.bincount(query)
     some = np.flatnonzero(counts >= k)
     kth = keys[np.cumsum(counts)[some] - k] - (some << 32)
     kth = _flipped(kth.astype(np.int32)).view(np.float32)

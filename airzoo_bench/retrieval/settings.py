@@ -161,10 +161,6 @@ def _by(images: type[Strict], of_images: Callable[[dict[str, Any]], bool]) -> Di
     return Discriminator(kind)
 
 
-def _is_stated(truth: dict[str, Any]) -> bool:
-    return truth.get("rule") in ("labels", "pairs") and "anchor_inset" not in truth
-
-
 class RetrievalProtocol(Protocol):
     """A protocol of aerial image retrieval.
 
@@ -181,7 +177,10 @@ class RetrievalProtocol(Protocol):
     ]
     ground_truth: Annotated[
         Annotated[GeometricRules, Tag("<map>")] | Annotated[StatedRules, Tag("<images>")],
-        _by(StatedRules, _is_stated),
+        _by(
+            StatedRules,
+            lambda truth: truth.get("rule") in ("labels", "pairs") and "anchor_inset" not in truth,
+        ),
     ]
     scores: Annotated[
         Annotated[TileScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],

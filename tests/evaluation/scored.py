@@ -7,8 +7,6 @@ from typing import Any
 
 from airzoo_bench.evaluation.evaluate import Evaluation, evaluate
 
-MEMORY = 1 << 30
-
 
 def score(path: Path, data: Path, **options: Any) -> Evaluation:
     return evaluate(path, track="retrieval", data=data, **options)

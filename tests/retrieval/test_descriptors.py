@@ -197,15 +197,13 @@ def gallery_of(kind, rng, n_tiles, length):
         rows[rng.random(n_tiles) < 0.8] = rows[0]
     if kind == "close":  # below the resolution of float32
         rows = rows[:1] + 1e-8 * rows
-    if kind == "equal":
-        rows[:] = rows[:1]
     return rows
 
 
 @settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    kind=st.sampled_from(["lattice", "plain", "blank", "close", "equal"]),
+    kind=st.sampled_from(["lattice", "plain", "blank", "close"]),
     n_tiles=st.sampled_from([1, 2, 7, 60, 300, 900]),
     length=st.sampled_from([1, 3, 24]),
     k=st.sampled_from([1, 3, 10, 70]),

@@ -12,13 +12,9 @@ from airzoo_bench.evaluation.evaluate import check, evaluate
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 
-def evaluated(path: Path, data: Path) -> Any:
-    return evaluate(path, data=data).result
-
-
 def both(path: Path, data: Path) -> list[str]:
     """Return the notes of `eval`, having held those of `check` to them."""
-    notes = list(evaluated(path, data).notes)
+    notes = list(evaluate(path, data=data).result.notes)
     checked = check(path, data=data)
     assert checked.errors == []
     assert [note for note in checked.notes if note in notes] == notes
@@ -72,7 +68,7 @@ def test_queries_that_no_tile_answers(tmp_path: Path, rule: str) -> None:
     path = write_predictions(
         tmp_path / "p.npz", "made-retrieval", query_ids=scene.query_ids, ranked_ids=ranked
     )
-    result = evaluated(path, tmp_path)
+    result = evaluate(path, data=tmp_path).result
     share, counts = {"exclude": (1.0, 3), "miss": (0.6, 5)}[rule]
     assert result.overall["recall@1"] == share
     assert result.counts["east"]["queries"] == counts
