@@ -10,8 +10,8 @@ import pytest
 
 import airzoo_bench as ab
 from tests.matching.world import World, make_world
-from tests.readers.retrieval_support import Place, made_scenes
-from tests.readers.samples import vpr
+from tests.readers import retrieval_files as files
+from tests.readers.retrieval_files import Place, made_scenes
 
 
 @pytest.fixture(scope="session")
@@ -43,6 +43,6 @@ def one(tmp_path: Path) -> Path:
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     """Return a log folder for one scene, whose images are not on this machine."""
-    vpr.write_log(tmp_path / "log", made_scenes()[0])
-    vpr.write_descriptors(tmp_path / "log", Place(made_scenes()[:1]), made_scenes()[0])
+    files.write_log(tmp_path / "log", made_scenes()[0])
+    files.write_descriptors(tmp_path / "log", Place(made_scenes()[:1]), made_scenes()[0])
     return tmp_path / "log"

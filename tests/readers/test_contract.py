@@ -18,30 +18,25 @@ from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import SURE, find_reader
 from tests.hostile.mutations import spoil_bytes
 from tests.matching.world import World as Matching
+from tests.readers import retrieval_files as files
 from tests.readers.recon_support import check_perfect, row, scored, world
-from tests.readers.retrieval_support import PROTOCOL, Place, perfect
+from tests.readers.retrieval_files import PROTOCOL, Place, perfect
 from tests.readers.samples import (
     aerialextrematch,
-    anyloc,
     cloud_trajectory,
     colmap,
     cut3r,
     depth_anything_3,
     dust3r,
-    game4loc,
     hloc,
-    hloc_global,
     mapanything,
     matchers,
     pickles,
     poses,
-    trec,
     true_views,
-    university1652,
     vggt,
     vggt_colmap,
     vggt_slam,
-    vpr,
 )
 from tests.reconstruction.world import World
 
@@ -68,12 +63,12 @@ class Case:
 
 
 RETRIEVAL = [
-    Case("vpr", vpr.write),
-    Case("anyloc", anyloc.write),
-    Case("hloc-global", hloc_global.write),
-    Case("game4loc", game4loc.write),
-    Case("university1652", university1652.write),
-    Case("trec", trec.write),
+    Case("vpr", files.write_vpr),
+    Case("anyloc", files.write_anyloc),
+    Case("hloc-global", files.write_hloc_global),
+    Case("game4loc", files.write_game4loc),
+    Case("university1652", files.write_university1652),
+    Case("trec", files.write_trec),
 ]
 EXACT = [
     *(Case("loftr", matchers.write_loftr), Case("superglue", matchers.write_superglue)),

@@ -8,7 +8,7 @@ import pytest
 
 from airzoo_bench.core.registry import READERS
 from tests.packages import ROOT, add_package, listed_when_installed
-from tests.readers.retrieval_support import PROTOCOL, Place
+from tests.readers.retrieval_files import PROTOCOL, Place
 from tests.support import run_main
 
 EXAMPLE = ROOT / "examples" / "reader-package"

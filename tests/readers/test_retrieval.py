@@ -16,8 +16,8 @@ from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
 from airzoo_bench.retrieval.truth import read_truth
 from tests.datasets.published import image_trees
-from tests.readers.retrieval_support import Place, perfect, scored, tile_file
-from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652
+from tests.readers import retrieval_files as files
+from tests.readers.retrieval_files import Place, perfect, scored, tile_file
 from tests.support import MadeScene
 
 RECIPE = Path(__file__).parents[2] / "docs" / "recipes" / "retrieval.md"
@@ -30,7 +30,7 @@ def changed(path: Path, **changes: Any) -> Path:
 
 
 def test_half_precision_of_hloc(tmp_path: Path, home: Path) -> None:
-    result = scored(hloc_global.write(tmp_path, Place(), np.float16), home)
+    result = scored(files.write_hloc_global(tmp_path, Place(), np.float16), home)
     assert perfect(result)
     assert "float16, as the file has them" in result.result.predictions.reader.conventions[0]
 
@@ -54,7 +54,7 @@ def photos(scene: str) -> list[str]:
 def described(folder: Path, names: list[str]) -> Path:
     """Write Game4Loc's features of photos, in this order."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = game4loc.write(folder, Place())
+    path = files.write_game4loc(folder, Place())
     arrays = dict(np.load(path))
     rows = dict(zip(arrays["query_names"].tolist(), arrays["query_features"], strict=True))
     features = np.stack([rows.get(name, rows["east/q00005.jpg"]) for name in names])
@@ -90,7 +90,7 @@ class TestImagesByName:
     """Descriptors of photos and tiles in one folder or file."""
 
     def test_a_name_of_two_scenes(self, tmp_path: Path, home: Path) -> None:
-        path = anyloc.write(tmp_path, Place())
+        path = files.write_anyloc(tmp_path, Place())
         shutil.copytree(path / "east", path, dirs_exist_ok=True)
         shutil.rmtree(path / "east")
         with pytest.raises(UserError, match=r"anyloc: 'photos/q00000.jpg' could be 2 "):
@@ -113,7 +113,7 @@ class TestImagesByName:
 
 class TestTrec:
     def test_ties_are_broken_against_the_method(self, tmp_path: Path, home: Path) -> None:
-        path = trec.write(tmp_path, Place())
+        path = files.write_trec(tmp_path, Place())
         lines = [line.split() for line in path.read_text().splitlines()]
         path.write_text("".join(" ".join([*one[:4], "0.5", "x"]) + "\n" for one in lines))
         assert scored(path, home).overall["recall@1"] == 0.0
@@ -128,7 +128,7 @@ class TestTrec:
         ],
     )
     def test_refusals(self, tmp_path: Path, home: Path, old: str, new: str, words: str) -> None:
-        path = trec.write(tmp_path, Place())
+        path = files.write_trec(tmp_path, Place())
         path.write_text(path.read_text().replace(old, new))
         with pytest.raises(UserError, match=words):
             scored(path, home, reader="trec")
@@ -153,7 +153,7 @@ class TestGame4Loc:
         self, tmp_path: Path, home: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         place = Place()
-        arrays = np.load(game4loc.write(tmp_path, place))
+        arrays = np.load(files.write_game4loc(tmp_path, place))
         recipe = RECIPE.read_text()
         queries, gallery = (_Tensor(arrays[f"{kind}_features"]) for kind in ("query", "gallery"))
         known = {"np": np, "torch": _Tensor, "gallery_features_batch": gallery}
@@ -189,7 +189,7 @@ class TestGame4Loc:
     def test_refusals(
         self, changes: dict[str, Any], words: str, tmp_path: Path, home: Path
     ) -> None:
-        path = changed(game4loc.write(tmp_path, Place()), **changes)
+        path = changed(files.write_game4loc(tmp_path, Place()), **changes)
         with pytest.raises(UserError, match=words):
             scored(path, home, reader="game4loc")
 
@@ -217,5 +217,5 @@ class TestUniversity1652:
             order = sorted({*classes, *range(2255, 2260), *range(701, 713)})
             rows = np.eye(len(order), dtype=np.float32)[[order.index(one) for one in classes]]
             sets.append((rows, paths))
-        path = university1652.save(tmp_path / "pytorch_result.mat", *sets)
+        path = files.save_mat(tmp_path / "pytorch_result.mat", *sets)
         assert evaluate(path, protocol=protocol, data=data).overall["recall@1"] == 1.0

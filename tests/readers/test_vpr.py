@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import PredictionError, UserError
-from tests.readers.retrieval_support import (
+from tests.readers import retrieval_files as files
+from tests.readers.retrieval_files import (
     Place,
     made_scenes,
     perfect,
     scored,
     tile_file,
 )
-from tests.readers.samples import vpr
 from tests.support import MadeScene
 
 ONE = made_scenes()[:1]
 
 
 def test_an_exact_input_is_perfect(tmp_path: Path, home: Path) -> None:
-    result = scored(vpr.write(tmp_path, Place()), home)
+    result = scored(files.write_vpr(tmp_path, Place()), home)
     assert perfect(result)
     reader = result.result.predictions.reader
     assert reader is not None
@@ -39,8 +39,8 @@ def test_an_exact_input_is_perfect(tmp_path: Path, home: Path) -> None:
 def test_lists_of_paths(tmp_path: Path, home: Path, labels: bool) -> None:
     for scene in Place().scenes:
         log = tmp_path / "logs" / scene.id
-        vpr.write_log(log, scene)
-        vpr.write_lists(log, Place(), scene, labels=labels)
+        files.write_log(log, scene)
+        files.write_lists(log, Place(), scene, labels=labels)
     assert perfect(scored(tmp_path / "logs", home))
 
 
@@ -51,9 +51,9 @@ def test_an_order_by_positions_is_not_the_benchmarks(one: Path, log: Path, lists
     queries, tiles = place.descriptors(ONE[0])
     np.save(log / "queries_descriptors.npy", queries[::-1])
     np.save(log / "database_descriptors.npy", tiles[::-1])
-    vpr.write_log(log, ONE[0], use_labels=not lists)
+    files.write_log(log, ONE[0], use_labels=not lists)
     if lists:
-        vpr.write_lists(log, place, ONE[0], labels=True)
+        files.write_lists(log, place, ONE[0], labels=True)
     with pytest.raises(PredictionError, match=log.name) as refused:
         scored(log, one)
     assert "--names" in str(refused.value)
@@ -61,7 +61,7 @@ def test_an_order_by_positions_is_not_the_benchmarks(one: Path, log: Path, lists
 
 @pytest.mark.parametrize("spoilt", ["none", "queries", "database"])
 def test_an_assumed_order_is_held_against_the_lists(one: Path, log: Path, spoilt: str) -> None:
-    vpr.write_lists(log, Place(ONE), ONE[0])
+    files.write_lists(log, Place(ONE), ONE[0])
     if spoilt == "none":
         result = scored(log, one)
         assert perfect(result)
@@ -78,12 +78,12 @@ class TestNames:
 
     def test_listing(self, tmp_path: Path, one: Path, log: Path) -> None:
         images = str(log / "images")
-        vpr.write_images(images, ONE[0])
+        files.write_images(images, ONE[0])
         tiles = Path(tile_file(images, ONE[0], 0)).parent
         for extra in ("tiles.csv", ".t00000.png", "t00000.tif", ".hidden/t.png"):
             (tiles / extra).parent.mkdir(exist_ok=True)
             (tiles / extra).touch()
-        vpr.write_log(log, ONE[0], images)
+        files.write_log(log, ONE[0], images)
         result = scored(log, one)
         assert perfect(result)
         assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
@@ -93,7 +93,7 @@ class TestNames:
     ) -> None:
         """A log of a stranger names a folder of this machine: nothing of it is read or told."""
         images = str(tmp_path / "private")
-        vpr.write_images(images, ONE[0])
+        files.write_images(images, ONE[0])
         (log / "images").symlink_to(images)
         gallery = np.eye(11, 24, dtype=np.float32)
         np.save(log / "database_descriptors.npy", gallery)
@@ -105,7 +105,7 @@ class TestNames:
             return walk(top)
 
         for home in (images, str(log / "images")):
-            vpr.write_log(log, ONE[0], home, counts=(6, 11))
+            files.write_log(log, ONE[0], home, counts=(6, 11))
             with monkeypatch.context() as patch:
                 patch.setattr(os, "walk", watched)
                 with pytest.raises(UserError, match="without names") as refused:
@@ -129,8 +129,8 @@ class TestNames:
     def test_numbers_that_fit_two_scenes(self, tmp_path: Path) -> None:
         twins = [MadeScene(name, [[0], [1]], 3) for name in ("near", "far")]
         data = Place(twins).prepare(tmp_path / "data")
-        vpr.write_log(tmp_path / "log", twins[0], database_folder="/x", queries_folder="/y")
-        vpr.write_descriptors(tmp_path / "log", Place(twins), twins[0])
+        files.write_log(tmp_path / "log", twins[0], database_folder="/x", queries_folder="/y")
+        files.write_descriptors(tmp_path / "log", Place(twins), twins[0])
         with pytest.raises(UserError, match="without names"):
             scored(tmp_path / "log", data)
         (tmp_path / "log").rename(tmp_path / "near")
@@ -147,12 +147,12 @@ class TestNames:
         for at, name in enumerate(("queries", "database")):
             np.save(whole / f"{name}_descriptors.npy", np.concatenate([one[at] for one in pairs]))
         folders = {"database_folder": "/x", "queries_folder": "/y"}
-        vpr.write_log(whole, place.scenes[0], counts=(10, 20), **folders)
+        files.write_log(whole, place.scenes[0], counts=(10, 20), **folders)
         assert perfect(scored(whole, home))
         for scene in place.scenes:
             log = tmp_path / "east" / "runs" / scene.id
-            vpr.write_log(log, scene)
-            vpr.write_descriptors(log, place, scene)
+            files.write_log(log, scene)
+            files.write_descriptors(log, place, scene)
         assert perfect(scored(tmp_path / "east" / "runs", home))
 
 
@@ -160,11 +160,11 @@ class TestNames:
 def test_two_runs_of_one_scene(tmp_path: Path, home: Path, lists: bool) -> None:
     place = Place()
     for name in ("first", "second"):
-        vpr.write_log(tmp_path / "logs" / name, place.scenes[0])
+        files.write_log(tmp_path / "logs" / name, place.scenes[0])
         if lists:
-            vpr.write_lists(tmp_path / "logs" / name, place, place.scenes[0])
+            files.write_lists(tmp_path / "logs" / name, place, place.scenes[0])
         else:
-            vpr.write_descriptors(tmp_path / "logs" / name, place, place.scenes[0])
+            files.write_descriptors(tmp_path / "logs" / name, place, place.scenes[0])
     with pytest.raises(UserError, match=r"more than once|two runs of one query"):
         scored(tmp_path / "logs", home)
 
@@ -179,8 +179,8 @@ class TestRefusals:
             scored(log, one)
 
     def test_only_wrong_lists(self, tmp_path: Path, one: Path) -> None:
-        vpr.write_lists(tmp_path / "log", Place(ONE), ONE[0])
-        vpr.write_log(tmp_path / "log", ONE[0], save_only_wrong_preds=True)
+        files.write_lists(tmp_path / "log", Place(ONE), ONE[0])
+        files.write_log(tmp_path / "log", ONE[0], save_only_wrong_preds=True)
         with pytest.raises(UserError, match="--save_only_wrong_preds leaves queries out"):
             scored(tmp_path / "log", one)
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from tests.hostile.inputs.case import Input
 from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
-from tests.readers import retrieval_support
-from tests.readers.samples import anyloc, game4loc, hloc_global, trec, university1652, vpr
+from tests.readers import retrieval_files
 from tests.support import MadeScene, made_protocol, write_benchmark
 
 __all__ = ["files", "of_methods"]
@@ -104,24 +103,43 @@ def _spoil_tiles(random: Random, content: bytes) -> bytes:
 
 
 _READ = (
-    (vpr, "vpr", "logs", "logs/east/2026-11-22_19-00-00/database_descriptors.npy", spoil_bytes),
-    (vpr, "vpr log", "logs", "logs/east/2026-11-22_19-00-00/info.log", spoil_text),
-    (anyloc, "anyloc", "anyloc", "anyloc/east/photos/q00001.jpg.npy", spoil_bytes),
-    (hloc_global, "hloc-global", "", "global-feats-netvlad.h5", spoil_bytes),
-    (game4loc, "game4loc", "", "features.npz", spoil_arrays),
-    (university1652, "university1652", "", "pytorch_result.mat", spoil_bytes),
-    (trec, "trec", "", "mine.run", spoil_text),
+    (
+        retrieval_files.write_vpr,
+        "vpr",
+        "logs",
+        "logs/east/2026-11-22_19-00-00/database_descriptors.npy",
+        spoil_bytes,
+    ),
+    (
+        retrieval_files.write_vpr,
+        "vpr log",
+        "logs",
+        "logs/east/2026-11-22_19-00-00/info.log",
+        spoil_text,
+    ),
+    (
+        retrieval_files.write_anyloc,
+        "anyloc",
+        "anyloc",
+        "anyloc/east/photos/q00001.jpg.npy",
+        spoil_bytes,
+    ),
+    (retrieval_files.write_hloc_global, "hloc-global", "", "global-feats-netvlad.h5", spoil_bytes),
+    (retrieval_files.write_game4loc, "game4loc", "", "features.npz", spoil_arrays),
+    (retrieval_files.write_university1652, "university1652", "", "pytorch_result.mat", spoil_bytes),
+    (retrieval_files.write_trec, "trec", "", "mine.run", spoil_text),
 )
 
 
 def of_methods(home: Path) -> list[Input]:
-    place = retrieval_support.make_world(home)
-    named = ("--protocol", retrieval_support.PROTOCOL)
+    place = retrieval_files.Place()
+    place.prepare(home / "data")
+    named = ("--protocol", retrieval_files.PROTOCOL)
     made = []
     for sample, name, given, file, spoil in _READ:
         folder = home / name
         folder.mkdir()
-        sample.write(folder, place)
+        sample(folder, place)
         reader = ("--reader", name.split()[0])
         path = f"FOLDER/{given}" if given else "FILE"
         commands = (("eval", "retrieval", path, *named, *reader), ("check", path, *named))
@@ -130,7 +148,7 @@ def of_methods(home: Path) -> list[Input]:
         )
     lists = home / "lists"
     for scene in place.scenes:
-        vpr.write_lists(lists / "logs" / scene.id, place, scene)
+        retrieval_files.write_lists(lists / "logs" / scene.id, place, scene)
     command = (("eval", "retrieval", "FOLDER/logs", *named),)
     file = "logs/east/preds/001.txt"
     return [
