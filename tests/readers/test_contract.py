@@ -18,21 +18,16 @@ from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import SURE, find_reader
 from tests.hostile.mutations import spoil_bytes
 from tests.matching.world import World as Matching
+from tests.readers import matching_files
 from tests.readers import retrieval_files as files
 from tests.readers.recon_support import check_perfect, row, scored, world
 from tests.readers.retrieval_files import PROTOCOL, Place, perfect
 from tests.readers.samples import (
-    aerialextrematch,
     cloud_trajectory,
-    colmap,
     cut3r,
     depth_anything_3,
     dust3r,
-    hloc,
     mapanything,
-    matchers,
-    pickles,
-    poses,
     true_views,
     vggt,
     vggt_colmap,
@@ -71,21 +66,27 @@ RETRIEVAL = [
     Case("trec", files.write_trec),
 ]
 EXACT = [
-    *(Case("loftr", matchers.write_loftr), Case("superglue", matchers.write_superglue)),
-    *(Case("roma", matchers.write_roma), Case("roma", partial(matchers.write_roma, pixels=True))),
-    *(Case("dust3r-matches", matchers.write_dust3r), Case("hloc", hloc.write_dense)),
-    Case("mast3r-visloc", matchers.write_mast3r_visloc),
-    Case("aerialextrematch", aerialextrematch.write),
-    Case("hloc", partial(hloc.write, dtype=np.float64)),
-    Case("hloc", partial(hloc.write, dtype=np.float64, swapped=True)),
-    Case("hloc", partial(hloc.write, dtype=np.float64, libver="earliest")),
+    *(Case("loftr", matching_files.write_loftr), Case("superglue", matching_files.write_superglue)),
+    *(
+        Case("roma", matching_files.write_roma),
+        Case("roma", partial(matching_files.write_roma, pixels=True)),
+    ),
+    *(
+        Case("dust3r-matches", matching_files.write_dust3r),
+        Case("hloc", matching_files.write_hloc_dense),
+    ),
+    Case("mast3r-visloc", matching_files.write_mast3r_visloc),
+    Case("aerialextrematch", matching_files.write_aerialextrematch),
+    Case("hloc", partial(matching_files.write_hloc, dtype=np.float64)),
+    Case("hloc", partial(matching_files.write_hloc, dtype=np.float64, swapped=True)),
+    Case("hloc", partial(matching_files.write_hloc, dtype=np.float64, libver="earliest")),
 ]
 POSES = [
-    Case("hloc-poses", poses.write),
-    Case("tum", poses.write_tum, "matching", listed=True),
-    Case("kitti", poses.write_kitti, "matching", listed=True),
-    Case("colmap-poses", colmap.write_model, "matching"),
-    Case("colmap-poses", partial(colmap.write_model, text=True), "matching"),
+    Case("hloc-poses", matching_files.write_hloc_poses),
+    Case("tum", matching_files.write_tum, "matching", listed=True),
+    Case("kitti", matching_files.write_kitti, "matching", listed=True),
+    Case("colmap-poses", matching_files.write_colmap, "matching"),
+    Case("colmap-poses", partial(matching_files.write_colmap, text=True), "matching"),
 ]
 VIEWS = [
     *(Case("vggt", vggt.write), Case("mapanything", mapanything.write)),
@@ -103,9 +104,9 @@ VIEWS = [
     Case("cloud-trajectory", cloud_trajectory.write_kitti),
 ]
 REFUSED = [
-    Case("vismatch", pickles.write),
-    Case("loftr-dump", pickles.write_loftr_dump),
-    Case("hloc-logs", pickles.write_hloc_logs),
+    Case("vismatch", matching_files.write_vismatch),
+    Case("loftr-dump", matching_files.write_loftr_dump),
+    Case("hloc-logs", matching_files.write_hloc_logs),
 ]
 ALL = [*RETRIEVAL, *EXACT, *POSES, *VIEWS, *REFUSED]
 

@@ -14,28 +14,30 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.evaluation.reader import find_reader
 from tests.matching.world import World
-from tests.readers.samples import hloc
+from tests.readers import matching_files
 
 Evaluated = Callable[..., Any]
 
 
 def test_sparse_matches(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    path = hloc.write(tmp_path, world)
-    assert find_reader(path) == find_reader(path / hloc.MATCHES) == "hloc"
-    for given in (path, path / hloc.MATCHES):
+    path = matching_files.write_hloc(tmp_path, world)
+    assert find_reader(path) == find_reader(path / matching_files.MATCHES) == "hloc"
+    for given in (path, path / matching_files.MATCHES):
         found = evaluated(given)
         assert found.overall["error_m"] < 1e-2
         assert len(found.records) == len(world.ids)
     said = found.result.predictions.reader.conventions
     assert "0.5 was added" in said[0]
-    assert said[1:] == (f"read too: {hloc.FEATURES}, SHA-256 {sha256_of(path / hloc.FEATURES)}",)
+    assert said[1:] == (
+        f"read too: {matching_files.FEATURES}, SHA-256 {sha256_of(path / matching_files.FEATURES)}",
+    )
     assert evaluated(path).result.predictions.reader.conventions == said[:1]
 
 
 def test_half_precision_is_named_with_its_step(
     world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
-    found = evaluated(hloc.write(tmp_path, world, dtype=np.float16))
+    found = evaluated(matching_files.write_hloc(tmp_path, world, dtype=np.float16))
     step = "keypoints were rounded to float16, in steps of up to 0.5 px"
     assert any(step in one for one in found.result.predictions.reader.conventions)
     assert any(step in one for one in found.result.notes)
@@ -59,7 +61,7 @@ def test_pixels_outside_of_a_picture_are_refused(
     world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
     with pytest.raises(PredictionError, match="outside it, the first at"):
-        evaluated(hloc.write_dense(tmp_path, world, scale=2.0))
+        evaluated(matching_files.write_hloc_dense(tmp_path, world, scale=2.0))
 
 
 def _change(file: Any, name: str, values: Any) -> None:
@@ -96,8 +98,11 @@ PAIR = "photos-q0.png/matching-crops-q0_dom.tif/matches0"
 def test_refusals(
     spoil: Callable[..., None], words: str, world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
-    path = hloc.write(tmp_path, world)
-    with h5py.File(path / hloc.FEATURES, "a") as f, h5py.File(path / hloc.MATCHES, "a") as m:
+    path = matching_files.write_hloc(tmp_path, world)
+    with (
+        h5py.File(path / matching_files.FEATURES, "a") as f,
+        h5py.File(path / matching_files.MATCHES, "a") as m,
+    ):
         spoil(f, m)
     with pytest.raises(PredictionError, match=words):
         evaluated(path)

@@ -15,16 +15,16 @@ from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import Reading, find_reader
 from tests.matching.world import World
-from tests.readers.samples import matchers
+from tests.readers import matching_files
 from tests.support import run_main
 
 Evaluated = Callable[..., Any]
 WRITERS: dict[str, Callable[..., Path]] = {
-    "loftr": matchers.write_loftr,
-    "superglue": matchers.write_superglue,
-    "roma": matchers.write_roma,
-    "dust3r-matches": matchers.write_dust3r,
-    "mast3r-visloc": matchers.write_mast3r_visloc,
+    "loftr": matching_files.write_loftr,
+    "superglue": matching_files.write_superglue,
+    "roma": matching_files.write_roma,
+    "dust3r-matches": matching_files.write_dust3r,
+    "mast3r-visloc": matching_files.write_mast3r_visloc,
 }
 
 
@@ -40,7 +40,7 @@ def test_whole_pixels_are_what_the_layout_of_dust3r_loses(
     world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
     """DUSt3R's matches are whole pixels of pictures of 512 px; nothing else is lost on the way."""
-    home = matchers.write_dust3r(tmp_path, world)
+    home = matching_files.write_dust3r(tmp_path, world)
     for path in home.iterdir():
         fields = dict(np.load(path))
         whole = {key: np.rint(fields[key]) for key in ("matches_im0", "matches_im1")}
@@ -50,7 +50,7 @@ def test_whole_pixels_are_what_the_layout_of_dust3r_loses(
 
 
 def test_one_file_is_one_query(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    path = matchers.write_loftr(tmp_path, world) / "q3.npz"
+    path = matching_files.write_loftr(tmp_path, world) / "q3.npz"
     assert find_reader(path) == "loftr"
     found = evaluated(path).records.set_index("query")
     assert found.loc["hills/q3", "error_m"] < 1e-6
@@ -61,7 +61,7 @@ def test_one_file_is_one_query(world: World, tmp_path: Path, evaluated: Evaluate
     "named", ["hills/{0}", "hills/{0}_{0}_dom_matches", "hills/{0}.png/{0}_dom"]
 )
 def test_folders_name_the_scene_of_their_pairs(named: str, world: World, tmp_path: Path) -> None:
-    home = matchers.write_loftr(tmp_path, world)
+    home = matching_files.write_loftr(tmp_path, world)
     for one in list(home.iterdir()):
         place = home / f"{named.format(one.stem)}.npz"
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ def test_a_size_is_refused_where_it_is_not_used(
     world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     where = ("--protocol", world.protocol.name, "--data", world.root)
-    roma = matchers.write_roma(tmp_path, world)
+    roma = matching_files.write_roma(tmp_path, world)
     plain = world.write(tmp_path / "own.npz", world.matches())
     for path, given in ((roma, "320x224"), (plain, "320x224"), (roma, "7")):
         assert run_main("eval", "matching", path, *where, "--image-size", given) == 2
@@ -95,7 +95,7 @@ def test_a_size_is_refused_where_it_is_not_used(
 
 def test_roma_beyond_its_edges(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     """A match at 1.003 would have all others of its file taken for pixels of the first pixel."""
-    path = matchers.write_roma(tmp_path, world) / "q3.npz"
+    path = matching_files.write_roma(tmp_path, world) / "q3.npz"
     fields = dict(np.load(path))
     fields["matches"][0, 0] = 1.003
     np.savez(path, **fields)
@@ -107,7 +107,7 @@ def test_roma_beyond_its_edges(world: World, tmp_path: Path, evaluated: Evaluate
 def test_two_runs_in_one_folder_are_not_pooled(
     other: str, world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
-    home = matchers.write_loftr(tmp_path, world)
+    home = matching_files.write_loftr(tmp_path, world)
     place = home / f"{other}.npz"
     place.parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(home / "q3.npz", place)
@@ -127,7 +127,7 @@ def test_sizes_that_do_not_fit(
     fields: dict[str, Any], words: str, world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
     with pytest.raises(PredictionError, match=words):
-        evaluated(matchers.write_loftr(tmp_path, world, **fields))
+        evaluated(matching_files.write_loftr(tmp_path, world, **fields))
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_refusals(
 
 
 def test_empty_matches_are_an_answer(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    path = matchers.write_mast3r_visloc(tmp_path, world)
+    path = matching_files.write_mast3r_visloc(tmp_path, world)
     one = path / "q0.png" / "q0_dom.tif.npz"
     np.savez(one, valid_pts3d=[], matches_im_query=[], matches_im_map=[], matches_conf=[])
     found = evaluated(path)
@@ -178,7 +178,7 @@ def test_empty_matches_are_an_answer(world: World, tmp_path: Path, evaluated: Ev
 def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(
     world: World, tmp_path: Path, evaluated: Evaluated, own: Any
 ) -> None:
-    home = matchers.write_superglue(tmp_path, world)
+    home = matching_files.write_superglue(tmp_path, world)
     for path in list(home.iterdir()):
         fields = dict(np.load(path))
         first, second, found = fields["keypoints0"], fields["keypoints1"], fields["matches"][:-1]

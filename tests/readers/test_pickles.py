@@ -12,12 +12,14 @@ from typing import Any
 import pytest
 
 from tests.matching.world import World
-from tests.readers.samples import pickles
+from tests.readers import matching_files
 
 PAGE = Path(__file__).parents[2] / "docs" / "recipes" / "matching.md"
 
 
-@pytest.mark.parametrize(("number", "write"), [(0, pickles.write), (1, pickles.write_loftr_dump)])
+@pytest.mark.parametrize(
+    ("number", "write"), [(0, matching_files.write_vismatch), (1, matching_files.write_loftr_dump)]
+)
 def test_the_lines_do_what_they_say(
     number: int,
     write: Callable[..., Path],
@@ -28,7 +30,7 @@ def test_the_lines_do_what_they_say(
 ) -> None:
     write(tmp_path, world)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(load=pickles.load))
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(load=matching_files.load_torch))
     text = PAGE.read_text(encoding="utf-8").partition("## Pickles")[2]
     lines = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)[number]
     exec(lines, {})  # noqa: S102 - what users paste

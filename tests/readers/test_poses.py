@@ -11,7 +11,7 @@ import pytest
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.evaluation.reader import find_reader
 from tests.matching.world import World
-from tests.readers.samples import colmap, poses
+from tests.readers import matching_files
 
 Evaluated = Callable[..., Any]
 
@@ -19,12 +19,12 @@ Evaluated = Callable[..., Any]
 def test_hloc_results_score_as_the_same_poses_do(
     world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
-    path = poses.write(tmp_path, world)
+    path = matching_files.write_hloc_poses(tmp_path, world)
     assert find_reader(path) == "hloc-poses"
     found = evaluated(path)
     assert found.overall["error_m"] < 1e-6
-    own = [f"hills/{line}" for line in poses.hloc_lines(world).values()]
-    same = evaluated(poses.write_lines(tmp_path / "own.txt", own))
+    own = [f"hills/{line}" for line in matching_files.hloc_lines(world).values()]
+    same = evaluated(matching_files.write_lines(tmp_path / "own.txt", own))
     assert same.overall == found.overall
     assert same.result.predictions.reader is None
     used = found.result.predictions.reader
@@ -33,10 +33,10 @@ def test_hloc_results_score_as_the_same_poses_do(
 
 
 def test_the_identity_is_no_pose(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
-    lines = poses.hloc_lines(world)
-    lines["q1.png"] = f"q1.png {poses.IDENTITY}"
-    lines["other.png"] = f"other.png {poses.IDENTITY}"
-    path = poses.write_lines(tmp_path / "mast3r_ltvl.txt", list(lines.values()))
+    lines = matching_files.hloc_lines(world)
+    lines["q1.png"] = f"q1.png {matching_files.IDENTITY}"
+    lines["other.png"] = f"other.png {matching_files.IDENTITY}"
+    path = matching_files.write_lines(tmp_path / "mast3r_ltvl.txt", list(lines.values()))
     found = evaluated(path)
     assert found.records.set_index("query").loc["hills/q1", "error_m"] == float("inf")
     notes = " | ".join(found.result.notes)
@@ -45,7 +45,7 @@ def test_the_identity_is_no_pose(world: World, tmp_path: Path, evaluated: Evalua
 
 
 @pytest.mark.parametrize(
-    ("name", "write"), [("tum", poses.write_tum), ("kitti", poses.write_kitti)]
+    ("name", "write"), [("tum", matching_files.write_tum), ("kitti", matching_files.write_kitti)]
 )
 def test_trajectories_with_names(
     name: str, write: Callable[..., Path], world: World, tmp_path: Path, evaluated: Evaluated
@@ -58,7 +58,7 @@ def test_trajectories_with_names(
     assert found.result.predictions.reader.name == name
     with pytest.raises(UserError, match="5 poses, and 0 names"):
         evaluated(path)
-    poses.write_lines(tmp_path / "names.txt", ["q0.png"])
+    matching_files.write_lines(tmp_path / "names.txt", ["q0.png"])
     with pytest.raises(UserError, match="5 poses, and 1 name"):
         evaluated(path, names=tmp_path / "names.txt")
 
@@ -67,9 +67,9 @@ def test_another_order_of_quaternions_is_refused(
     world: World, tmp_path: Path, evaluated: Evaluated
 ) -> None:
     """CUT3R's pred_traj.txt looks like TUM's, and has w first."""
-    path = poses.write_tum(tmp_path, world)
+    path = matching_files.write_tum(tmp_path, world)
     rows = [line.split() for line in path.read_text().splitlines()]
-    poses.write_lines(path, [" ".join([*row[:4], row[7], *row[4:7]]) for row in rows])
+    matching_files.write_lines(path, [" ".join([*row[:4], row[7], *row[4:7]]) for row in rows])
     with pytest.raises(PredictionError, match="quaternions in the order w x y z"):
         evaluated(path, names=tmp_path / "names.txt")
 
@@ -97,7 +97,7 @@ def test_refusals(
 def test_a_colmap_model_below_a_folder(world: World, tmp_path: Path, evaluated: Evaluated) -> None:
     home = tmp_path / "out" / "sparse/0"
     home.parent.mkdir(parents=True)
-    colmap.write_model(tmp_path, world).rename(home)
+    matching_files.write_colmap(tmp_path, world).rename(home)
     path = tmp_path / "out"
     assert find_reader(path) is None
     assert find_reader(path, "matching") == "colmap-poses"

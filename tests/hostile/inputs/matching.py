@@ -12,7 +12,7 @@ import numpy as np
 from tests.hostile.inputs.case import Input
 from tests.hostile.mutations import spoil_arrays, spoil_bytes, spoil_text
 from tests.matching import world as matching
-from tests.readers.samples import aerialextrematch, colmap, hloc, matchers, pickles, poses
+from tests.readers import matching_files
 
 __all__ = ["files"]
 
@@ -86,21 +86,21 @@ def files(home: Path) -> list[Input]:
 
 
 _METHODS: tuple[tuple[str, Callable[..., Path], Callable[..., bytes]], ...] = (
-    ("tum", poses.write_tum, spoil_text),
-    ("kitti", poses.write_kitti, spoil_text),
-    ("hloc-poses", poses.write, spoil_text),
-    ("hloc", hloc.write_sparse, spoil_bytes),
-    ("hloc", hloc.write_dense, spoil_bytes),
-    ("loftr", matchers.write_loftr, spoil_arrays),
-    ("superglue", matchers.write_superglue, spoil_arrays),
-    ("roma", matchers.write_roma, spoil_arrays),
-    ("dust3r-matches", matchers.write_dust3r, spoil_arrays),
-    ("mast3r-visloc", matchers.write_mast3r_visloc, spoil_arrays),
-    ("aerialextrematch", aerialextrematch.write, spoil_bytes),
-    ("colmap-poses", colmap.write_model, spoil_bytes),
-    ("vismatch", pickles.write, spoil_bytes),
-    ("loftr-dump", pickles.write_loftr_dump, spoil_bytes),
-    ("hloc-logs", pickles.write_hloc_logs, spoil_bytes),
+    ("tum", matching_files.write_tum, spoil_text),
+    ("kitti", matching_files.write_kitti, spoil_text),
+    ("hloc-poses", matching_files.write_hloc_poses, spoil_text),
+    ("hloc", matching_files.write_hloc, spoil_bytes),
+    ("hloc", matching_files.write_hloc_dense, spoil_bytes),
+    ("loftr", matching_files.write_loftr, spoil_arrays),
+    ("superglue", matching_files.write_superglue, spoil_arrays),
+    ("roma", matching_files.write_roma, spoil_arrays),
+    ("dust3r-matches", matching_files.write_dust3r, spoil_arrays),
+    ("mast3r-visloc", matching_files.write_mast3r_visloc, spoil_arrays),
+    ("aerialextrematch", matching_files.write_aerialextrematch, spoil_bytes),
+    ("colmap-poses", matching_files.write_colmap, spoil_bytes),
+    ("vismatch", matching_files.write_vismatch, spoil_bytes),
+    ("loftr-dump", matching_files.write_loftr_dump, spoil_bytes),
+    ("hloc-logs", matching_files.write_hloc_logs, spoil_bytes),
 )
 
 
@@ -111,7 +111,7 @@ def _of_methods(home: Path, world: matching.World) -> list[Input]:
     for reader, write, spoil in _METHODS:
         folder = home / "readers" / f"{reader}.{write.__name__}"
         folder.mkdir(parents=True)
-        path = write(folder / "files" if write is hloc.write_sparse else folder, world)
+        path = write(folder, world)
         files = [one for one in sorted(folder.rglob("*")) if one.is_file()]
         file = max(
             (one for one in files if one.name != "names.txt"), key=lambda one: one.stat().st_size
