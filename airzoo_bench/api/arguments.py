@@ -78,7 +78,7 @@ def coordinates(name: str, values: Any) -> Floats:
 
 
 def check_digits(name: str, points: Floats, kind: Any, coarsest: float = COARSEST_M) -> None:
-    """Refuse coordinates that are or were of a type of floats whose step is too large."""
+    """Refuse coordinates that are or were floats of too few digits."""
     if kind not in (np.float16, np.float32):
         return
     largest = float(np.abs(points).max(initial=0.0))
@@ -96,7 +96,7 @@ def refuse_rows(name: str, bad: Any, what: str, expected: str, fix: str | None =
 
 
 def check_pairs(**arguments: Any) -> None:
-    """Refuse arguments whose rows are pairs but whose numbers or pandas labels differ."""
+    """Refuse paired arguments with different numbers of rows or different pandas labels."""
     (first, rows), *others = arguments.items()
     for name, other in others:
         if hasattr(rows, "__len__") and hasattr(other, "__len__") and len(rows) != len(other):

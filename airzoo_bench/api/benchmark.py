@@ -1,4 +1,4 @@
-"""Benchmarks from Python: everything that a method may know, and nothing of the truth."""
+"""Benchmarks from Python: everything that a method may know, without the truth."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Photo(Named):
-    """A photo as a method may know it: its prior is what its own GPS and gimbal say.
+    """A photo as a method may know it, with the prior by its own GPS and gimbal.
 
     The id is ``scene/name``. Conditions that are numbers, such as altitude, are left out: they
     come from the true pose.

@@ -171,7 +171,7 @@ class LightGroup(TyperGroup):
 
 
 class PanelCommand(TyperCommand):
-    """A command whose help shows many options in panels, and what is for scale at the end."""
+    """A command with its options in panels, those for scale at the end."""
 
     panels: Mapping[str, str] = {}  # of options that name none
 
@@ -218,7 +218,7 @@ def examples(*calls: str) -> str:
 
 
 def resolve_data(data: str | None) -> Path:
-    """Return the folder named, else the configured data root; what lies at a URL is copied."""
+    """Return the named folder, else the configured data root; URLs are copied."""
     if is_url(data_location() if data is None else data):
         from airzoo_bench.benchmark.folder import data_here
 
@@ -232,7 +232,7 @@ def resolve_data(data: str | None) -> Path:
 
 
 def predictions_here(location: str) -> Path:
-    """Return predictions as a path of this machine; what lies at a URL is copied."""
+    """Return predictions as a path of this machine; URLs are copied."""
     if not is_url(location):
         return Path(location)
     with working("fetching the predictions"):

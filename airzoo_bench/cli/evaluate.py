@@ -153,7 +153,7 @@ def _limits(memory: int, untrusted: bool) -> Any:
 
 @contextmanager
 def _keep_scenes(out: Path | None) -> Iterator[SceneStore | None]:
-    """Open the store of scored scenes beside an output; remove it when the block is done."""
+    """Open the store of scored scenes next to an output; remove it when the block is done."""
     from airzoo_bench.evaluation.run_files import SceneStore
 
     if out is None:

@@ -68,7 +68,7 @@ app.callback()(lambda: None)
 
 
 def _command_of(dataset: Dataset[Any]) -> Any:
-    """Return a function with the options of a dataset, whose texts are in its about-file."""
+    """Return a function with the options of a dataset, by the texts of its about-file."""
 
     def command(**given: Any) -> None:
         _prepare(dataset, **given)

@@ -1,4 +1,4 @@
-"""``airzoo-bench seal``: benchmarks whose truth stays with its host."""
+"""``airzoo-bench seal``: the truth of a benchmark stays with its host."""
 
 from __future__ import annotations
 

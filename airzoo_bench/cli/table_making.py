@@ -77,7 +77,7 @@ def make_table(asked: Any) -> Table:
 
 
 def _choose_layout(asked: Any, protocols: int, results: int) -> Layout:
-    """Return the layout for so many results; refuse what does not go with it."""
+    """Return the layout for these numbers of results; refuse options that do not go with it."""
     among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
     options = [f"--{name}" for name in among_methods if getattr(asked, name)]
     layout: Any = asked.layout

@@ -136,7 +136,7 @@ def _hidden_start(name: str) -> str:
 
 
 def clear_abandoned(target: Path) -> None:
-    """Remove what killed writers of a target left beside it."""
+    """Remove the temporary folders of killed writers of a target."""
     start = _hidden_start(target.name)
     with suppress(OSError):  # of which another writer removes some
         for path in [one for one in target.parent.iterdir() if one.name.startswith(start)]:

@@ -50,7 +50,7 @@ class Registry:
         return [*self.places, *sorted(self._installed())]
 
     def get(self, name: str) -> Any:
-        """Import what a name stands for; raise KeyError where none is."""
+        """Import the object of a name; raise KeyError for an unknown one."""
         if name in self.places:
             return resolve(self.places[name])
         return self._installed()[name].load()

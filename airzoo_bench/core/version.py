@@ -1,4 +1,4 @@
-"""The version of the suite, stated in results and pictures, and those of its libraries."""
+"""The versions of the suite and of its libraries, stated in results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clusters of Dask: worker processes of this machine, or those of a scheduler that runs."""
+"""Clusters of Dask: worker processes of this machine, or of a running scheduler."""
 
 from __future__ import annotations
 

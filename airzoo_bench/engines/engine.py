@@ -93,7 +93,7 @@ def split(count: int, size: int) -> list[slice]:
 def read_ahead(
     submit: Callable[[T], Callable[[], R]], items: Sequence[T], workers: int
 ) -> Iterator[R]:
-    """Yield the results of items, of which few more are submitted than are read."""
+    """Yield the results of items; only a few are submitted before they are read."""
     waiting: deque[Callable[[], R]] = deque()
     for item in items:
         waiting.append(submit(item))

@@ -152,7 +152,7 @@ def numbers(
 
 
 def as_floating(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
-    """Return numbers as floating point, which those of 16 bits or less lose nothing by."""
+    """Return numbers as floating point, exact for integers of 16 bits or less."""
     if values.dtype.kind == "f":
         return values
     return values.astype(np.float32 if values.dtype.itemsize <= 2 else np.float64)

@@ -33,7 +33,7 @@ class ParquetFile:
         return set(self._arrays)
 
     def read(self, name: str) -> NDArray[Any]:
-        """Return a column; that of the protocol as its one text."""
+        """Return a column; the protocol as its one text."""
         array = self._arrays[name]
         if name != "protocol":
             return array

@@ -21,7 +21,7 @@ _DAMAGE = (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBo
 def opened_photo(
     path: Path, fix: str = "copy it again, or take it out of the folder"
 ) -> Iterator[Image.Image]:
-    """Open a photo; what Pillow makes of a bad one inside the block becomes BenchmarkError."""
+    """Open a photo; Pillow's errors inside the block become a BenchmarkError."""
     try:
         # Pillow warns of large photos, which a survey's are.
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:

@@ -30,7 +30,7 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECAS
 
 
 class Limits(Strict):
-    """Limits of what a submission costs the board; docs/leaderboard.md says what each is."""
+    """Limits of the cost of a submission; docs/leaderboard.md explains each."""
 
     committed_bytes: Count = 25_000_000
     url_bytes: Annotated[int, Field(ge=1, le=1 << 40)] = 20_000_000_000
@@ -113,7 +113,7 @@ class Place(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """Whether its names could be those of a submission."""
+        """Whether its names are allowed for a submission."""
         return all(map(plain_name, self))
 
 

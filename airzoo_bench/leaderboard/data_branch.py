@@ -170,7 +170,7 @@ class DataBranch:
         self._write(change, f"{line.outcome}: {line.benchmark}")
 
     def add_runs(self, root: Path) -> None:
-        """Add the runs below a folder, in place of those of the same number."""
+        """Add the runs below a folder, in place of runs of the same number."""
         fault = shutil.ignore_patterns(FAULT_FILE)
         source, target = root / "runs", self.folder / "runs"
         self._write(

@@ -57,7 +57,7 @@ def fetch(url: str, into: Path, *, size: int, sha256: str, seconds: float) -> Pa
 
 
 def parse_address(url: str) -> SplitResult:
-    """Take an https address apart whose host is a plain name, and whose port is 443."""
+    """Take an https address apart; its host is a plain name, its port 443."""
     if len(url) > _LONGEST_URL or not _URL.fullmatch(url):
         expected = "https://HOST/PATH, where HOST is a name such as example.org"
         raise SubmissionError("no plain https address", where=_printable(url), expected=expected)
@@ -66,7 +66,7 @@ def parse_address(url: str) -> SplitResult:
 
 @contextmanager
 def _answer(address: SplitResult, end: float) -> Iterator[http.client.HTTPResponse]:
-    """Ask one address of a host, whose certificate must be the host's; broken off at the end."""
+    """Ask one address of a host, with the host's certificate; broken off at the end."""
     host, context = str(address.hostname), ssl.create_default_context()
     place = _public_address(host), 443
     try:

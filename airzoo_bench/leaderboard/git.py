@@ -46,7 +46,7 @@ class RefusedError(SubmissionError):
 
 
 class Repository:
-    """A new repository of our own, whose remote is the only address that is sent the token."""
+    """A new repository of our own; only its remote gets the token."""
 
     def __init__(self, folder: Path, remote: str) -> None:
         self.folder = folder

@@ -376,7 +376,7 @@ def read_entries(runs: Path, submissions: Path, cache: Path) -> list[Entry]:
 
 
 def entries_of(entries: Sequence[Entry], protocol: Protocol) -> list[Entry]:
-    """Return the entries of a protocol's table, also those whose submission.toml is unreadable."""
+    """Return the entries of a protocol's table, also entries with an unreadable submission.toml."""
     return [
         entry
         for entry in entries

@@ -334,7 +334,7 @@ def _score_place(
 
 
 def _counts(run: Path, rules: Rules, truths: dict[str, str]) -> bool:
-    """Whether the protocol and truth of a run are those of today."""
+    """Whether a run has the present protocol and truth."""
     answer = run / ANSWER_FILE
     found = (
         read_answer(answer).head if answer.is_file() else head_of(read_result(run / RESULT_FILE))

@@ -211,7 +211,7 @@ def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -
 
 
 def _refuse_known_truth(benchmark: Benchmark) -> None:
-    """Refuse a benchmark whose public parts are the truth by themselves."""
+    """Refuse a benchmark if its public parts are the truth by themselves."""
     prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source", "metadata")
     if prior != "metadata":
         what = f"its methods are given the truth: prior.source is {prior!r}"

@@ -66,14 +66,14 @@ def plain_line(text: str) -> str:
 
 
 def shown_line(text: str) -> str:
-    """Refuse, beside what `plain_line` does, what a page, a comment or a spreadsheet acts on."""
+    """Refuse, besides the faults of `plain_line`, markup of pages, comments and spreadsheets."""
     if found := _ACTS.search(plain_line(text)):
         raise ValueError(f"has {found[0]!r} there, which pages or spreadsheets act on")
     return text
 
 
 def board_name(text: str) -> str:
-    """Refuse, beside what `shown_line` does, odd letters, and letters of two alphabets."""
+    """Refuse, besides the faults of `shown_line`, odd letters, and letters of two alphabets."""
     alphabets: dict[str, str] = {}
     for letter in shown_line(text):
         script = _script_of(letter)

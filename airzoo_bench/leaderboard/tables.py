@@ -56,7 +56,7 @@ _LONGEST = 40
 
 
 class Ranks(NamedTuple):
-    """One score of methods, in their order: of whom the folders are the `ids`.
+    """One score of methods, in the order of their folders, the `ids`.
 
     `ranges` are rank ranges (V, 2), `apart` which two differ after the correction for all pairs
     (V, V), `near_best` which cannot be told from the best by a test of these two alone (V,);
@@ -73,7 +73,7 @@ class Ranks(NamedTuple):
 def make_table(
     protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path
 ) -> tuple[Table, dict[str, Ranks]]:
-    """Rank the entries of a protocol, beside numbers of papers, floors and failed submissions.
+    """Rank the entries of a protocol; add numbers of papers, floors and failed submissions.
 
     The ranks are returned by score too.
     """
@@ -272,7 +272,7 @@ def _with_ids(rows: Sequence[Row]) -> tuple[Row, ...]:
 
 
 def _paper(benchmark: str) -> str | None:
-    """Return the page of the paper whose numbers on a benchmark travel with the package."""
+    """Return the page of the paper with published numbers on a benchmark."""
     sources = map(read_source_file, published_sources().values())
     return next((one.url for one in sources if benchmark in one.benchmarks.values()), None)
 

@@ -222,7 +222,7 @@ def _check_axes(given: Floats, priors: Floats) -> None:
 def _check_digits(
     given: GivenPoses, truth: MatchingTruth, true_centres: Floats, finest_m: float
 ) -> str | None:
-    """Refuse poses whose digits leave more than a centimetre open; doubt centres on a lattice.
+    """Refuse poses with digits that leave more than a centimetre open; doubt centres on a lattice.
 
     Centres may be off by half of the finest threshold: whole metres lose 0.5 m, which passes beside
     1 m; six digits lose 2.9 m of a northing, which does not beside 5 m. Centres of a made-up scene
@@ -281,7 +281,7 @@ def _fault(what: str, name: str, fix: str) -> PredictionError:
 def _judge(
     what: str, name: str, fix: str, off: float, left: float, clear: float, unit: str
 ) -> None:
-    """Refuse a clear misfit of which another reading leaves less than a tenth."""
+    """Refuse a clear misfit if another reading leaves less than a tenth of it."""
     if off > clear and left < 0.1 * off:
         said = f"looks like {what}: {off:.4g} {unit} as it is, {left:.4g} {unit} read so (medians)"
         raise _fault(said, name, fix)

@@ -162,7 +162,7 @@ def _read_coordinates(arrays: Arrays, name: str) -> Floats:
 
 
 def _read_poses(arrays: Arrays, ids: NDArray[np.str_]) -> GivenPoses:
-    """Read ``poses`` or, beside centres, ``rotations``."""
+    """Read ``poses``, or ``rotations`` with ``centres``."""
     centred = "centres" in arrays.names()
     name, columns = ("rotations", 3) if centred else ("poses", 4)
     matrices = _read_doubles(arrays, name, 3, columns)

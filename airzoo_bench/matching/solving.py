@@ -149,7 +149,7 @@ _Found = tuple[Floats, Floats, Bools]  # rotation; centre or translation; inlier
 
 
 def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> _Found | None:
-    """Find rotation, centre and inliers of rows (M, 5), whose number limits the trials."""
+    """Find rotation, centre and inliers of rows (M, 5); their number limits the trials."""
     most = max(1, solver.max_trials_times_matches // len(rows))
     trials = (min(solver.min_trials, most), min(solver.max_trials, most))
     query_xy, points = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]

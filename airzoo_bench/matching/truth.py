@@ -195,7 +195,7 @@ def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFra
 def _checked_map(
     dom: Path, dsm: Path, dsm_sha256: str | None, prepared: dict[str, Any]
 ) -> ReferenceMap:
-    """Open a map, whose grid and surface model must be those that were prepared."""
+    """Open a map with the grid and surface model that were prepared."""
     found = ReferenceMap(open_info(dom), dsm, dsm_sha256 or "")
     if prepared | {"crs": found.grid["crs"]} != found.grid:  # one CRS has several spellings
         raise BenchmarkError(

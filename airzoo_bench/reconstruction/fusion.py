@@ -154,7 +154,7 @@ def _trusted(maps: DepthMaps | PointMaps, row: int, settings: Fusion) -> Bools:
 
 
 def _lift(depth: Floats, camera: Cameras, pose: Poses, size: int) -> Iterator[Floats]:
-    """Yield the points (P, 3) that pixels with a depth above 0 see, at most so many at a time."""
+    """Yield the points (P, 3) that pixels with a depth above 0 see, in bounded blocks."""
     pixels = np.flatnonzero(depth > 0.0)
     for start in range(0, len(pixels), size):
         chosen = np.zeros(depth.shape, np.bool_)

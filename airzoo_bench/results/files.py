@@ -39,7 +39,7 @@ def results_here(given: Sequence[str | Path]) -> list[Path]:
 
 
 def records_path(path: Path) -> Path:
-    """Return where the records of a result lie; those of a copied result are copied too."""
+    """Return where the records of a result lie; a copied result has copied records."""
     return ensure_file(path.with_name("records.csv"))
 
 

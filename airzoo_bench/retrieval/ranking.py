@@ -59,12 +59,12 @@ class Ranking:
         return cls(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
 
     def copy_rows(self, rows: Ints, found: Ranking) -> None:
-        """Copy the rankings of some queries, as many ranks as are kept."""
+        """Copy the rankings of some queries, up to the ranks that are kept."""
         self.tiles[rows] = found.tiles[:, : self.tiles.shape[1]]
         self.tie_dependent[rows] = found.tie_dependent
 
     def drop_flat(self, rows: Ints, positives: Positives, n_tiles: int) -> None:
-        """Remove the tiles of queries whose whole gallery ties, unless all are positive."""
+        """Remove the tiles of a query if its whole gallery ties, unless all are positive."""
         if n_tiles >= 2:
             some = rows[positives.counts[rows] < n_tiles]
             self.tiles[some] = -1

@@ -318,7 +318,7 @@ def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
 
 
 def _are_sound(found: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> bool:
-    """Tell whether stored positives are of these numbers of queries and tiles."""
+    """Tell whether stored positives fit these numbers of queries and tiles."""
     if not {"offsets", "tiles"} <= found.keys():
         return False
     offsets, tiles, overlap = found["offsets"], found["tiles"], found.get("overlap")

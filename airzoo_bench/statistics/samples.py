@@ -164,7 +164,7 @@ def signed_sums(
 
 
 def weighted_averages(values: Floats, medians: Bools, counts: NDArray[np.integer]) -> Floats:
-    """Average values (V, N) that resamples hold so many times (N, B), (V, B).
+    """Average values (V, N) by how often resamples hold each (N, B): (V, B).
 
     The averages are the same to the last bit whatever the number of threads and columns; +inf is a
     value like any other.

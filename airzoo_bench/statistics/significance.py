@@ -133,7 +133,7 @@ class _Draws:
 def compare_pairs(
     sample: Sample, resampling: ResamplingConfig, pairs: Places, *, tails: bool = False
 ) -> PairNumbers:
-    """Compare pairs (C, 2) of variables, whose numbers do not depend on the other pairs.
+    """Compare pairs (C, 2) of variables, each independently of the others.
 
     With `tails`, p is resolved far below one draw, for corrections for many pairs. Where fewer than
     25 draws are as extreme as what was observed, p of a mean is then the normal tail with the exact
@@ -179,7 +179,7 @@ def _compare(draws: _Draws, pairs: Places, tails: bool) -> PairNumbers:
 
 
 def _test_medians(resampled: Floats, gaps: Sequence[Floats], tails: bool) -> Floats:
-    """Return the p of percentile intervals, but never below what so many units could show."""
+    """Return the p of percentile intervals, never below the least that the units could show."""
     p_values = percentile_p_values(resampled)
     if tails:
         beyond = (resampled.min(axis=1, initial=np.inf) > 0) | (
@@ -244,7 +244,7 @@ def normal_tail(scores: Floats) -> Floats:
 
 
 def p_floor(unlike: NDArray[np.int64]) -> Floats:
-    """Return the least p that any values could have on so many units that differ."""
+    """Return the least p of any values on a number of units that differ."""
     return np.asarray(np.minimum(1.0, 2.0 ** (1.0 - unlike)))
 
 

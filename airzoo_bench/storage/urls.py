@@ -75,7 +75,7 @@ def path_of(url: str) -> Path:
 
 
 def url_at(path: Path) -> str | None:
-    """Return the URL whose copy a path is, or None."""
+    """Return the URL that a path was copied from, or None."""
     place = Path(os.path.normpath(path.absolute()))  # names in a manifest may have ".."
     if not place.is_relative_to(cache_folder()):
         return None

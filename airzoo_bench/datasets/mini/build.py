@@ -121,7 +121,7 @@ def _normals(corners: Floats) -> Floats:
 
 
 def _pixels_in_boxes(corners: Floats, raster: Raster) -> tuple[_Indices, _Indices, _Indices]:
-    """Return pairs of triangle and pixel (column, and row from the south) whose boxes meet."""
+    """Return pairs of triangle and pixel (column, and row from the south) with boxes that meet."""
     places = corners[..., :2] / raster.pixel_m
     first = np.maximum(np.ceil(places.min(axis=1) - 0.5), 0).astype(np.int64)
     last = np.minimum(np.floor(places.max(axis=1) - 0.5), raster.size - 1).astype(np.int64)

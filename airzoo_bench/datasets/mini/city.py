@@ -116,7 +116,7 @@ class _City(Plan):
     # --- verbs ---
 
     def grow(self, frame: Frame, radius: float, kind: str = "broad") -> None:
-        """Plant a tree at a frame's origin, of about that radius, where it may stand."""
+        """Plant a tree at a frame's origin, of about that radius, if there is room."""
         if not self.holds([frame.origin], _TOWPATH_M):
             return
         radius *= self.dice.real(0.7, 1.3)
@@ -149,7 +149,7 @@ class _City(Plan):
         return True
 
     def allows(self, rect: Rect) -> bool:
-        """Return whether a building may stand there."""
+        """Return whether there is room for a building."""
         return self.holds(rect.grid(2), _BANK_M)
 
     def holds(self, points: Sequence[Point], bank_m: float) -> bool:

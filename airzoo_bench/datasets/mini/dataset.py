@@ -178,7 +178,7 @@ def scene_content(
     seed: int,
     protocols: BenchmarkProtocols,
 ) -> SceneContent:
-    """Make the truth of a region's photos; those of the survey serve reconstruction."""
+    """Make the truth of a region's photos; the survey's photos serve reconstruction."""
     inputs = scene_inputs(region, photos, files, seed)
     surveyed = inputs.photos["sequence"] == SURVEY
     truths = build_truths(inputs, protocols, files["cloud"], surveyed)

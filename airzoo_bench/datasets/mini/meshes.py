@@ -66,7 +66,7 @@ def plan_mesh(plan: Plan) -> Mesh:
 
 
 def _grid(columns: _Indices, rows: _Indices, heights: Floats, material: Material) -> Mesh:
-    """Mesh land, whose cells are cut from south-west to north-east."""
+    """Mesh land by cells cut from south-west to north-east."""
     last = heights.shape[0] - 1
     mirrored = (last - np.abs(np.abs(index) % (2 * last) - last) for index in (rows, columns))
     x, y = np.meshgrid(columns * GRID_M, rows * GRID_M)

@@ -133,7 +133,7 @@ class Rect(NamedTuple):
         return Rect(self.frame, u0, u1, v0, v1)
 
     def patch(self, raster: Raster) -> Patch:
-        """Return the pixels whose centres it covers."""
+        """Return the pixels with a centre inside."""
         window = raster.window(self.corners())
         u, v = self.frame.to_local(*raster.centres(*window))
         mask = (u >= self.u0) & (u < self.u1) & (v >= self.v0) & (v < self.v1)
@@ -148,7 +148,7 @@ class Ellipse(NamedTuple):
     b: float
 
     def patch(self, raster: Raster) -> Patch:
-        """Return the pixels whose centres it covers."""
+        """Return the pixels with a centre inside."""
         window = raster.window((self.frame.origin,), max(self.a, self.b))
         u, v = self.frame.to_local(*raster.centres(*window))
         return Patch(window, (u / self.a) ** 2 + (v / self.b) ** 2 < 1.0, u, v)
@@ -168,7 +168,7 @@ class Polygon(NamedTuple):
         return inside
 
     def patch(self, raster: Raster) -> Patch:
-        """Return the pixels whose centres it covers."""
+        """Return the pixels with a centre inside."""
         window = raster.window(self.points)
         x, y = raster.centres(*window)
         return Patch(window, self.holds(x, y), *self.frame.to_local(x, y))
@@ -181,7 +181,7 @@ class Stroke(NamedTuple):
     width: float
 
     def patch(self, raster: Raster) -> Patch:
-        """Return the pixels whose centres it covers."""
+        """Return the pixels with a centre inside."""
         reach = self.width / 2
         rows, columns = raster.window(self.points, reach)
         away = np.full((rows.stop - rows.start, columns.stop - columns.start), _FAR_M)
@@ -214,7 +214,7 @@ def between(start: Point, end: Point, share: float) -> Point:
 
 
 def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
-    """Return the distance of points, whose x and y broadcast, from a line."""
+    """Return the distance of points from a line; x and y broadcast."""
     ends = np.array(points).reshape(-1, 2, *(1,) * x.ndim)
     (x0, y0), (along_x, along_y) = ends[:-1].swapaxes(0, 1), (ends[1:] - ends[:-1]).swapaxes(0, 1)
     length2 = along_x * along_x + along_y * along_y
@@ -268,7 +268,7 @@ Colour = tuple[int, int, int]
 
 
 def colours(text: str) -> tuple[Colour, ...]:
-    """Return the colours that hexadecimal triples stand for."""
+    """Return the colours of hexadecimal triples."""
     triples = (bytes.fromhex(word) for word in text.split())
     return tuple((red, green, blue) for red, green, blue in triples)
 

@@ -181,7 +181,7 @@ class Renderer:
     def _smooth_edges(
         self, light: NDArray[np.uint16], triangle: NDArray[np.int32], view: _View
     ) -> None:
-        """Blend pixels where surfaces meet with the other surface, as far as it reaches in."""
+        """Blend pixels where surfaces meet, by the share of the other surface."""
         edge, towards = edge_pixels(triangle, self._keys)
         for start in range(0, len(edge), _BLOCK_PIXELS):
             part = slice(start, start + _BLOCK_PIXELS)
@@ -259,7 +259,7 @@ def _surface_keys(mesh: Mesh, normal: Floats) -> NDArray[np.int32]:
 
 
 def edge_pixels(triangle: NDArray[np.int32], keys: NDArray[np.int32]) -> tuple[_Indices, Floats]:
-    """Find pixels whose surface is another than that of a pixel to the side, above or below."""
+    """Find pixels with another surface than the pixel to the side, above or below."""
     surface = np.pad(keys.take(triangle), 1, mode="edge")
     middle = surface[1:-1, 1:-1]
     left, right = surface[1:-1, :-2] != middle, surface[1:-1, 2:] != middle

@@ -122,7 +122,7 @@ def _split(position: Singles, size: _Indices) -> tuple[_Indices, _Indices]:
 
 
 def surroundings(world: World) -> Texture:
-    """Return a texture whose first lane is the share of sky seen, the second the lamps' light."""
+    """Return a texture: the first lane is the share of sky seen, the second the lamps' light."""
     gsd = world.region.side_m / len(world.dsm)
     lanes = np.zeros((*world.dsm.shape, 4), np.uint8)
     lanes[..., 0] = np.rint(255.0 * _openness(world.dsm, gsd))

@@ -103,7 +103,7 @@ def cloud_of_columns(columns: Mapping[str, NDArray[Any]]) -> Cloud:
 
 
 def _as_confidence(column: NDArray[Any]) -> NDArray[np.float32]:
-    """Turn a column (N,) into float32; what is too large for it becomes infinite."""
+    """Turn a column (N,) into float32; numbers too large for it become infinite."""
     with np.errstate(over="ignore", invalid="ignore"):
         return column.astype(np.float32)
 

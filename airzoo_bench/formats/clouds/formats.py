@@ -52,7 +52,7 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
 
 
 def _reader_of(path: Path) -> str:
-    """Return what reads a file, once its first bytes are those of its kind."""
+    """Return the function that reads a file, after a check of its first bytes."""
     if not path.is_file():
         what = "a folder, not a file" if path.is_dir() else "no such file"
         raise refusal(path, what, expected=f"one of {KINDS}")

@@ -91,7 +91,7 @@ def shards_in(folder: Path) -> list[Path]:
 
 
 def _shard_pieces(files: tuple[FileCloud, ...], points: int) -> Iterator[Cloud]:
-    """Yield the points in pieces that end where those of one file would."""
+    """Yield the points in the same pieces as from one file."""
     left = np.zeros((0, 3))
     for file in files:
         for piece in file.pieces(points):

@@ -149,7 +149,7 @@ def _read_faces(header: _Header, faces: _Element, name: str) -> Ints:
 
 
 def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
-    """Read the faces of a text file, whose first list is that of vertices."""
+    """Read the faces of a text file: its first list has the vertices."""
     skip, triangles, found = _start_of(header, faces), array("q"), 0
     place = list(faces.columns).index(name)
     with readable(header.path, f"its {name} are wrong"):
@@ -169,7 +169,7 @@ def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
 
 
 def _runs(header: _Header, element: _Element, start: int) -> Iterator[tuple[NDArray[Any], int]]:
-    """Yield runs of rows whose lists have the same lengths, and the byte that each ends at."""
+    """Yield runs of rows with lists of the same lengths, and the byte that each ends at."""
     raw = np.memmap(header.path, np.uint8, "r")
     left, ask = element.rows, _FEWEST
     while left and element.columns:
