@@ -56,12 +56,7 @@ if TYPE_CHECKING:
     from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
     from airzoo_bench.api.clouds import cloud_scores
     from airzoo_bench.api.intervals import bootstrap_ci
-    from airzoo_bench.api.poses import (
-        align_cameras,
-        pose_errors,
-        pose_scores,
-        solve_pose,
-    )
+    from airzoo_bench.api.poses import align_cameras, pose_errors, pose_scores, solve_pose
     from airzoo_bench.api.results import (
         Check,
         Comparison,

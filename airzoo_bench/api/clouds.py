@@ -91,9 +91,7 @@ def cloud_scores(
         kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in clouds)
     found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
     scores = score_distances(
-        *found,
-        thresholds=np.array([limit]),
-        max_distance=None if plain else 10 * limit,
+        *found, thresholds=np.array([limit]), max_distance=None if plain else 10 * limit
     )
     shares = {name: float(getattr(scores.curve, name)[0]) for name in ("precision", "recall", "f1")}
     means = {name: getattr(scores, name) for name in ("chamfer", "accuracy", "completeness")}

@@ -223,9 +223,7 @@ def _outcome(
 
 
 def define_precision(
-    values: Sequence[Value],
-    queries: Mapping[Key, Queries],
-    doubtful: Collection[tuple[str, ...]],
+    values: Sequence[Value], queries: Mapping[Key, Queries], doubtful: Collection[tuple[str, ...]]
 ) -> tuple[set[Key], Outcome]:
     """Tell which average precisions are mean precision, and find those that are no whole number.
 

@@ -125,19 +125,13 @@ def verify(folder: Path, file: BenchmarkFile) -> None:
             )
     for name, expected in file.checksums.items():
         path = folder / name
-        if not path.is_file():
+        if not path.is_file() or sha256_of(path) != expected:
+            state = "was changed since it was prepared" if path.is_file() else "is missing"
             raise BenchmarkError(
-                "a file of the benchmark is missing",
+                f"a file of the benchmark {state}",
                 where=path,
-                expected="all files of tables and truth that benchmark.toml names",
+                expected=f"SHA-256 {expected[:12]}…, as benchmark.toml says",
                 fix="copy the folder again, or prepare the benchmark again",
-            )
-        if sha256_of(path) != expected:
-            raise BenchmarkError(
-                "a file of the benchmark was changed since it was prepared",
-                where=path,
-                expected=f"SHA-256 {expected[:12]}…",
-                fix="prepare the benchmark again, so that its scores can be compared",
             )
 
 
@@ -146,9 +140,7 @@ def needed(part: PartT | None, what: str, scene: str) -> PartT:
     if part is None:
         raise BenchmarkError(
             f"scene {scene} has no {what}",
-            expected=f"a scene with a {what}, for what was asked",
-            fix="choose a track or a rule of ground truth that does without, or prepare it with "
-            "one",
+            fix="choose a track or rule of truth that does without, or prepare it with one",
         )
     return part
 
@@ -182,8 +174,7 @@ class Benchmark:
             raise BenchmarkError(
                 f"the truth of {file.name} is sealed: only its host can score predictions",
                 where=folder,
-                fix="look at them with `airzoo-bench check`, and hand them in as the benchmark's "
-                "board says",
+                fix="look at them with `airzoo-bench check`, and enter the benchmark's board",
             )
         return benchmark
 
@@ -281,7 +272,6 @@ def data_here(location: str | Path | None = None) -> Path:
         raise BenchmarkError(
             "no benchmark lies here",
             where=url,
-            expected=f"a folder with {MARK}, or one that holds such folders",
             fix="check bucket and folder; upload one that `airzoo-bench prepare` made",
         )
     in_parallel(fetch, filter(None, files))

@@ -15,8 +15,6 @@ from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.storage.urls import ensure_file
 
-_UPRIGHT = 1
-_TURNED = range(2, 9)  # other values mean nothing, and some cameras write 0
 _ORIENTATION_TAG = 0x0112
 _FIX = "put the photos back where benchmark.toml says, or prepare with --copy"
 
@@ -24,9 +22,9 @@ _FIX = "put the photos back where benchmark.toml says, or prepare with --copy"
 def photo_size(path: Path) -> tuple[int, int]:
     """Read width and height in pixels, as stored, from a photo's header."""
     with opened_photo(ensure_file(path)) as image:
-        orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
+        orientation = image.getexif().get(_ORIENTATION_TAG)
         size = image.size
-    if orientation in _TURNED:
+    if orientation in range(2, 9):  # other values mean nothing, and some cameras write 0
         raise BenchmarkError(
             f"is to be shown turned (EXIF orientation {orientation})",
             where=path,

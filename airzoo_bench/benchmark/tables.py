@@ -97,13 +97,9 @@ def _read_csv(path: Path) -> dict[str, Any]:
     conditions = [name for name in names if name not in _KNOWN]
     likes = {name: pc.match_substring_regex(columns[name], _CODE) for name in conditions}
     codes = {name: str for name, like in likes.items() if pc.any(like, min_count=0).as_py()}
-    settings: dict[str, Any] = {
-        "keep_default_na": False,
-        "na_values": ["nan", ""],
-        "low_memory": False,
-    }
     if conditions:
-        columns |= pd.read_csv(path, usecols=conditions, dtype=codes, **settings)
+        empty: dict[str, Any] = {"keep_default_na": False, "na_values": ["nan", ""]}
+        columns |= pd.read_csv(path, usecols=conditions, dtype=codes, low_memory=False, **empty)
     return columns
 
 

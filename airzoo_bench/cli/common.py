@@ -102,8 +102,7 @@ ImageSizeOption = Annotated[
 ]
 SceneOption = Annotated[Text, option("This scene only, by id or title.")]
 ScoresOption = Annotated[
-    Texts,
-    option("Key or title, repeatable (default: the paper's scores).", "--score", panel=ROWS),
+    Texts, option("Key or title, repeatable (default: the paper's scores).", "--score", panel=ROWS)
 ]
 AllOption = Annotated[bool, option("Print every score, not only the paper's.", "--all", panel=ROWS)]
 JobsOption = Annotated[

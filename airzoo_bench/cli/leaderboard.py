@@ -30,8 +30,7 @@ from airzoo_bench.leaderboard.scoring import (
 from airzoo_bench.leaderboard.sealing import read_key
 
 app = typer.Typer(
-    help="A board in your own repository: its files, CI and pages.",
-    no_args_is_help=True,
+    help="A board in your own repository: its files, CI and pages.", no_args_is_help=True
 )
 
 RemoteOption = Annotated[

@@ -20,12 +20,7 @@ from pydantic import TypeAdapter
 
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile
 from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, UserError, counted
-from airzoo_bench.core.files import (
-    atomic_folder,
-    fingerprint,
-    only_writer,
-    temporary_folder,
-)
+from airzoo_bench.core.files import atomic_folder, fingerprint, only_writer, temporary_folder
 from airzoo_bench.core.progress import Progress, with_progress
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.core.version import __version__

@@ -22,13 +22,7 @@ from distributed.comm import get_address_host_port
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.engines.engine import (
-    MORE_MEMORY,
-    Engine,
-    attempt,
-    read_ahead,
-    without_ctrl_c,
-)
+from airzoo_bench.engines.engine import MORE_MEMORY, Engine, attempt, read_ahead, without_ctrl_c
 
 CONNECT_S = 10.0
 """How long a scheduler may take to answer."""

@@ -165,6 +165,7 @@ class Processes(Engine):
             # Not `shutdown(kill_workers=True)`, which fails where blocks are still queued.
             for process in list(pool._processes.values()):
                 process.terminate()
+            pool._result_queue._writer.close()  # or half a result would be waited for
             pool.shutdown(wait=True)
 
 

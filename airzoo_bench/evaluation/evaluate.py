@@ -346,12 +346,7 @@ class Template:
 
 
 def write_template(
-    protocol: str,
-    *,
-    data: Path,
-    out: Path | None = None,
-    kind: str | None = None,
-    seed: int = 0,
+    protocol: str, *, data: Path, out: Path | None = None, kind: str | None = None, seed: int = 0
 ) -> Template:
     """Write an example prediction for a protocol, at random."""
     chosen = find_protocol(protocol, data)

@@ -12,12 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
-from airzoo_bench.core.errors import (
-    BenchmarkError,
-    PredictionError,
-    ProtocolError,
-    UnreadableError,
-)
+from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError, UnreadableError
 from airzoo_bench.core.files import npz_fields, sha256_of, temporary_folder
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.sandbox import call_limited, check_limits

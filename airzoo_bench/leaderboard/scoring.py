@@ -46,11 +46,7 @@ from airzoo_bench.leaderboard.data_branch import (
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
 from airzoo_bench.leaderboard.measured import Head, entries_of, head_of, read_answer, read_entries
 from airzoo_bench.leaderboard.pull_request import PullRequest, fetch_changed, write_files
-from airzoo_bench.leaderboard.sealed_scoring import (
-    OpenedTruthError,
-    commitment_of,
-    score_sealed,
-)
+from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, commitment_of, score_sealed
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import Protocol, find_protocol

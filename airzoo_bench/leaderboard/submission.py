@@ -152,9 +152,7 @@ Url = Annotated[str, Field(max_length=500), AfterValidator(_https)]
 Account = Annotated[int, Field(ge=1, lt=1 << 63)]
 Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
 Bibtex = Annotated[
-    str,
-    Field(pattern=r"^\s*@[A-Za-z]+\s*\{[\s\S]*\}\s*$", max_length=4000),
-    AfterValidator(_entry),
+    str, Field(pattern=r"^\s*@[A-Za-z]+\s*\{[\s\S]*\}\s*$", max_length=4000), AfterValidator(_entry)
 ]
 
 

@@ -26,9 +26,7 @@ INFO = TrackInfo(
     argument="An .npz of matches, 2D-3D pairs or poses, or a .txt of poses.",
     kinds=".npz or .txt",
     suffixes=(".npz", ".txt"),
-    options={
-        "figures": "airzoo_bench.report.matching:draw_figures",
-    },
+    options={"figures": "airzoo_bench.report.matching:draw_figures"},
     baseline=Baseline(
         method="SIFT",
         summary="Match photos to their crops by SIFT, mutual neighbours and ratio test.",

@@ -60,8 +60,7 @@ class Protocol(Strict):
 
     def settings(self) -> dict[str, Any]:
         """Return everything that can change a score, ready for JSON."""
-        texts = {"title", "summary", "scenes"}
-        values = self.model_dump(mode="json", exclude=texts, by_alias=True)
+        values = self.model_dump(mode="json", exclude={"title", "summary", "scenes"}, by_alias=True)
         return values | {"scenes": [scene.id for scene in self.scenes]}
 
     def truth_settings(self) -> dict[str, dict[str, Any]]:
@@ -87,7 +86,6 @@ def load_protocol(path: Path) -> Protocol:
             "key 'track' is missing" if track is None else f"key 'track' is {track!r}",
             where=path,
             expected="one of " + ", ".join(TRACKS.names()),
-            fix="correct the protocol file",
         )
     model: type[Protocol] = load_track(track).protocol
     return validated(data, model, ProtocolError, path, "protocol file")
@@ -156,7 +154,6 @@ def protocol_for(base: P, name: str, changes: Mapping[str, Mapping[str, Any]]) -
     if values["name"] in shipped_protocols():
         raise ProtocolError(
             f"the name {name!r} would make a second protocol {values['name']}",
-            expected="a name that no shipped protocol has",
             fix="choose another --name",
         )
     for section, keys in changes.items():

@@ -23,13 +23,7 @@ from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
 from airzoo_bench.formats.mat5 import MatFile
 from airzoo_bench.formats.npz import NpzFile, map_numbers
 from airzoo_bench.readers.gather import gather, temporary_array
-from airzoo_bench.readers.names import (
-    ImageNames,
-    folders_of,
-    names_in,
-    query_names,
-    scene_finder,
-)
+from airzoo_bench.readers.names import ImageNames, folders_of, names_in, query_names, scene_finder
 from airzoo_bench.retrieval.predictions import Descriptors, RetrievalPredictions
 from airzoo_bench.retrieval.truth import RetrievalTruth
 

@@ -158,11 +158,7 @@ def _descriptors(log: _Log, images: SceneImages, names: _Names) -> tuple[NamedRo
 
 
 def _check_order(
-    log: _Log,
-    images: SceneImages,
-    photos: Sequence[str],
-    queries: NamedRows,
-    gallery: NamedRows,
+    log: _Log, images: SceneImages, photos: Sequence[str], queries: NamedRows, gallery: NamedRows
 ) -> None:
     """Refuse names by order that positions in names, or the lists in preds/, contradict."""
     files = log.lists

@@ -10,9 +10,8 @@ volumetric method for building complex models from range images, SIGGRAPH 1996),
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,46 +38,6 @@ _FURTHEST_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
-class LazyMaps:
-    """Maps of N views: `make` returns the map, of a size, of a view that `rows` (N,) names."""
-
-    rows: Ints
-    size: tuple[int, ...]
-    dtype: np.dtype[Any]
-    make: Callable[[int], NDArray[Any]]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The shape of an array that holds all."""
-        return (len(self.rows), *self.size)
-
-    @property
-    def ndim(self) -> int:
-        """The dimensions of an array that holds all."""
-        return len(self.shape)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __getitem__(self, key: Any, /) -> Any:
-        if isinstance(key, int | np.integer):
-            return self.make(int(self.rows[key]))
-        return replace(self, rows=self.rows[key])
-
-    def stored(self, folder: Path) -> NDArray[Any]:
-        """Return the maps as an array in a plain file of a folder."""
-        path = folder / f"maps{len(list(folder.glob('maps*')))}.npy"
-        array = np.lib.format.open_memmap(path, "w+", self.dtype, self.shape)
-        for row in range(len(self)):
-            array[row] = self[row]
-        return array
-
-
-FloatMaps = NDArray[Any] | LazyMaps
-"""Maps (N, H, W) or (N, H, W, 3) of floating point."""
-
-
-@dataclass(frozen=True, eq=False)
 class DepthMaps:
     """Depth maps (N, H, W) of N views, along the camera's z axis.
 
@@ -86,10 +45,10 @@ class DepthMaps:
     poses in the frame of the prediction.
     """
 
-    values: FloatMaps
+    values: NDArray[Any]
     cameras: Cameras
     poses: Poses
-    confidence: FloatMaps | None = None
+    confidence: NDArray[Any] | None = None
 
     def take(self, rows: Ints) -> DepthMaps:
         """Return the maps of some views."""
@@ -101,8 +60,8 @@ class DepthMaps:
 class PointMaps:
     """Point maps (N, H, W, 3) of views in the frame of the prediction; not finite: no surface."""
 
-    values: FloatMaps
-    confidence: FloatMaps | None = None
+    values: NDArray[Any]
+    confidence: NDArray[Any] | None = None
 
 
 def depth_cloud(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud:

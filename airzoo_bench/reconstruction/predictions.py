@@ -32,7 +32,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations
 from airzoo_bench.geometry.precision import pose_errors_m
 from airzoo_bench.reconstruction.checks import check_resolution
-from airzoo_bench.reconstruction.fusion import DepthMaps, FloatMaps, PointMaps
+from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 
 _UNPACKED_BYTES = 1 << 40
 _PROTOCOL, _CAMERAS = "protocol.txt", "cameras.npz"
@@ -268,7 +268,7 @@ def _fault(
     return PredictionError(what, where=where, expected=expected, fix=fix)
 
 
-def _map_maps(arrays: Arrays, name: str) -> FloatMaps:
+def _map_maps(arrays: Arrays, name: str) -> NDArray[Any]:
     values = arrays.map(name)
     if name == "depth" and values.ndim == 4 and values.shape[-1] == 1:
         values = values[..., 0]

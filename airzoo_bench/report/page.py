@@ -15,13 +15,7 @@ from airzoo_bench.core.errors import UsageError, UserError, counted
 from airzoo_bench.core.files import canonical_json
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.version import __version__
-from airzoo_bench.report.figures import (
-    Sheet,
-    axis_label,
-    error_label,
-    error_palette,
-    figure_bytes,
-)
+from airzoo_bench.report.figures import Sheet, axis_label, error_label, error_palette, figure_bytes
 from airzoo_bench.report.numbers import (
     OVERALL,
     Datum,

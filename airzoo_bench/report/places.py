@@ -25,12 +25,7 @@ from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.report.figures import COLOURS, Sheet, finish, label_text, new_canvas
 from airzoo_bench.report.sections import Section, tile_columns
 from airzoo_bench.retrieval.metrics import hit_matrix
-from airzoo_bench.retrieval.truth import (
-    ANCHOR_COLUMNS,
-    BOX_COLUMNS,
-    Positives,
-    scene_truth,
-)
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, BOX_COLUMNS, Positives, scene_truth
 
 if TYPE_CHECKING:
     import pandas as pd

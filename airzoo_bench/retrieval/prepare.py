@@ -10,13 +10,7 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import needed
-from airzoo_bench.benchmark.queries import (
-    NO_POSE,
-    SceneInputs,
-    cameras_of,
-    poses_of,
-    with_unposed,
-)
+from airzoo_bench.benchmark.queries import NO_POSE, SceneInputs, cameras_of, poses_of, with_unposed
 from airzoo_bench.core.errors import BenchmarkError, RasterError, counted, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import LONLAT_CRS
@@ -149,22 +143,10 @@ def _positives(points: Floats, boxes: Floats, rules: GeometricRules) -> Positive
 _BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
 _FIXES = (  # for reasons that contain the text, the first that does
     (NO_POSE, ""),
-    (
-        "overlaps by more",
-        "lower --iou-above, or choose a --tile-size nearer to the footprints",
-    ),
-    (
-        _BETWEEN,
-        "take a map that is larger than the footprints, or --rule iou, or look at heights",
-    ),
-    (
-        "only tiles",
-        "take a map that is valid below the photos, or lower least_valid_share",
-    ),
-    (
-        "",
-        "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera",
-    ),
+    ("overlaps by more", "lower --iou-above, or choose a --tile-size nearer to the footprints"),
+    (_BETWEEN, "take a map that is larger than the footprints, or --rule iou, or look at heights"),
+    ("only tiles", "take a map that is valid below the photos, or lower least_valid_share"),
+    ("", "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"),
 )
 
 
@@ -176,10 +158,7 @@ def _reasons(
     rules: GeometricRules,
 ) -> list[str]:
     """Return for each photo why no tile answers it, if none does."""
-    missed, outside = (
-        footprints.missed_rays,
-        "would answer it, and they are not in the gallery",
-    )
+    missed, outside = (footprints.missed_rays, "would answer it, and they are not in the gallery")
     too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
     choices = {  # the first that holds
         NO_GROUND_POINT: missed == 4,

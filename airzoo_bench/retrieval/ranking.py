@@ -239,12 +239,7 @@ def _strange_tile(
 
 
 def _descriptor_ranker(
-    described: Descriptors,
-    truth: RetrievalTruth,
-    k: int,
-    tie_ranks: int,
-    metric: Metric,
-    run: Run,
+    described: Descriptors, truth: RetrievalTruth, k: int, tie_ranks: int, metric: Metric, run: Run
 ) -> Ranker:
     """Return the function that ranks some queries by their descriptors."""
     gallery = _scene_gallery(described, truth, run.memory_bytes)

@@ -17,12 +17,7 @@ from airzoo_bench.results.scores import Score, concatenate, summarise
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.metrics import ap_name, share_name
 from airzoo_bench.retrieval.ranking import Ranking
-from airzoo_bench.retrieval.settings import (
-    ApVariant,
-    DistanceScores,
-    ImageScores,
-    TileScores,
-)
+from airzoo_bench.retrieval.settings import ApVariant, DistanceScores, ImageScores, TileScores
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 RANKED_TILE = "tile@"
@@ -92,8 +87,7 @@ def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageS
     scores = [score for score in list_scores(settings) if score.column in records]
     summary = summarise(records, scores, [truth.scene for truth in truths])
     return Reference(
-        meaning="what tiles in random order score on average, computed exactly",
-        **asdict(summary),
+        meaning="what tiles in random order score on average, computed exactly", **asdict(summary)
     )
 
 

@@ -156,10 +156,7 @@ def _ranked(
 
 
 def _list_facts(
-    truth: RetrievalTruth,
-    ranking: Ranking,
-    answered: Bools,
-    settings: TileScores | ImageScores,
+    truth: RetrievalTruth, ranking: Ranking, answered: Bools, settings: TileScores | ImageScores
 ) -> dict[str, Any]:
     """Count the queries without a ranking, and the lists that end without all positives.
 

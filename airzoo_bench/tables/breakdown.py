@@ -329,7 +329,4 @@ def _interval_notes(
     ]
     drawn = f"{plural(methods[0].result.unit)} within each group"
     made = [interval for part in intervals for interval in part]
-    return [
-        *notes_by_reason(reasons, "no interval; "),
-        *brackets_note(made, resampling, drawn),
-    ]
+    return [*notes_by_reason(reasons, "no interval; "), *brackets_note(made, resampling, drawn)]

@@ -126,10 +126,7 @@ def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
         note = f"difference from {baseline.name}{reported}, of the values as printed"
         notes[f"in brackets: {note}"] = None
     return replace(
-        table,
-        rows=tuple(rows),
-        notes=(*table.notes, *notes),
-        legend=(*table.legend, *notes),
+        table, rows=tuple(rows), notes=(*table.notes, *notes), legend=(*table.legend, *notes)
     )
 
 

@@ -154,9 +154,7 @@ def test_the_robust_alignment_is_that_of_the_track(world: World, tmp_path: Path)
     points = (true_points("yard") - poses.centres[0]) @ turn.T / 4.0
     path = predict_clouds(world, tmp_path / "p", {"yard": points}, cameras=False)
     np.savez(
-        path / "yard.cameras.npz",
-        image_names=np.array(world.images("yard")),
-        extrinsics=extrinsics,
+        path / "yard.cameras.npz", image_names=np.array(world.images("yard")), extrinsics=extrinsics
     )
     chosen = world.protocol(tmp_path / "c.toml", alignment={"method": "sim3"})
     of_track = world.score(path, protocol=str(chosen)).scored["yard"].facts["alignment"]

@@ -15,14 +15,7 @@ from airzoo_bench.datasets.metadata import PhotoPrior, priors_to_poses, read_pri
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from tests.datasets.xmp import packet
 
-GPS = {
-    1: "N",
-    2: (46.0, 50.0, 33.3855),
-    3: "W",
-    4: (91.0, 59.0, 40.4156),
-    5: b"\0",
-    6: 198.309,
-}
+GPS = {1: "N", 2: (46.0, 50.0, 33.3855), 3: "W", 4: (91.0, 59.0, 40.4156), 5: b"\0", 6: 198.309}
 ANGLES = (
     'drone-dji:GimbalYawDegree="+45.00" drone-dji:GimbalPitchDegree="-89.90" '
     'drone-dji:GimbalRollDegree="-0.00" drone-dji:RelativeAltitude="+39.80"'

@@ -48,8 +48,7 @@ def cluster(request: pytest.FixtureRequest, data: Path) -> Iterator[DaskEngine]:
 
 
 @pytest.fixture(
-    scope="module",
-    params=[pytest.param("uav-visloc", marks=pytest.mark.slow), "university-1652"],
+    scope="module", params=[pytest.param("uav-visloc", marks=pytest.mark.slow), "university-1652"]
 )
 def tree(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return TREES[request.param](tmp_path_factory.mktemp("tree") / request.param)

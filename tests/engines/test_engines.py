@@ -93,9 +93,10 @@ def test_a_bug_keeps_its_class_and_its_traceback(engine: Engine) -> None:
 
 
 def test_a_run_that_is_left_early_leaves_the_engine_usable(engine: Engine) -> None:
-    found = engine.map(work.square, range(500), shared=0, stage="squares", name=named)
-    next(found)
-    found.close()  # type: ignore[attr-defined]
+    for made, shared in ((work.square, 0), (work.large, 3_000_000)):  # which fills pipes
+        found = engine.map(made, range(50), shared=shared, stage="s", name=named)
+        next(found)
+        found.close()  # type: ignore[attr-defined]
     assert len(list(engine.map(work.square, range(9), shared=0, stage="s", name=named))) == 9
 
 

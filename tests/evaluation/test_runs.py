@@ -72,9 +72,7 @@ def test_neither_the_order_of_the_file_nor_the_run_changes_a_byte(
             assert (tmp_path / "a" / name).read_bytes() == same
 
 
-def test_fingerprints_see_what_can_change_a_score(
-    scenes: list[MadeScene],
-) -> None:
+def test_fingerprints_see_what_can_change_a_score(scenes: list[MadeScene]) -> None:
     chosen = made_protocol(scenes)
     values = chosen.model_dump(by_alias=True)
     reworded = type(chosen).model_validate(values | {"title": "other words", "summary": "other"})

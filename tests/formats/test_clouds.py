@@ -318,9 +318,7 @@ def test_text_that_is_refused(text: str, message: str, tmp_path: Path) -> None:
     separator=st.sampled_from([" ", ",", ";", "\t", " , "]),
 )
 def test_every_digit_of_text_is_kept(
-    rows: list[tuple[float, float, float]],
-    separator: str,
-    tmp_path_factory: pytest.TempPathFactory,
+    rows: list[tuple[float, float, float]], separator: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "digits.xyz"
     path.write_text("".join(separator.join(map(repr, row)) + "\n" for row in rows))

@@ -212,10 +212,7 @@ def test_columns_rows_and_keys_by_hand_are_sealed(field: Path, tmp_path: Path) -
 
 @pytest.mark.parametrize(
     ("change", "said"),
-    [
-        (_prior_is_true, "priors equal the true pose: 1 of 5"),
-        (_outside, "data outside the folder"),
-    ],
+    [(_prior_is_true, "priors equal the true pose: 1 of 5"), (_outside, "data outside the folder")],
 )
 def test_a_folder_that_cannot_be_sealed(
     field: Path, tmp_path: Path, change: Callable[[Path], None], said: str
@@ -351,10 +348,7 @@ def test_opened_is_what_was_sealed_and_goes(sealed: SealedField) -> None:
     assert found.items() <= whole.items()
     assert whole.keys() - found.keys() == {f"data/{NAME}/images/a.png"}  # it had metadata
     for error in (UserError("x"), KeyboardInterrupt(), SystemExit(143)):
-        with (
-            suppress(type(error)),
-            opened_truth(sealed.public, sealed.archive, KEY) as truth,
-        ):
+        with suppress(type(error)), opened_truth(sealed.public, sealed.archive, KEY) as truth:
             raise error
         assert not truth.exists()
 

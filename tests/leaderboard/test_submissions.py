@@ -27,12 +27,7 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
-from airzoo_bench.leaderboard.checks import (
-    FETCHED,
-    check_pipeline,
-    check_submission,
-    size_of_tree,
-)
+from airzoo_bench.leaderboard.checks import FETCHED, check_pipeline, check_submission, size_of_tree
 from airzoo_bench.leaderboard.submission import (
     board_name,
     plain_line,

@@ -10,12 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment import (
-    AlignmentError,
-    PosedCameras,
-    Similarity,
-    umeyama,
-)
+from airzoo_bench.reconstruction.alignment import AlignmentError, PosedCameras, Similarity, umeyama
 from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.metrics import (

@@ -76,9 +76,7 @@ PRINTED = {
     "tab:uav_real_scenes": Printed("scenes", *RETRIEVAL),
     "tab:matching_results": Printed("scenes", *MATCHING, average=False),
     "tab:uav-recon": Printed(
-        "benchmarks",
-        ("VGGT (Ours)=VGGT", "DA3-Large (Ours)=DA3-Large"),
-        ("DA3-Large (Ours)",),
+        "benchmarks", ("VGGT (Ours)=VGGT", "DA3-Large (Ours)=DA3-Large"), ("DA3-Large (Ours)",)
     ),
 }
 

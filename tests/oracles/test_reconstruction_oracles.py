@@ -92,9 +92,7 @@ def test_metrics_of_open3d(o3d: ModuleType, name: str) -> None:
     prediction, truth = PAIRS[name]
     radii = (0.3, 1.0, 10.0)
     scores = score_distances(
-        *mutual_distances(prediction, truth, jobs=2),
-        thresholds=np.array(radii),
-        max_distance=None,
+        *mutual_distances(prediction, truth, jobs=2), thresholds=np.array(radii), max_distance=None
     )
     total, *shares = open3d_metrics(o3d, truth, prediction, radii)
     assert scores.accuracy + scores.completeness == pytest.approx(total, rel=1e-4)

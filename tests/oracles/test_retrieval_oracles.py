@@ -61,10 +61,7 @@ def problem(request: pytest.FixtureRequest) -> Problem:
 
 def ours(problem: Problem) -> dict[str, np.ndarray]:
     found, count = problem.hits, problem.n_positives
-    scores = {
-        "ap": metrics.average_precision(found, count),
-        "rr": metrics.reciprocal_rank(found),
-    }
+    scores = {"ap": metrics.average_precision(found, count), "rr": metrics.reciprocal_rank(found)}
     for k in CUTS:
         scores[f"recall@{k}"] = metrics.recall_at(found, k)
         scores[f"precision@{k}"] = metrics.average_precision_at(found, count, k, "precision")

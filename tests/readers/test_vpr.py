@@ -11,13 +11,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError, UserError
 from tests.readers import retrieval_files as files
-from tests.readers.retrieval_files import (
-    Place,
-    made_scenes,
-    perfect,
-    scored,
-    tile_file,
-)
+from tests.readers.retrieval_files import Place, made_scenes, perfect, scored, tile_file
 from tests.support import MadeScene
 
 ONE = made_scenes()[:1]

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.reconstruction.world import (
-    World,
-    make_world,
-)
+from tests.reconstruction.world import World, make_world
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import distances as neighbours
 from airzoo_bench.reconstruction.clouds import cloud_of
-from airzoo_bench.reconstruction.distances import (
-    NeighbourSearch,
-    cloud_distances,
-    mutual_distances,
-)
+from airzoo_bench.reconstruction.distances import NeighbourSearch, cloud_distances, mutual_distances
 from tests.geometry.support import seeds
 from tests.reconstruction.support import all_pairs, clouds, sphere, surface
 

@@ -120,10 +120,7 @@ def test_what_is_no_prediction(fault: str, tmp_path: Path, monkeypatch: pytest.M
 def test_cameras_twice_are_refused(folder: Path) -> None:
     (folder / "plaza.cameras.npz").write_bytes((folder / "school.cameras.npz").read_bytes())
     found = open_reconstruction(folder)
-    with (
-        pytest.raises(PredictionError),
-        found.opened("plaza", limit_bytes=LIMIT, sampling=None),
-    ):
+    with pytest.raises(PredictionError), found.opened("plaza", limit_bytes=LIMIT, sampling=None):
         pass
 
 

@@ -24,10 +24,7 @@ from airzoo_bench.tables.breakdown import (
     number_texts,
 )
 from tests.matching import world as matching_world
-from tests.report.made import (
-    retrieval_method,
-    write_photo_results,
-)
+from tests.report.made import retrieval_method, write_photo_results
 
 RECORDS = pd.DataFrame(
     {

@@ -8,13 +8,7 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.core.errors import UsageError
-from tests.report.made import (
-    made_page,
-    reconstruction_method,
-    retrieval_method,
-    run,
-    write_methods,
-)
+from tests.report.made import made_page, reconstruction_method, retrieval_method, run, write_methods
 
 
 def test_one_result_gives_a_column_a_score(tmp_path: Path) -> None:

@@ -8,12 +8,7 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.report.figures import parse_length
-from tests.report.made import (
-    reconstruction_method,
-    retrieval_method,
-    run,
-    write_methods,
-)
+from tests.report.made import reconstruction_method, retrieval_method, run, write_methods
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,7 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.retrieval.predictions import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
-from tests.retrieval.ranking_support import (
-    assert_is,
-    naive,
-    positives_of,
-    random_positives,
-)
+from tests.retrieval.ranking_support import assert_is, naive, positives_of, random_positives
 
 
 def test_ties_go_against_the_submitter():

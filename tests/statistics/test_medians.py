@@ -14,12 +14,7 @@ from airzoo_bench.statistics.intervals import percentile_p_values, quantiles
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison import verdict
 from tests.statistics.coverage import documented, standard_error
-from tests.statistics.simulations import (
-    OTHERS,
-    STATED,
-    WITH_FAILURES,
-    findings,
-)
+from tests.statistics.simulations import OTHERS, STATED, WITH_FAILURES, findings
 from tests.statistics.support import ERROR, HIT, made_method
 
 FAST = ResamplingConfig(resamples=600)

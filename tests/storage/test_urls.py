@@ -12,14 +12,7 @@ import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark, data_here, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError, StorageError, UserError
-from airzoo_bench.storage.urls import (
-    AbsentError,
-    ensure_file,
-    local_path,
-    path_of,
-    url_at,
-    url_of,
-)
+from airzoo_bench.storage.urls import AbsentError, ensure_file, local_path, path_of, url_at, url_of
 from tests.storage.conftest import Bucket, Web
 from tests.support import run_main
 

@@ -94,10 +94,7 @@ def test_a_document_with_everything(
     ],
 )  # fmt: skip
 def test_what_is_refused(
-    options: list[str],
-    fragments: list[str],
-    files: list[Path],
-    capsys: pytest.CaptureFixture[str],
+    options: list[str], fragments: list[str], files: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_main("table", *files, *options) == 2
     out, message = capsys.readouterr()

@@ -51,9 +51,5 @@ def test_they_are_never_the_best_nor_second() -> None:
 def test_one_result_by_scene() -> None:
     rows = scenes_table(scored("Mine", 0.5, 0.25), floors=True).rows
     found = [(row.cells[0].value, row.cells[2].value) for row in rows if row.floor]
-    assert found == [
-        (NAME, 62.5),
-        ("in City", 75.0),
-        ("in Rural", 50.0),
-    ]
+    assert found == [(NAME, 62.5), ("in City", 75.0), ("in Rural", 50.0)]
     assert not any(row.floor for row in scenes_table(scored("Mine", 0.5, 0.25)).rows)

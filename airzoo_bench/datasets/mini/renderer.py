@@ -18,13 +18,7 @@ from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.datasets.mini.noise import Singles, gaussians, hash64, seed_of, uniforms
 from airzoo_bench.datasets.mini.shading import Shader
 from airzoo_bench.datasets.mini.surfaces import Points, dot
-from airzoo_bench.datasets.mini.weather import (
-    Conditions,
-    column,
-    conditions,
-    haze,
-    sky_with_clouds,
-)
+from airzoo_bench.datasets.mini.weather import Conditions, column, conditions, haze, sky_with_clouds
 from airzoo_bench.datasets.mini.world import Material, Mesh, World
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project

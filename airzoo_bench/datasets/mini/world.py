@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -28,13 +28,7 @@ from numpy.typing import NDArray
 from rasterio import Affine
 from rasterio.io import MemoryFile
 
-from airzoo_bench.core.files import (
-    atomic_folder,
-    canonical_json,
-    only_writer,
-    sha256_of,
-    write_npz,
-)
+from airzoo_bench.core.files import atomic_folder, canonical_json, only_writer, sha256_of, write_npz
 from airzoo_bench.geometry.arrays import Floats
 
 CRS = "EPSG:4547"
@@ -224,5 +218,8 @@ def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
 @contextmanager
 def sole_maker(folder: Path) -> Iterator[None]:
     """Wait until no other process makes a folder, and hold it, so that it is made once."""
-    with only_writer(folder.with_name(f".{folder.name}.lock"), wait=True):
+    held = folder.with_name(f".{folder.name}.lock")
+    with only_writer(held, wait=True):
         yield
+    with suppress(OSError):
+        held.rmdir()

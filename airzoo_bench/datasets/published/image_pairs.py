@@ -22,12 +22,7 @@ from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.published.places import (
-    find_home,
-    folders_in,
-    missing,
-    published_scenes,
-)
+from airzoo_bench.datasets.published.places import find_home, folders_in, missing, published_scenes
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text

@@ -164,9 +164,7 @@ def _cloud_of(
 
 
 def _posed(
-    samples: Sequence[Mapping[str, Any]],
-    sizes: Sequence[tuple[int, int]],
-    names: Sequence[str],
+    samples: Sequence[Mapping[str, Any]], sizes: Sequence[tuple[int, int]], names: Sequence[str]
 ) -> tuple[Cameras, Poses]:
     """Return the cameras and poses of images."""
     for sample, size, name in zip(samples, sizes, names, strict=True):

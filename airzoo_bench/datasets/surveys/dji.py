@@ -32,11 +32,7 @@ from airzoo_bench.datasets.metadata import (
     read_prior_file,
 )
 from airzoo_bench.datasets.scenes import NativeScene
-from airzoo_bench.datasets.surveys.survey import (
-    Survey,
-    SurveyOptions,
-    stated_crs,
-)
+from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, stated_crs
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.cameras import Cameras

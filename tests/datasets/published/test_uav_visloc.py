@@ -15,13 +15,7 @@ from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.retrieval.footprints import cast_footprints
 from airzoo_bench.retrieval.truth import read_truth
-from tests.datasets.published.uav_visloc_tree import (
-    FLIGHTS,
-    anchors,
-    answers,
-    make_tree,
-    read,
-)
+from tests.datasets.published.uav_visloc_tree import FLIGHTS, anchors, answers, make_tree, read
 from tests.support import run_main
 
 
