@@ -80,7 +80,7 @@ def _sampled(cloud: Path, paths: list[Path]) -> Floats:
 
 
 def _check_stated_crs(cloud: Path, crs: str) -> None:
-    """Refuse a LAS or LAZ cloud whose header states another CRS, or heights not in metres."""
+    """Refuse a LAS or LAZ cloud of another CRS by its header, or with heights not in metres."""
     try:
         with laspy.open(cloud, read_evlrs=False) as reader:
             stated = reader.header.parse_crs()

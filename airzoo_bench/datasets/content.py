@@ -142,7 +142,7 @@ def photo_sizes(folder: Path, progress: Progress) -> dict[str, tuple[int, int]]:
 
 
 def check_names(names: Sequence[str], folder: Path) -> None:
-    """Refuse photos whose names would become the same id."""
+    """Refuse photos with names that would become the same id."""
     stems = Counter(Path(name).with_suffix("").as_posix() for name in names)
     twice = [stem for stem, count in stems.items() if count > 1]
     if twice:
@@ -175,7 +175,7 @@ def utm_zone(lonlat: ArrayLike) -> str:
 
 
 def _checked_crs(native: NativeScene) -> str:
-    """Return the CRS of the poses, which is that of the surface model, in true metres."""
+    """Return the CRS of the poses and the surface model, in true metres."""
     if native.crs == LOCAL_CRS:
         return LOCAL_CRS
     source = native.poses_from or native.images
@@ -211,7 +211,7 @@ def surveyed(path: Path) -> HeightSurvey:
 
 
 def _check_above_surface(heights: Floats, surface: Floats, dsm: Path | None) -> None:
-    """Refuse a scene whose cameras are all on or below the surface model, or else the plane z0."""
+    """Refuse a scene if all cameras are on or below the surface model, or else the plane z0."""
     known = np.isfinite(heights)
     if known.any() and (heights[known] <= 0.0).all():
         ground, above = np.median(surface[known]), np.median(heights[known])

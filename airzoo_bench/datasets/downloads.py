@@ -12,7 +12,7 @@ from airzoo_bench.core.version import __version__
 
 
 def others_patterns(patterns: Mapping[str, Sequence[str]], scenes: Sequence[str]) -> list[str]:
-    """Return the patterns of files that are of other scenes alone; none if all are wanted."""
+    """Return the patterns of files that only other scenes need; none if all are wanted."""
     wanted = {one for scene in scenes for one in patterns[scene]}
     others = {
         one for scene in patterns if scenes and scene not in scenes for one in patterns[scene]

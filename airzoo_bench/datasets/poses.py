@@ -81,7 +81,7 @@ class _File(_Lens):
 
 
 def read_poses(path: Path, sizes: Sizes) -> PosedPhotos:
-    """Read cameras and poses of the photos whose sizes are given."""
+    """Read cameras and poses of the photos with given sizes."""
     try:
         photos = _from_colmap(path, sizes) if path.is_dir() else _from_json(path, sizes)
     except CameraError as error:

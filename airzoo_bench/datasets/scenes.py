@@ -109,7 +109,7 @@ class PosedPhotos:
 
 
 def check_centred(photos: PosedPhotos, path: Path) -> None:
-    """Refuse cameras whose principal point is far from the middle of the photo."""
+    """Refuse cameras with a principal point far from the middle of the photo."""
     size = np.stack([photos.cameras.width, photos.cameras.height], axis=1)
     off = np.abs(photos.cameras.principal_point / size - 0.5)
     bad = np.flatnonzero((off > _OFF_CENTRE).any(axis=1)).tolist()

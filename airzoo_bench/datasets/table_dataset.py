@@ -25,7 +25,7 @@ from airzoo_bench.protocol.model import find_protocol
 
 
 class TableDataset(Dataset[SourceOptions]):
-    """A benchmark whose scenes have photos, a table of their poses, and maps.
+    """A benchmark of scenes with photos, a table of their poses, and maps.
 
     A subclass states the attributes. Paths are relative to the source, with ``{scene}`` for the
     scene's id.
@@ -69,7 +69,7 @@ class TableDataset(Dataset[SourceOptions]):
             raise TypeError(f"{cls.__name__} needs {parts}`lens`, and `angles` of {known}")
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
-        """Return the protocols' scenes whose table is there."""
+        """Return the protocols' scenes that have a table."""
         every = [find_protocol(name, data_root()).scenes for name in self.protocols]
         ids = dict.fromkeys(scene.id for scenes in every for scene in scenes)
         found = {one: list(self._files(options, one).values()) for one in ids}

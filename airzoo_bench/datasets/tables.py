@@ -67,7 +67,7 @@ class Table:
         return set(columns) <= set(self.header)
 
     def texts(self, column: str) -> tuple[str, ...]:
-        """Return the values of a column as they stand there."""
+        """Return the values of a column unchanged."""
         return self.by_name[column]
 
     def numbers(
@@ -114,7 +114,7 @@ def read_table(
     *,
     blanks: bool = False,
 ) -> Table:
-    """Read a table whose first lines name its columns.
+    """Read a table; its first lines name the columns.
 
     `columns` are the names that the file may have for each of ours, of which those in `optional`
     may be missing. Raise BenchmarkError with the line or the column.
@@ -166,7 +166,7 @@ def _split(path: Path, line: str, separator: str | None) -> list[str]:
 def _headers(
     lines: Sequence[str], separators: Sequence[str | None]
 ) -> Iterator[tuple[int, str | None, list[str]]]:
-    """Yield each line that may name the columns, what separates them, and the names."""
+    """Yield each line that may name the columns, the separator, and the names."""
     for place, line in enumerate(lines[:_HEADER_LINES]):
         for separator in separators if line.strip() else ():
             with suppress(BenchmarkError):  # quotes belong to another separator

@@ -1,4 +1,4 @@
-"""Descriptors with names: what readers of the retrieval track share, and such methods."""
+"""Descriptors with names: the shared code of such readers, and the methods."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Opened = tuple[Sequence[str], Callable[[int], NDArray[Any]]]
 
 @dataclass(frozen=True, eq=False)
 class SceneImages:
-    """The photos and tiles of a protocol's scenes by name; names without a scene are of `home`."""
+    """The photos and tiles of a protocol's scenes by name; names without a scene mean `home`."""
 
     reading: Reading
     home: str
@@ -57,7 +57,7 @@ class SceneImages:
         return ImageNames("tile", tiles, scenes=self.reading.scenes, home=self.home)
 
     def of_run(self, folders: Iterable[str]) -> SceneImages:
-        """Take the scene that the folders of a run name for that of its names without one."""
+        """Take the scene that the folders of a run name, for names without one."""
         scene_of = scene_finder(truth.scene for truth in self.truths)
         named = {scene_of(folders_of(folder)) for folder in folders} - {None}
         return replace(self, home="".join(map(str, named)) if len(named) == 1 else "")
@@ -72,7 +72,7 @@ def tile_images(truth: RetrievalTruth) -> Iterator[tuple[str, str]]:
 
 @dataclass(frozen=True, eq=False)
 class NamedRows:
-    """Descriptors (N, D) with N ids; `strange` are names that are those of no image asked for."""
+    """Descriptors (N, D) with N ids; `strange` are names of no image of the protocol."""
 
     ids: NDArray[np.str_]
     rows: NDArray[np.floating[Any]]
@@ -89,7 +89,7 @@ def query_rows(given: Described, images: SceneImages, where: Path) -> NamedRows:
 
 
 def gallery_rows(given: Described, images: SceneImages, where: Path) -> NamedRows:
-    """Name the rows of a gallery, which may be mapped; what is no tile keeps its own name."""
+    """Name the rows of a gallery, which may be mapped; a row of no tile keeps its own name."""
     names, rows = given
     found = images.tiles.find_all(names, where)
     ids = [one or f"row {row}/{names[row][-80:]!r}" for row, one in enumerate(found)]
@@ -103,7 +103,7 @@ def aside(strange: int) -> tuple[str, ...]:
 
 
 def check_descriptors(path: Path, what: str, rows: NDArray[Any], names: int | None = None) -> None:
-    """Refuse what are no descriptors, or not as many as there are names."""
+    """Refuse arrays that are no descriptors, or not one for each name."""
     fine = rows.ndim == 2 and rows.dtype.kind in "biuf" and rows.dtype.itemsize <= 8
     if not fine or not rows.size:
         what += f" has type {rows.dtype} and shape {rows.shape}"
@@ -145,7 +145,7 @@ def comparison(reading: Reading) -> str:
 
 
 class DescribedSets(Reader):
-    """Reads descriptors and names of queries, and those of tiles."""
+    """Reads descriptors and names of queries and of tiles."""
 
     track = "retrieval"
     conventions: ClassVar[tuple[str, ...]] = ()

@@ -147,7 +147,7 @@ class _Cut3rTrajectory(Layout):
 
 
 class _PosesAndPoints(Layout):
-    """``poses.txt`` of VGGT-SLAM's --log_results, and the point maps in ``poses_logs`` beside it.
+    """``poses.txt`` of VGGT-SLAM's --log_results, with the point maps in ``poses_logs``.
 
     A camera's number is the first number in the name of its photo, and the name of its points.
     """
@@ -172,7 +172,7 @@ class _PosesAndPoints(Layout):
         return 0.6 * (own and text.name == "poses.txt")
 
     def _text(self, place: Path) -> Path | None:
-        """Return the text of a scene: itself, or the one in its folder with maps beside it."""
+        """Return the text of a scene: itself, or the one in its folder with maps."""
         texts = (
             sorted(place.glob("*.txt")) if place.is_dir() else [place] * (place.suffix == ".txt")
         )
@@ -205,7 +205,7 @@ def _logs(text: Path) -> Path:
 
 
 def _names_by_number(output: SceneOutput, text: Path, numbers: Sequence[float]) -> ViewNames:
-    """Return the photo of each number, of those in names of photos or in ``--names``."""
+    """Return the photo of each number, by the names of photos or by ``--names``."""
     times, unclear = Counter(numbers), False
     if output.reading.names is not None:
         photos = _listed_by_number(output, output.reading.names)

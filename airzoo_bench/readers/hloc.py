@@ -30,7 +30,7 @@ _MOST_FILES, _HEAD = 1000, 40
 
 
 class _Hloc(Reader):
-    """Reads a file of matches with that of features beside it, or a folder with both."""
+    """Reads a file of matches with a file of features next to it, or a folder with both."""
 
     track = "matching"
     title = "features and matches of hloc"
@@ -149,7 +149,7 @@ def _kind_of(path: Path) -> str:
 
 
 def _pair_of_files(path: Path) -> tuple[Path, Path | None]:
-    """Return the file of matches, and that of features where there is one."""
+    """Return the file of matches, and the file of features where there is one."""
     kinds = {one: _kind_of(one) for one in _hdf5_files(path)}
     matches = [one for one, kind in kinds.items() if kind == "matches"]
     beside = _hdf5_files(path if path.is_dir() else path.parent)

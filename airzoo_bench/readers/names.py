@@ -153,7 +153,7 @@ def folders_of(path: str) -> _Parts:
 
 
 def _parts(path: str) -> _Parts:
-    """Split a path, and leave out the ending of its last part where it is that of a photo."""
+    """Split a path, and leave out a photo's ending of its last part."""
     parts = folders_of(path)
     return (*parts[:-1], _stem(parts[-1])) if parts else ()
 

@@ -39,7 +39,7 @@ class PairFiles(Reader):
     suffix: ClassVar[str] = ".npz"
 
     def knows(self, path: Path) -> bool:
-        """Say whether a file is of this layout."""
+        """Say whether a file has this layout."""
         names = npz_fields(path)
         return {*self.fields} <= names and not names & {"query_ids", "protocol"}
 
@@ -70,7 +70,7 @@ class PairFiles(Reader):
         return xy * np.divide(picture.size, size)
 
     def recognise(self, path: Path) -> float:
-        """See `Reader.recognise`: all of the first few files are of this layout."""
+        """See `Reader.recognise`: all of the first few files have this layout."""
         files = list(islice(_files(path, self.suffix), _HEAD))
         return 0.8 if files and all(self.knows(one) for one in files) else 0.0
 

@@ -45,7 +45,7 @@ class Pictures:
     """Photos, crops and maps of a protocol's scenes by their names."""
 
     def __init__(self, reading: Reading, change: Callable[[str], str] = str) -> None:
-        """Take names; `change` is what the method does to them before it writes them."""
+        """Take names; the method makes a `change` to them before it writes them."""
         self._change = change
         self._known: dict[tuple[str, str], Picture] = {}
         photos, crops, maps = [], [], []
@@ -74,7 +74,7 @@ class Pictures:
         self.example = " and ".join((*(name for _, name in photos[:1]), *(n for _, n in crops[:1])))
 
     def find(self, name: str) -> Picture | None:
-        """Return the picture of a name; None where it is that of none."""
+        """Return the picture of a name, or None."""
         if name not in self._found:
             ids = ((names.what, names.find(self._change(name))) for names in self._names)
             known = next((self._known[what, one] for what, one in ids if one is not None), None)

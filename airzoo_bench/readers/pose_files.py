@@ -1,4 +1,4 @@
-"""Poses in files: lines of numbers, and COLMAP models, whose files are read without libraries.
+"""Poses in files: lines of numbers, and COLMAP models, read without libraries.
 
 Pixels of models that networks export are of no use: VGGT's are of two frames mixed up. So cameras
 are read only to tell who wrote the model.

@@ -83,7 +83,7 @@ class PoseReader(Reader):
 
 
 class _HlocPoses(PoseReader):
-    """The results of hloc's localisation, and of LTVL, whose names are no ids of the benchmark."""
+    """Results of hloc's localisation and of LTVL, with names that are no ids of the benchmark."""
 
     title = "poses of hloc"
     layout = "text, a line a photo: its name without a scene, qw qx qy qz, tx ty tz"
@@ -94,7 +94,7 @@ class _HlocPoses(PoseReader):
     )
 
     def recognise(self, path: Path) -> float:
-        """See `Reader.recognise`; names with a scene are those of the suite's own pose lists."""
+        """See `Reader.recognise`; names with a scene mean the suite's own pose lists."""
         rows = first_rows(path)
         values = numbers_of(rows, 1) if {len(row) for row in rows} == {TUM} else None
         if values is None or unit_share(values[:, :4]) < SURE:
@@ -120,7 +120,7 @@ class _HlocPoses(PoseReader):
 
 @dataclass(frozen=True)
 class _Trajectory(PoseReader):
-    """A trajectory, whose poses are in the order of ``--names``."""
+    """A trajectory with poses in the order of ``--names``."""
 
     takes_names = True
 

@@ -1,4 +1,4 @@
-"""Lists of ranked tiles: what methods that have no descriptors write, such as runs of TREC."""
+"""Lists of ranked tiles, such as runs of TREC, from methods without descriptors."""
 
 from __future__ import annotations
 

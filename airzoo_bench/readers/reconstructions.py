@@ -70,7 +70,7 @@ class _Streaming(Layout):
         return scene_of(place, Budget(memory), fields, output.view_names())
 
     def _table(self, path: Path, columns: int) -> Floats:
-        """Read lines of numbers, all with as many."""
+        """Read lines with equal counts of numbers."""
         with readable(path, f"no text of {columns} numbers a line", fix="copy the whole folder"):
             return np.loadtxt(path, ndmin=2).reshape(-1, columns)
 
@@ -113,7 +113,7 @@ class _Model(Layout):
 
 
 def _is_of_mapanything(folder: Path) -> bool:
-    """Whether cameras are of images of the size that MapAnything sees, and points.ply is there."""
+    """Whether cameras have the image size that MapAnything sees, and points.ply is there."""
     sizes = {size for _, size, _ in first_cameras(folder)}
     has_points = (folder / "points.ply").is_file()
     return has_points and len(sizes) == 1 and max(sizes.pop()) in _LONG_SIDES

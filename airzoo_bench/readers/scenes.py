@@ -48,7 +48,7 @@ class SceneOutput:
     alone: bool = True
 
     def view_names(self, beside: Path | None = None) -> ViewNames | None:
-        """Name the views by ``--names``, else by the sorted images in a folder beside them."""
+        """Name the views by ``--names``, else by the sorted images in a folder next to them."""
         listed = self.reading.names
         if listed is not None:
             names = self.photos(self.names_of_scene(read_names(listed)))
@@ -70,7 +70,7 @@ class SceneOutput:
         return [images.get(str(one), name) for name, one in zip(names, found, strict=True)]
 
     def names_of_scene(self, names: list[str]) -> list[str]:
-        """Return the listed names that are of this scene."""
+        """Return the listed names of this scene."""
         if self.alone:
             return names
         where = self.reading.names or self.place
@@ -128,7 +128,7 @@ class Layout(ABC):
         return output.view_names()
 
     def order(self, output: SceneOutput) -> str:
-        """Say which photo each view is of, for a reader's conventions."""
+        """Say which photo each view shows, for a reader's conventions."""
         names = self.views(output)
         return f"views are {names.said if names else _BY_NAME}"
 
@@ -350,7 +350,7 @@ class ViewArrays(Layout):
         return scene_of(path, file.budget, fields, self.views(output))
 
     def _cameras(self, file: NpzFile, shape: tuple[int, ...]) -> dict[str, Any]:
-        """Return intrinsics and extrinsics, as far as the file has them; `cameras` makes both."""
+        """Return intrinsics and extrinsics where the file has them; `cameras` makes both."""
         if self.cameras is not None and not {self.extrinsics, self.intrinsics} <= file.names():
             return dict(zip(("intrinsics", "extrinsics"), self.cameras(file, shape), strict=True))
         found = {}

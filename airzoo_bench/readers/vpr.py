@@ -200,7 +200,7 @@ def _unnamed(where: Path, why: str) -> PredictionError:
 
 
 def _lists(log: _Log, images: SceneImages) -> tuple[dict[str, list[str]], int]:
-    """Read the lists of a log folder; also count those of photos that are no queries."""
+    """Read the lists of a log folder; also count lists of photos that are no queries."""
     files = log.lists
     numbers = {int(file.stem) for file in files}
     expected = max(numbers, default=-1) + 1 if log.counts is None else log.counts[0]
@@ -293,7 +293,7 @@ def _listed(folder: str | None, rows: int) -> list[str]:
 def _by_count(
     log: _Log, images: SceneImages, tiles: int, photos: int
 ) -> tuple[list[str], list[str]]:
-    """Take the benchmark's own order where one scene, or all, has as many images as rows."""
+    """Take the benchmark's own order where one scene, or all, has an image for each row."""
     choices = [[truth] for truth in images.truths if images.home in ("", truth.scene)]
     if len(images.truths) > 1:
         choices.append(list(images.truths))

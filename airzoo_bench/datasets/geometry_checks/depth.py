@@ -92,7 +92,7 @@ def read_depth(
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A photo's camera, pose and depth; `points` (S, 3), in its frame, are of sampled pixels."""
+    """A photo's camera, pose and depth; `points` (S, 3), in its frame, from sampled pixels."""
 
     camera: Cameras
     rotation: Floats
@@ -269,7 +269,7 @@ def check_depth_consistency(
 
 
 def _pairs(middles: Floats) -> Ints:
-    """Pair each frame with the next, and with the four whose middles of sight are nearest."""
+    """Pair each frame with the next, and with the four with the nearest middles of sight."""
     count = min(_PARTNERS + 1, len(middles))
     nearest = cKDTree(middles).query(middles, k=np.arange(1, count + 1))[1]
     own = np.repeat(np.arange(len(middles)), count)

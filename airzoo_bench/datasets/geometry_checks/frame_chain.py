@@ -49,16 +49,16 @@ class FrameChain:
 
     @property
     def open_photos(self) -> Bools:
-        """The photos (N,) whose chain does not close."""
+        """The photos (N,) with a chain that does not close."""
         return ~((self.closure_m < CLOSES_M) & (self.closure_px < CLOSES_PX))
 
     @property
     def worst(self) -> int:
-        """The photo whose chain closes worst."""
+        """The photo with the worst closure."""
         return int(np.maximum(self.closure_m / CLOSES_M, self.closure_px / CLOSES_PX).argmax())
 
     def failures(self, ids: Sequence[str]) -> list[str]:
-        """Return a sentence on the photos whose chain does not close, if there are any."""
+        """Return a sentence on the photos with a chain that does not close, if there are any."""
         worst, count = self.worst, int(self.open_photos.sum())
         said = (
             f"the frame chain of {count} of {counted(len(ids), 'photo')} does not close to "

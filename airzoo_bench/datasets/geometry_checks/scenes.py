@@ -1,4 +1,4 @@
-"""Scenes whose geometry is checked, from a benchmark folder or a pose file, and the results."""
+"""Scenes for geometry checks, from a benchmark folder or a pose file, and the results."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ _LAYOUT = (
 
 @dataclass(frozen=True)
 class _AirZooRealOptions(SourceOptions):
-    """Choices that the release leaves open, and files whose kind does not tell them apart."""
+    """Choices that the release leaves open, and files of one kind to tell apart."""
 
     dom: Files = None
     dsm: Files = None

@@ -48,7 +48,7 @@ Place = tuple[float, float]
 
 
 class ClassImage(NamedTuple):
-    """An image: its class, without leading zeros; what its id ends in; its file in the folder."""
+    """An image: its class, without leading zeros; the end of its id; its file in the folder."""
 
     label: str
     name: str
@@ -56,7 +56,7 @@ class ClassImage(NamedTuple):
 
 
 class ClassFolders(Dataset[SourceOptions]):
-    """A benchmark whose images stand in folders ``query_VIEW/CLASS`` and ``gallery_VIEW/CLASS``.
+    """A benchmark with images in folders ``query_VIEW/CLASS`` and ``gallery_VIEW/CLASS``.
 
     They may stand in one of `places` below the source. `gallery_sizes` are the published numbers of
     images of each direction's gallery.

@@ -220,7 +220,7 @@ def _read(path: Path, made: Path) -> _Sample | None:
 
 
 def _transform(dsm: NDArray[Any], scale: NDArray[Any]) -> Affine:
-    """Return the geotransform of a sample's map, whose pixels dsm has the centres of."""
+    """Return the geotransform of a sample's map; dsm has the centres of its pixels."""
     step, first = scale.astype(np.float64), dsm[0, 0, :2].astype(np.float64)
     (x, y), (across, down) = first - step / 2, step
     return Affine(across, 0.0, x, 0.0, down, y)

@@ -65,7 +65,7 @@ def sub_path(folder: Path, *parts: str) -> Path | None:
 
 
 def needed_path(folder: Path, place: str, layout: str) -> Path:
-    """Return the path below a folder whose parts match in any case."""
+    """Return the path below a folder that matches these parts in any case."""
     found = sub_path(folder, *place.split("/"))
     if found is None:
         raise missing(f"lacks {place}", folder, layout)
@@ -128,7 +128,7 @@ Key = Callable[[str], str]
 
 @dataclass(frozen=True, eq=False)
 class PosedLines:
-    """Photos with a camera and a pose each, names of those without, and notes.
+    """Photos with a camera and a pose each, names of photos without, and notes.
 
     AerialExtreMatch and the sites of AirZoo-Real write lines of text: ``name qw qx qy qz tx ty
     tz``, quaternion and translation of the world-to-camera pose in a projected CRS, and ``name

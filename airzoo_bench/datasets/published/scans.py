@@ -153,7 +153,7 @@ def _clouds(
 def _cloud_of(
     run: str, options: _UavScenesOptions, runs: Mapping[str, Path]
 ) -> tuple[Path, tuple[str, ...]]:
-    """Return a run's cloud and, where it is that of another name, a sentence that says so."""
+    """Return a run's cloud and, if it has another name, a sentence that says so."""
     place, cloud = next(iter(_clouds(options, run, runs)), ("", None))
     if cloud is None:
         fix = f"unpack {_CLOUDS}.zip there, or name the cloud with --cloud {run}=FILE"

@@ -1,4 +1,4 @@
-"""DJI photos with RTK, whose metadata are the truth: what they state, and the dataset of them."""
+"""DJI photos with RTK: their metadata, which are the truth, and the dataset."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class _DjiOptions(SurveyOptions):
 
 
 class _DjiFolders(Survey[_DjiOptions]):
-    """Photos whose own metadata are the truth: RTK position, gimbal angles."""
+    """Photos with their own metadata as truth: RTK position, gimbal angles."""
 
     about = about_of("dji")
     options = _DjiOptions
@@ -338,7 +338,7 @@ def true_positions(
     stamps: Mapping[str, TimeStamp],
     where: Path,
 ) -> tuple[dict[str, PhotoPrior], list[str]]:
-    """Return the photos whose position can be truth, and a note on the others.
+    """Return the photos with a position that can be truth, and a note on the others.
 
     Where there are time stamps, they are the positions: heights of photos without one may be of
     another datum.

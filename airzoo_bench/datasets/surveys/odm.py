@@ -92,7 +92,7 @@ class _OdmProjects(Survey[SurveyOptions]):
 
 
 def _parts(project: Path) -> list[Path]:
-    """Return the folders with a reconstruction: the project's own, or those of its submodels."""
+    """Return the folders with a reconstruction: the project's own, or its submodels' folders."""
     submodels = sorted((project / "submodels").glob("submodel_*"))
     found = [one for one in (project, *submodels) if (one / _RECONSTRUCTION).is_file()]
     if not found:

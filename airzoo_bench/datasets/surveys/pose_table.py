@@ -82,7 +82,7 @@ class _PoseTableOptions(SurveyOptions):
 
 
 class _PoseTables(Survey[_PoseTableOptions]):
-    """Photos whose poses stand in a table."""
+    """Photos with their poses in a table."""
 
     about = about_of("poses")
     options = _PoseTableOptions
@@ -109,7 +109,7 @@ class _PoseTables(Survey[_PoseTableOptions]):
 
 
 def _read(path: Path) -> tuple[Table, list[str]]:
-    """Read the table; what a program found goes before what it was given, and a note says so."""
+    """Read the table; estimated poses go before given ones, and a note says so."""
     head = read_native_text(path).splitlines()[:20]
     there = {plain(name) for line in head for name in re.split(r"[,;\t]|\s+", line)}
     # Metashape writes what was given, and what it found under the same names with this ending.

@@ -59,7 +59,7 @@ OptionsT = TypeVar("OptionsT", bound=SceneOptions)
 
 
 class Survey(Dataset[OptionsT]):
-    """One scene of own photos, whose protocols start from those of own photos.
+    """One scene of own photos; its protocols start from the shipped ones for photos.
 
     `needs` are the fields of options that must be given; `needs_ground` says that a surface model
     or a plane must be given as well.
