@@ -86,9 +86,9 @@ def evaluate(
 
     Example: airzoo-bench eval retrieval preds.npz --out results/mymethod
 
-    Example: airzoo-bench eval matching matches.npz --out results/mymethod --figures
+    Example: airzoo-bench eval matching matches.npz --out results/mymethod --engine dask --jobs 8
 
-    Example: airzoo-bench eval reconstruction clouds --out results/mymethod --engine dask --jobs 8
+    Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures
     """
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.opening import ReadBy

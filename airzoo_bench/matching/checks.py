@@ -24,6 +24,7 @@ from airzoo_bench.geometry.poses import (
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.predictions import Correspondences, GivenPoses, MatchingPredictions
+from airzoo_bench.matching.settings import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 
 NEAR_M, NEAR_DEG = 0.05, 0.1
@@ -51,12 +52,12 @@ class ScenePart:
 
 
 def open_scene(
-    predictions: MatchingPredictions, truth: MatchingTruth, rows: Ints, finest_m: float
+    predictions: MatchingPredictions, truth: MatchingTruth, rows: Ints, protocol: MatchingProtocol
 ) -> ScenePart:
     """Return the rows (Q,) for the queries of a scene, -1 for none, in pixels of the map."""
     content, answered = predictions.content.take(rows), rows >= 0
     if isinstance(content, GivenPoses):
-        doubts = _check_poses(content, truth, finest_m)
+        doubts = _check_poses(content, truth, protocol)
     else:
         if content.map_xy is not None and content.map_frame == "crop":
             content = replace(content, map_xy=content.map_xy + truth.crops[content.query, :2])
@@ -92,7 +93,7 @@ def _check_matches(
 
 
 def _check_poses(
-    content: GivenPoses, truth: MatchingTruth, finest_m: float
+    content: GivenPoses, truth: MatchingTruth, protocol: MatchingProtocol
 ) -> Iterator[str | None]:
     given, priors = content.poses.take(content.has_pose), truth.priors.take(content.has_pose)
     if not len(given):
@@ -102,9 +103,10 @@ def _check_poses(
     _check_camera_to_world(given, priors)
     _check_axes(given.rotation, priors.rotation)
     # After the convention, which decides the digits that count.
-    yield _check_digits(content, truth, true.centres, finest_m)
+    yield _check_digits(content, truth, true.centres, protocol.scores.finest_m)
     yield _doubt_crs(given.centres, priors.centres, "pose", 1_000.0)
-    if near := count_near(given, priors, NEAR_M, NEAR_DEG):
+    near = count_near(given, priors, NEAR_M, NEAR_DEG)
+    if near and protocol.prior.is_measured:
         said = f"{near:,} of {counted(len(given), 'answer')} equal to the prior"
         yield f"{said}, the photo's own GPS and gimbal angles"
     if truth.has_poses:

@@ -50,11 +50,6 @@ class Lifted(NamedTuple):
     points: Floats
     status: NDArray[np.uint8]
 
-    @property
-    def valid(self) -> Bools:
-        """Matches (M,) that are lifted."""
-        return np.asarray(self.status == LiftStatus.LIFTED)
-
 
 def lift(
     map_xy: ArrayLike,

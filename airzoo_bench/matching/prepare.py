@@ -120,7 +120,7 @@ def _excluded(inputs: SceneInputs, status: NDArray[Any]) -> pd.DataFrame:
 def crop_windows(
     cameras: Cameras, priors: Poses, dom: RasterInfo, field: HeightField, crop: Crop
 ) -> tuple[Ints, NDArray[np.str_]]:
-    """Find the reference crops of N queries (PROTOCOLS.md, track 2, "Crop").
+    """Find the reference crops of N queries (docs/protocols.md, "Crop").
 
     Returns windows (N, 4) in whole pixels of the map, x, y, width and height, zero where there is
     no crop; and the CropStatus (N,) of each.

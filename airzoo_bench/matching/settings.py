@@ -23,7 +23,7 @@ class Crop(Strict):
 
 
 class Prior(Strict):
-    """Where the crop comes from; "given": each photo has a map of its own, which is its crop."""
+    """Where the prior comes from; "given": each photo has a map of its own, which is its crop."""
 
     source: Literal["metadata", "truth", "given"]
 

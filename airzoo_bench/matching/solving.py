@@ -88,7 +88,7 @@ class PoseEstimate(Shown):
 def solve_queries(
     cameras: Cameras, pairs: Correspondences, solver: Solver, run: Run, name: str
 ) -> list[PoseEstimate]:
-    """Solve for the poses of Q queries, which messages call the name's, in blocks."""
+    """Solve for the poses of Q queries in blocks; `name` names them in messages."""
     count = len(pairs.offsets) - 1
     size = max(1, count // _BLOCKS) if run.jobs == 1 else _QUERIES_A_THREAD * run.jobs
     blocks = run.engine.cut(count, size)

@@ -67,12 +67,11 @@ class MatchingTrack(Track):
         protocol: MatchingProtocol,
     ) -> Assignment:
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
-        finest_m = protocol.scores.finest_m
         assignment = assign_queries(predictions, truths, protocol)
         for place, truth in enumerate(truths):
             rows, assignment.parts[place] = assignment.parts[place].rows, None
             try:
-                assignment.parts[place] = open_scene(predictions, truth, rows, finest_m)
+                assignment.parts[place] = open_scene(predictions, truth, rows, protocol)
             except PredictionError as error:
                 assignment.errors.append(error.inside(predictions.path))
         return assignment

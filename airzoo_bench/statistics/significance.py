@@ -155,7 +155,7 @@ def _compare(draws: _Draws, pairs: Places, tails: bool) -> PairNumbers:
     limits, p_values = np.full((len(pairs), 2), np.nan), np.full(len(pairs), np.nan)
     exact, patterns = ~medians, np.zeros(len(pairs), np.int64)
     if sample.unit == "scene":
-        limits, p_values = student(gaps[0], shares, plan.confidence)
+        exact, (limits, p_values) = medians & ~medians, student(gaps[0], shares, plan.confidence)
         patterns[:] = gaps[0].shape[1]
     elif not few_units(sample):
         limits[shares] = difference_limits([gap[shares] for gap in gaps], plan.confidence)

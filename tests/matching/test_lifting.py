@@ -63,7 +63,8 @@ def test_points_are_those_of_the_height_field(
     status[~on_dsm] = LiftStatus.OUTSIDE_DSM
     status[~on_map] = LiftStatus.OUTSIDE_MAP
     assert lifted.status.tolist() == status.tolist()
-    expected = np.where(lifted.valid[:, None], np.column_stack((world, z)), NAN)
+    is_lifted = (lifted.status == LiftStatus.LIFTED)[:, None]
+    expected = np.where(is_lifted, np.column_stack((world, z)), NAN)
     assert lifted.points.tobytes() == expected.tobytes()
 
 

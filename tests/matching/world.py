@@ -189,9 +189,7 @@ def matched(
 ) -> ScenePart:
     """Return predictions matched to the world's queries and checked; fields, or a file."""
     path = fields if isinstance(fields, Path) else world.write(folder / "preds.npz", fields)
-    return open_scene(
-        read_matching(path, 1 << 30), world.truth, rows, world.protocol.scores.finest_m
-    )
+    return open_scene(read_matching(path, 1 << 30), world.truth, rows, world.protocol)
 
 
 def refused(world: World, folder: Path, fields: dict[str, Any] | Path) -> str:
