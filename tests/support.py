@@ -173,6 +173,12 @@ class Place:
     dsm: Path
     centres: dict[str, tuple[float, float]]
 
+    @classmethod
+    def below(cls, folder: Path, centres: dict[str, tuple[float, float]] | None = None) -> Place:
+        """Return the sources that `make_place` wrote into a folder."""
+        files = (folder / name for name in ("photos", "poses.json", "dom.tif", "dsm.tif"))
+        return cls(*files, dict(PLACE_PHOTOS if centres is None else centres))
+
     def arguments(self, **changes: object) -> list[str]:
         """Return the arguments of the command, with some changed, or left out where None."""
         options: dict[str, object] = {
@@ -235,13 +241,7 @@ def make_place(folder: Path, photos: dict[str, tuple[float, float]] | None = Non
     ground = np.random.default_rng(0).integers(0, 256, (3, MAP_SIZE_M, MAP_SIZE_M), np.uint8)
     write_raster(folder / "dom.tif", ground)
     write_raster(folder / "dsm.tif", np.full((1, MAP_SIZE_M, MAP_SIZE_M), 100, np.float32))
-    return Place(
-        folder / "photos",
-        folder / "poses.json",
-        folder / "dom.tif",
-        folder / "dsm.tif",
-        dict(centres),
-    )
+    return Place.below(folder, centres)
 
 
 def write_raster(

@@ -98,7 +98,7 @@ def check_geometry(
     from airzoo_bench.datasets.geometry_checks import scenes
 
     if data is not None and (poses, images, crs) == (None, None, None):
-        found = scenes.scenes_of_benchmark(scenes.open_benchmark(data), scene)
+        found = scenes.scenes_of_benchmark(data, scene)
     elif data is None and scene is None and poses is not None and images is not None:
         found = [scenes.scene_from_poses(poses, images, crs, cli.progress)]
     else:
@@ -112,7 +112,8 @@ def check_geometry(
 
 
 def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
-    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
+    from airzoo_bench.datasets.depth_maps import find_depths
+    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency
     from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
     from airzoo_bench.datasets.geometry_checks.scenes import SceneGeometry
 
@@ -127,13 +128,14 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
             expected="depth maps, or poses in a projected CRS",
             fix="name the folder of the depth maps with --depth, or the CRS with --crs",
         )
-    chain = None if scene.crs is None else check_frame_chain(scene.cameras, scene.poses, scene.crs)
-    found = None
+    closure = found = None
+    if scene.crs is not None:
+        closure = check_frame_chain(scene.cameras, scene.poses, scene.crs)
     if has_depth:
         paths = find_depths(folder, scene.images)
         posed = (scene.ids, scene.cameras, scene.poses, paths)
         found = check_depth_consistency(*posed, **sampling, progress=cli.progress)
-    return SceneGeometry(scene, chain, found)
+    return SceneGeometry(scene, closure, found)
 
 
 def check_split(
@@ -151,8 +153,8 @@ def check_split(
     from airzoo_bench.datasets.geometry_checks import splits
 
     sets = [splits.read_footprints(place, _MOST_M) for place in (train, test)]
-    pairs = splits.compare_splits(sets[0], sets[1], cli.progress)
-    unknown = [name for one in sets for name in one.unknown_ids]
+    pairs = splits.compare_splits(*sets)
+    unknown = [name for one in sets for name in one.index[one.isna().any(axis=1)]]
     cli.show(splits.split_table(pairs, unknown), form)
     if out is not None:
         with atomic_write(out, "w") as stream:

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from airzoo_bench.datasets import prepare as scene_run
-from tests.datasets.published.uav_visloc_tree import make_tree
+from tests.goldens.run import unpack
 from tests.support import files_below, make_place, run_main
 
 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    return make_tree(tmp_path / "UAV VisLoc")
+    unpack("uav-visloc", tmp_path / "UAV VisLoc")
+    return tmp_path / "UAV VisLoc" / "in"
 
 
 def prepare(capsys: pytest.CaptureFixture[str], code: int, *more: object) -> str:

@@ -32,8 +32,6 @@ def make_hills(folder: Path) -> Path:
         lines = [f"{name},{lon!r},{lat!r},200,0,-90,0" for name, (lon, lat) in rows]
         header = "photo,longitude,latitude,altitude,yaw,pitch,roll"
         (folder / scene / "poses.csv").write_text("\n".join([header, *lines]))
-        if place.images.name != "photos":
-            place.images.rename(folder / scene / "photos")
     return folder
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -19,41 +18,27 @@ from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from tests.datasets.parts import hold_crops, hold_tiles
 from tests.reconstruction.support import write_laz
-from tests.support import (
-    NORTH_WEST,
-    PLACE_CRS,
-    PLACE_PHOTOS,
-    Place,
-    files_below,
-    make_place,
-    run_main,
-)
+from tests.support import NORTH_WEST, PLACE_CRS, PLACE_PHOTOS, Place, make_place, run_main
 
 
-def prepared(place: Place, folder: Path, **options: Any) -> Prepared:
+def prepared(place: Place, folder: Path, cloud: Path | None = None, **options: Any) -> Prepared:
     """Prepare a place with tiles of 64 px, 50 % overlap."""
-    own = ("crs", "rule", "iou_above", "cloud")
-    given = {name: options.pop(name) for name in own if name in options}
     sources = (place.images, place.poses, place.dom)
-    chosen = PhotoOptions("park", *sources, dsm=place.dsm, tile_size=[64], **given)
+    chosen = PhotoOptions("park", *sources, dsm=place.dsm, tile_size=[64], cloud=cloud)
     return PHOTOS.prepare(chosen, PrepareSettings(folder, folder.parent, **options))
 
 
-def test_the_same_sources_give_the_same_bytes(tmp_path: Path) -> None:
-    place = make_place(tmp_path)
+def files_of(folder: Path) -> dict[str, bytes]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_the_same_sources_give_the_same_bytes_and_copies_travel(tmp_path: Path) -> None:
+    place = make_place(tmp_path / "sources")
     for name in ("one", "two"):
         prepared(place, tmp_path / name, copy=True, tiles_on_disk=True)
-    assert files_below(tmp_path / "one") == files_below(tmp_path / "two")
-    for path in (tmp_path / "one").rglob("*"):
-        if path.is_file():
-            other = tmp_path / "two" / path.relative_to(tmp_path / "one")
-            assert path.read_bytes() == other.read_bytes(), path
-
-
-def test_copied_data_travel_with_the_folder(tmp_path: Path) -> None:
-    place = make_place(tmp_path / "sources")
-    prepared(place, tmp_path / "park", copy=True)
-    (tmp_path / "park").rename(tmp_path / "moved")
+    assert files_of(tmp_path / "one") == files_of(tmp_path / "two")
+    (tmp_path / "one").rename(tmp_path / "moved")
     benchmark = Benchmark.open(tmp_path / "moved")
     scene = benchmark.scene("park")
     for name in place.centres:
@@ -65,15 +50,7 @@ def test_copied_data_travel_with_the_folder(tmp_path: Path) -> None:
     assert str(tmp_path) not in (tmp_path / "moved" / "benchmark.toml").read_text()
 
 
-def test_tiles_as_files_are_the_windows_of_the_map(tmp_path: Path) -> None:
-    place = make_place(tmp_path)
-    prepared(place, tmp_path / "park", tiles_on_disk=True)
-    opened = load_benchmark(tmp_path / "park").scenes[0]
-    hold_tiles(tmp_path / "park" / "scenes" / "park", opened)
-    assert len(opened.tiles()) == 49
-
-
-def test_crops_as_files_are_those_of_the_queries(tmp_path: Path) -> None:
+def test_tiles_and_crops_as_files_are_those_of_the_maps(tmp_path: Path) -> None:
     # Two names that differ by a slash only are two crops.
     place = make_place(tmp_path, {**PLACE_PHOTOS, "sub_d.jpg": (180.0, 180.0)})
     centres = np.array([*place.centres.values()]) * (1, -1) + NORTH_WEST + (2, -3)
@@ -82,8 +59,15 @@ def test_crops_as_files_are_those_of_the_queries(tmp_path: Path) -> None:
     head = "image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg"
     (tmp_path / "priors.csv").write_text("\n".join([head, *rows]))
     out = tmp_path / "park"
-    assert run_main(*place.arguments(priors=tmp_path / "priors.csv", crops="files", out=out)) == 0
-    hold_crops(out / "scenes" / "park", load_benchmark(out).scenes[0])
+    given = place.arguments(
+        priors=tmp_path / "priors.csv", crops="files", tiles="files", tile_size=128, out=out
+    )
+    assert run_main(*given) == 0
+    scene, home = load_benchmark(out).scenes[0], out / "scenes" / "park"
+    assert len(scene.tiles()) == 9
+    hold_tiles(home, scene)
+    assert len(scene.crops()) == 5
+    hold_crops(home, scene)
 
 
 def test_from_photos_to_a_score(
@@ -102,20 +86,10 @@ def test_from_photos_to_a_score(
     assert "\npark,4," in capsys.readouterr().out
 
 
-def test_a_true_cloud_of_another_frame_is_refused(tmp_path: Path) -> None:
-    place = make_place(tmp_path)
-    cloud = tmp_path / "cloud.npy"
-    np.save(cloud, np.random.default_rng(0).uniform(0, 100, (50, 3)))
-    with pytest.raises(BenchmarkError, match="do not look at it"):
-        prepared(place, tmp_path / "park", cloud=cloud)
-    assert not (tmp_path / "park").exists()
-
-
 @pytest.mark.parametrize("shards", [0, 3])
 def test_a_true_cloud_makes_truth_for_reconstruction(shards: int, tmp_path: Path) -> None:
     place = make_place(tmp_path)
-    images = json.loads(place.poses.read_text())["images"].values()
-    centre = np.array([image["center"] for image in images]).mean(axis=0)
+    centre = np.mean([image["center"] for image in place.read_poses()["images"].values()], axis=0)
     points = np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centre
     cloud = tmp_path / ("tiles" if shards else "cloud.npy")
     if shards:
@@ -123,8 +97,12 @@ def test_a_true_cloud_makes_truth_for_reconstruction(shards: int, tmp_path: Path
         for number, part in enumerate(np.array_split(points, shards)):
             write_laz(cloud / f"{number}.laz", part)
     else:
+        np.save(cloud, points - centre)
+        with pytest.raises(BenchmarkError, match="do not look at it"):
+            prepared(place, tmp_path / "park", cloud)
+        assert not (tmp_path / "park").exists()
         np.save(cloud, points)
-    result = prepared(place, tmp_path / "park", cloud=cloud, copy=True)
+    result = prepared(place, tmp_path / "park", cloud, copy=True)
     assert "park-reconstruction" in result.protocols
     truth = read_reconstruction(Benchmark.open(tmp_path / "park"), "park")
     assert len(truth.photos) == 4

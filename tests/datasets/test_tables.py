@@ -10,7 +10,7 @@ import pytest
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.tables import Table, match_names, read_lines, read_table
 
-COLUMNS = {name: (name,) for name in ("filename", "lat", "height")}
+COLUMNS = {name: (name,) for name in ("filename", "lat", "height", "Phi1")}
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def path(tmp_path: Path) -> Path:
 
 def read(path: Path, content: str | bytes) -> Table:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return read_table(path, {**COLUMNS, "Phi1": ("Phi1",)}, ("Phi1",))
+    return read_table(path, COLUMNS, ("Phi1",))
 
 
 @pytest.mark.parametrize(
@@ -29,8 +29,8 @@ def read(path: Path, content: str | bytes) -> Table:
         "num,filename,lat,height\n1,a.JPG,29.5,405\n2,b.JPG,-1e1,406.25\n",
         "\ufeffnum,filename,lat,height\r\n1,a.JPG,29.5,405\r\n2,b.JPG,-10,406.25\r\n",
         "height,Lat , FILENAME\n405, 29.5 ,a.JPG\n\n406.25,-10,b.JPG\n\n",
-        "filename;lat;height\na.JPG;29,5;405\nb.JPG;-10;406,25\n",
         'filename\tlat\theight\t\na.JPG\t29.5\t405\t\n"b.JPG"\t-10\t406.25\t\n',
+        "filename;lat;height\na.JPG;29.5;405\nb.JPG;-10;406.25\n",
         "filename,地点,lat,height\na.JPG,长江,29.5,405\nb.JPG,,-10,406.25".encode("gb18030"),
     ],
 )
@@ -80,18 +80,15 @@ def test_numbers_that_are_none(path: Path, value: str) -> None:
         table.numbers("lat", -90, 90)
 
 
-def test_a_value_twice(path: Path) -> None:
-    table = read(path, "filename,lat,height\na,1,2\na,1,2\nb,1,2\n")
-    with pytest.raises(BenchmarkError, match="column filename"):
-        table.require_unique("filename")
-
-
-def test_names_of_other_programs_mean_photos() -> None:
+def test_names_of_other_programs_mean_photos(path: Path) -> None:
     photos = ["a/DJI_1.JPG", "b/DJI_2.JPG", "b/DJI_3.JPG"]
     given = ["DJI_1", "B\\dji_2.jpg", "b/DJI_3.JPG", "DJI_9"]
     assert match_names(given, photos, "poses.csv") == dict(zip(given[:3], photos, strict=True))
     with pytest.raises(BenchmarkError, match="more than one name"):
         match_names(["DJI_1", "dji_1.jpg"], photos, "poses.csv")
+    table = read(path, "filename,lat,height\na,1,2\na,1,2\nb,1,2\n")
+    with pytest.raises(BenchmarkError, match="column filename"):
+        table.require_unique("filename")
 
 
 def test_lines_without_a_header(path: Path) -> None:
@@ -100,9 +97,7 @@ def test_lines_without_a_header(path: Path) -> None:
     assert table.texts("name") == ("DJI 0001.JPG", "b.JPG")
     assert list(table.lines) == [3, 4]
     np.testing.assert_array_equal(table.numbers("qx"), [0.5, -1e-3])
-    path.write_text("a.JPG 1\n")
-    with pytest.raises(BenchmarkError, match="line 1"):
-        read_lines(path, ("name", "qw", "qx"))
-    path.write_text("\n")
-    with pytest.raises(BenchmarkError, match="line 1"):
-        read_lines(path, ("name", "qw", "qx"))
+    for text in ("a.JPG 1\n", "\n"):
+        path.write_text(text)
+        with pytest.raises(BenchmarkError, match="line 1"):
+            read_lines(path, ("name", "qw", "qx"))

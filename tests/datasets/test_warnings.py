@@ -3,45 +3,134 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
+from rasterio import Affine
 
-from airzoo_bench.datasets.geometry_checks.scenes import open_benchmark
-from airzoo_bench.datasets.scene_warnings import Code
-from tests.datasets import documented, suspect_places
-from tests.support import Place, run_main
+from airzoo_bench.core.progress import silent
+from airzoo_bench.datasets.content import make_content
+from airzoo_bench.datasets.geometry_checks.scenes import scenes_of_benchmark
+from airzoo_bench.datasets.scene_warnings import Code, scene_warnings
+from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
+from tests.datasets import documented
+from tests.datasets.tagged import LEVEL, NAMES, tag
+from tests.support import MAP_SIZE_M, NORTH_WEST, Place, run_main, write_raster
 
-LINES = (Path(__file__).parent / "warnings.txt").read_text().splitlines()
-CASES = dict(line.split(" |") for line in LINES if line and not line.startswith("#"))
+Change = Callable[[Place], Any]  # of a sound place; may return options
+
+
+def moved(place: Place) -> None:
+    for name, (x, y) in place.centres.items():
+        place.change_image(name, center=[NORTH_WEST[0] + x + 40, NORTH_WEST[1] - y, 200.0])
+
+
+def in_feet(place: Place) -> None:
+    # 20 m are 65.6 ft: the cameras, at 200 m, still are above them.
+    write_raster(place.dsm, LEVEL / 5 / 0.3048)
+    tagged(NAMES, place, RelativeAltitude=180.0)
+
+
+def heights(part: Any, value: float, place: Place) -> None:
+    changed = LEVEL.copy()
+    changed[0][part] = value
+    write_raster(place.dsm, changed)
+
+
+def tagged(names: tuple[str, ...], place: Place, **changes: Any) -> None:
+    for name in names:
+        tag(place, name, **changes)
+
+
+def cloud(low: float, high: float, height: float, place: Place) -> dict[str, Any]:
+    xy = np.random.default_rng(0).uniform(low, high, (500, 2)) * (1, -1) + NORTH_WEST
+    path = place.dsm.with_name("cloud.npy")
+    np.save(path, np.column_stack((xy, np.full(500, height))))
+    return {"cloud": path}
+
+
+def map_at(size: tuple[int, int], east: float, south: float, place: Place) -> None:
+    grid = Affine(1, 0, NORTH_WEST[0] + east, 0, -1, NORTH_WEST[1] - south)
+    write_raster(place.dom, np.full((3, *size), 9, np.uint8), transform=grid)
+
+
+def in_float32(place: Place) -> None:
+    for number, (name, image) in enumerate(place.read_poses()["images"].items()):
+        x, y, z = (float(np.float32(value + 0.28 + 0.4 * number)) for value in image["center"])
+        place.change_image(name, center=[x, y, z])
+
+
+def copies(place: Place) -> None:
+    place.change_image("b.jpg", **place.read_poses()["images"]["a.jpg"])
+    tag(place, "b.jpg", like="a.jpg")
+
+
+# The codes of all warnings about a place, and what makes it suspect.
+CASES: dict[str, tuple[str, Change]] = {
+    "sound": ("", lambda place: None),
+    "moved": ("datum trivial", moved),
+    "lowered": ("heights", lambda place: write_raster(place.dsm, LEVEL - 27.5) and None),
+    "in feet": ("heights", in_feet),
+    "GPS of another datum": ("heights", lambda place: tagged(NAMES, place, up=30.0)),
+    "high cloud": ("heights", partial(cloud, 10, 240, 127.5)),
+    "zeros": ("surface", partial(heights, slice(20), 0.0)),
+    "a hole": ("surface", partial(heights, (slice(2, 4), 3), 0.0)),
+    "flat": ("surface", partial(heights, slice(None), 100.0)),
+    "a tower": ("below-surface", partial(heights, (slice(54, 74), slice(54, 74)), 300.0)),
+    "yaw by 178": ("turned-priors", lambda p: tagged(NAMES[1:3], p, GimbalYawDegree=178.0)),
+    "yaw by 90": ("turned-priors", lambda place: tagged(NAMES, place, GimbalYawDegree=90.0)),
+    "map beside": ("map-beside-surface off-map", partial(map_at, (MAP_SIZE_M,) * 2, 180, 0)),
+    "cloud beside": ("map-beside-surface", partial(cloud, 300, 400, 100.0)),
+    "few tiles": ("trivial", lambda place: {"tile_size": [150]}),
+    "small tiles": ("small-tiles", lambda place: {"tile_size": [32]}),
+    "small map": ("trivial off-map", partial(map_at, (88, 100), 10, 20)),
+    "cut surface": ("off-map", lambda p: write_raster(p.dsm, LEVEL[:, :100, :100]) and None),
+    "no gimbal": ("no-prior", lambda place: tag(place, "a.jpg", GimbalYawDegree=None)),
+    "no metadata": (
+        "no-prior",
+        lambda place: Image.new("L", (64, 48), 7).save(place.images / "a.jpg"),
+    ),
+    "in float32": ("float32", in_float32),
+    "copies": ("copies", copies),
+}
 
 
 def test_every_code_has_a_case() -> None:
-    assert {code for codes in CASES.values() for code in codes.split()} == set(Code)
+    assert {code for codes, _ in CASES.values() for code in codes.split()} == set(Code)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_suspect_is_named(case: str, place: Place, tmp_path: Path) -> None:
+    codes, change = CASES[case]
+    options = {"tile_size": [128]} | (change(place) or {})
+    chosen = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, **options)
+    protocols = PHOTOS.benchmark_protocols(chosen, tmp_path)
+    facts = make_content(PHOTOS.read(chosen, "park", silent), protocols).facts
+    assert facts is not None
+    assert {one.code for one in scene_warnings(facts)} == set(codes.split())
+
+
+def test_a_warning_is_printed_with_its_code(
+    place: Place,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert run_main(*place.arguments(tile_size=32)) == 0
+    warned = [one for one in capsys.readouterr().err.splitlines() if one.startswith("warning: ")]
+    assert [re.findall(r"\[([a-z0-9-]+)\]$", one) for one in warned] == [["small-tiles"]]
+    # A folder of photos does not hide the benchmark of its name in the data root.
+    (tmp_path / "beside" / "park").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "beside")
+    assert [one.name for one in scenes_of_benchmark(Path("park"))] == ["park"]
 
 
 def test_the_page_of_benchmarks_has_what_datasets_say() -> None:
     # Where this fails: python -m tests.datasets.documented
     page = documented.PAGE.read_text(encoding="utf-8")
     assert documented.MARKER + documented.overview() in page
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_what_is_suspect_is_named(
-    case: str, place: Place, capsys: pytest.CaptureFixture[str]
-) -> None:
-    changes = getattr(suspect_places, case)(place) or {}
-    assert run_main(*place.arguments(**({"tile_size": 128} | changes))) == 0
-    said = capsys.readouterr().err
-    warned = [line[9:] for line in said.splitlines() if line.startswith("warning: ")]
-    codes = {code for line in warned for code in re.findall(r"\[([a-z0-9-]+)\]$", line)}
-    assert codes == set(CASES[case].split()), warned
-
-
-def test_a_folder_of_photos_does_not_hide_the_benchmark_of_its_name(
-    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert run_main(*place.arguments()) == 0
-    (tmp_path / "beside" / "park").mkdir(parents=True)
-    monkeypatch.chdir(tmp_path / "beside")
-    assert open_benchmark(Path("park")).folder == tmp_path / "data" / "park"

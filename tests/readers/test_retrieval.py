@@ -15,7 +15,7 @@ from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
 from airzoo_bench.retrieval.truth import read_truth
-from tests.datasets.published import image_trees
+from tests.goldens.run import unpack
 from tests.readers import retrieval_files as files
 from tests.readers.retrieval_files import Place, perfect, scored, tile_file
 from tests.support import MadeScene
@@ -203,9 +203,9 @@ class TestUniversity1652:
         ],
     )
     def test_its_benchmarks(self, tmp_path: Path, tree: str, protocol: str) -> None:
-        write = {"university-1652": image_trees.university_1652, "denseuav": image_trees.denseuav}
         data = tmp_path / "data"
-        options = SourceOptions(write[tree](tmp_path / "source"), None, False)
+        unpack(tree, tmp_path / "source")
+        options = SourceOptions(tmp_path / "source" / "in", None, False)
         made = DATASETS.get(tree).prepare(options, PrepareSettings(data / tree, data))
         scene = protocol.removeprefix(f"{tree}-")
         truth = read_truth(made.folder / "scenes" / scene, scene)

@@ -8,9 +8,6 @@ On a plane 1/z, not z, is affine in pixels of a camera without distortion; so 1/
 second differences of 1/z around exceed `EDGE` of it, nothing is compared. A point *behind* the
 target's surface by more than `OCCLUSION` of its depth is hidden from the target, and left out;
 nothing can hide one in front.
-
-A depth map is a ``.tif``, ``.npy``, ``.npz`` or 16-bit ``.png`` of the size of its photo. Where
-depths are zero, negative, NaN, infinite or the file's nodata, there is no depth.
 """
 
 from __future__ import annotations
@@ -26,68 +23,21 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.datasets.depth_maps import read_depth
+from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import opened
 
 EDGE, OCCLUSION = 0.01, 0.01
 MEDIAN_BELOW = 0.00066
 """The paper's median for its renders, 0.066 %."""
 
 DepthKind = Literal["z", "ray"]
-_SUFFIXES = (".tif", ".tiff", ".npy", ".npz", ".png")
 _AROUND = np.arange(-1, 3)
 _PARTNERS = 4
-_FAR_ABOVE = 3.0  # times the median or the share of all: a frame that stands out
-_FLOATING_BELOW, _FLOATING_OF_A_FRAME = 0.1, 0.25  # of the points in front: leaves and wires are
-_CONVENTION = 0.02  # a median error that no small fault has
-_SHOWN = 3
-
-
-def find_depths(folder: Path, images: Sequence[str]) -> tuple[Path | None, ...]:
-    """Find the depth map of each photo: its name with another ending, in its own subfolder."""
-    stems = [folder / Path(name).with_suffix("") for name in images]
-    files = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES]
-    there = {path.with_suffix(""): path for path in files}
-    found = tuple(there.get(stem) for stem in stems)
-    if not any(found) or len(there) < len(files):
-        what = "photos have no depth map, or more than one"
-        expected = f"one such as {stems[0].name}.tif a photo ({', '.join(_SUFFIXES)})"
-        raise UsageError(what, where=folder, expected=expected, fix="name its folder with --depth")
-    return found
-
-
-def read_depth(
-    path: Path, width: int, height: int, scale_m: float | None = None
-) -> NDArray[np.float32]:
-    """Read a depth map in metres, NaN where there is none."""
-    nodata = None
-    with readable(path, "is no depth map", kind=BenchmarkError, expected=", ".join(_SUFFIXES)):
-        if path.suffix.lower() in (".npy", ".npz"):
-            stored = np.load(path, allow_pickle=False)
-            if path.suffix.lower() == ".npz":
-                stored = stored["depth" if "depth" in stored else stored.files[0]]
-        else:
-            with opened(path) as dataset:
-                stored, nodata = dataset.read(), dataset.nodata
-    stored = stored.squeeze()
-    unknown_unit = stored.dtype.kind in "iu" and not scale_m
-    if stored.shape != (height, width) or stored.dtype.itemsize == 1 or unknown_unit:
-        raise BenchmarkError(
-            f"holds {stored.dtype} of {' x '.join(map(str, stored.shape[::-1]))}",
-            where=path,
-            expected=f"{width} x {height} depths: metres as float32, or 16-bit whole numbers with "
-            "their unit (--depth-scale, such as 0.001 for millimetres)",
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        depth = (stored * (1.0 if scale_m is None else scale_m)).astype(np.float32)
-        there = (depth > 0.0) & np.isfinite(depth)
-    if nodata is not None:
-        there &= stored != nodata
-    return np.where(there, depth, np.float32(np.nan))
+_FAR_ABOVE = 3.0  # times the median of all: a frame that stands out
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,16 +53,11 @@ class Frame:
 
 
 def sampled_frame(
-    camera: Cameras,
-    pose: Poses,
-    depth: NDArray[np.float32],
-    kind: DepthKind,
-    pixels: int,
-    seed: tuple[int, int],
+    camera: Cameras, pose: Poses, depth: NDArray[np.float32], kind: DepthKind, most: int, seed: int
 ) -> Frame:
     """Sample pixels of a depth map, and back-project them."""
-    random = np.random.default_rng(seed)
-    picked = random.choice(depth.size, min(pixels, depth.size), replace=False)
+    random = np.random.default_rng((0, seed))
+    picked = random.choice(depth.size, min(most, depth.size), replace=False)
     row, column = np.divmod(picked, depth.shape[1])
     rays = back_project(camera, np.stack((column, row), axis=-1)[None] + 0.5)[0]
     if kind == "z":
@@ -168,16 +113,11 @@ def _surface_planes(target: Frame, pixels: Floats, projected: Floats) -> tuple[F
 
 @dataclass(frozen=True, eq=False)
 class DepthConsistency:
-    """Depth errors of a scene.
+    """All relative errors of a scene, with sign, and medians without sign of frames by id."""
 
-    `error` are all relative errors, with sign. A row of `frames` is id, median error without sign,
-    and floating, the share of compared points that lie in front of surfaces.
-    """
-
-    frames: pd.DataFrame
     error: Floats
+    medians: pd.Series[float]
     pairs: int
-    without_depth: int
     median_below: float
 
     def quantile(self, share: float) -> float:
@@ -185,38 +125,23 @@ class DepthConsistency:
         return float(np.quantile(np.abs(self.error), share)) if self.error.size else np.inf
 
     @property
-    def floating(self) -> float:
-        """Share of the compared points that float before the surface."""
-        return float((self.error < -OCCLUSION).mean()) if self.error.size else 0.0
-
-    @property
-    def bad_frames(self) -> pd.DataFrame:
-        """Frames with conspicuous errors, the worst first."""
+    def bad_frames(self) -> pd.Series[float]:
+        """The medians of frames that stand out, the worst first."""
         limit = max(self.median_below, _FAR_ABOVE * self.quantile(0.5))
-        most = max(_FLOATING_OF_A_FRAME, _FAR_ABOVE * self.floating)
-        chosen = (self.frames["median"] >= limit) | (self.frames["floating"] >= most)
-        return self.frames[chosen].sort_values("median", ascending=False, kind="stable")
+        return self.medians[self.medians >= limit].sort_values(ascending=False, kind="stable")
 
     @property
     def failures(self) -> list[str]:
         """Figures beyond their thresholds, a sentence each."""
-        found, median, limit = [], self.quantile(0.5), self.median_below
-        if median >= limit:
-            found.append(f"median depth error {100 * median:.4f} %, not below {100 * limit:g} %")
-        if self.floating >= _FLOATING_BELOW:
-            points = f"{100 * self.floating:.1f} % of the points float before the surface"
-            found.append(f"{points}, not below {100 * _FLOATING_BELOW:g} %")
-        found += [
-            f"{frame['id']}: median depth error {100 * frame['median']:.4f} %, "
-            f"{100 * frame['floating']:.0f} % of its points float"
-            for _, frame in self.bad_frames.head(_SHOWN).iterrows()
-        ]
-        if median >= _CONVENTION:
+        found, median = [], self.quantile(0.5)
+        if median >= self.median_below:
             found.append(
-                "so large an error is one of convention: poses are world-to-camera with OpenCV "
-                "axes, and depth is along the optical axis (--depth-kind)"
+                f"median depth error {100 * median:.4f} %, not below {100 * self.median_below:g} "
+                "%: if it is large, look whether poses are world-to-camera with axes of OpenCV, "
+                "and depth along the optical axis (--depth-kind)"
             )
-        return found
+        worst = self.bad_frames.head(3).items()
+        return found + [f"{one}: median depth error {100 * value:.4f} %" for one, value in worst]
 
 
 def check_depth_consistency(
@@ -242,38 +167,23 @@ def check_depth_consistency(
         row = rows[number]
         camera = cameras.take(row)
         depth = read_depth(paths[row], int(camera.width[0]), int(camera.height[0]), scale_m)
-        return sampled_frame(camera, poses.take(row), depth, kind, pixels, (0, number))
+        return sampled_frame(camera, poses.take(row), depth, kind, pixels, number)
 
     middles = np.empty((len(rows), 3))
     for number in progress(range(len(rows)), "depth maps", len(rows)):
         one = frame(number)
         seen = one.points if len(one.points) else np.zeros((1, 3))
         middles[number] = apply_matrix(one.rotation.T, seen.mean(axis=0)) + one.centre
-    pairs, errors = _pairs(middles), []
-    parts: list[list[Floats]] = [[np.empty(0)] for _ in rows]
-    for source, target in progress(pairs.tolist(), "pairs of frames", len(pairs)):
-        for first, second in ((source, target), (target, source)):
-            errors.append(compare_depths(frame(first), frame(second)))
-            parts[first].append(errors[-1])
-            parts[second].append(errors[-1])
-    every = [np.concatenate(own) for own in parts]
-    frames = pd.DataFrame(
-        {
-            "id": [ids[row] for row in rows],
-            "median": [np.median(np.abs(own)) if own.size else np.nan for own in every],
-            "floating": [(own < -OCCLUSION).mean() if own.size else 0.0 for own in every],
-        }
-    )
-    absent = len(depths) - len(rows)
-    return DepthConsistency(frames, np.concatenate(errors), len(pairs), absent, median_below)
-
-
-def _pairs(middles: Floats) -> Ints:
-    """Pair each frame with the next, and with the four with the nearest middles of sight."""
-    count = min(_PARTNERS + 1, len(middles))
-    nearest = cKDTree(middles).query(middles, k=np.arange(1, count + 1))[1]
-    own = np.repeat(np.arange(len(middles)), count)
-    following = np.stack((np.arange(len(middles) - 1), np.arange(1, len(middles))), axis=1)
-    both = np.sort(np.concatenate((following, np.column_stack((own, nearest.ravel())))), axis=1)
-    pairs: Ints = np.unique(both[both[:, 0] < both[:, 1]], axis=0)
-    return pairs
+    nearest = cKDTree(middles).query(middles, k=min(_PARTNERS + 1, len(rows)))[1].tolist()
+    partners = {(a, b) for a, near in enumerate(nearest) for b in (*near, a + 1) if b < len(rows)}
+    pairs = sorted({(min(pair), max(pair)) for pair in partners if len({*pair}) == 2})
+    errors: dict[tuple[int, int], Floats] = {}
+    for pair in progress(pairs, "pairs of frames", len(pairs)):
+        for source, target in (pair, pair[::-1]):
+            errors[source, target] = compare_depths(frame(source), frame(target))
+    medians = {}
+    for number, row in enumerate(rows):
+        own = np.concatenate([found for pair, found in errors.items() if number in pair])
+        medians[ids[row]] = float(np.median(np.abs(own))) if own.size else np.nan
+    every = np.concatenate([*errors.values()])
+    return DepthConsistency(every, pd.Series(medians), len(pairs), median_below)

@@ -6,15 +6,12 @@ a position is no place of the CRS, or the CRS cannot be inverted to a micrometre
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import counted
 from airzoo_bench.datasets.angles import grid_to_true_north
-from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
+from airzoo_bench.geometry.arrays import Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.crs import (
     ecef_to_geodetic,
@@ -34,44 +31,12 @@ _RANGES_M = np.array((10.0, 100.0, 1000.0))
 _SIDE = 5
 
 
-@dataclass(frozen=True, eq=False)
-class FrameChain:
-    """How far points and pixels of N photos come back from where they started, at most.
+def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> tuple[Floats, Floats]:
+    """Send a grid of 5 x 5 pixels of each photo, borders included, through the chain and back.
 
-    It is infinite where one does not; `lens_fails` and `off_crs` (N,) say where a pixel has no ray,
-    and where the camera or a point is no place of the CRS.
+    Return how far points (m) and pixels of N photos come back from where they started, at most;
+    infinite where a pixel has no ray, or a place is none of the CRS.
     """
-
-    closure_m: Floats
-    closure_px: Floats
-    lens_fails: Bools
-    off_crs: Bools
-
-    @property
-    def open_photos(self) -> Bools:
-        """The photos (N,) with a chain that does not close."""
-        return ~((self.closure_m < CLOSES_M) & (self.closure_px < CLOSES_PX))
-
-    @property
-    def worst(self) -> int:
-        """The photo with the worst closure."""
-        return int(np.maximum(self.closure_m / CLOSES_M, self.closure_px / CLOSES_PX).argmax())
-
-    def failures(self, ids: Sequence[str]) -> list[str]:
-        """Return a sentence on the photos with a chain that does not close, if there are any."""
-        worst, count = self.worst, int(self.open_photos.sum())
-        said = (
-            f"the frame chain of {count} of {counted(len(ids), 'photo')} does not close to "
-            f"{CLOSES_M:g} m and {CLOSES_PX:g} px (worst: {ids[worst]}, "
-            f"{self.closure_m[worst]:.2g} m, {self.closure_px[worst]:.2g} px): "
-            f"{int(self.lens_fails.sum())} with pixels beyond the range of the lens model, "
-            f"{int(self.off_crs.sum())} with positions that are no place of the CRS"
-        )
-        return [said] * (count > 0)
-
-
-def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
-    """Send a grid of 5 x 5 pixels of each photo, borders included, through the chain and back."""
     share = np.linspace(0.0, 1.0, _SIDE)
     grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
     pixels = grid * np.stack((cameras.width, cameras.height), axis=-1)[:, None]
@@ -89,13 +54,7 @@ def check_frame_chain(cameras: Cameras, poses: Poses, crs: Any) -> FrameChain:
     returned = apply_matrix(np.swapaxes(axes, -1, -2)[:, None], there)
     on_grid = apply_matrix(np.swapaxes(to_true, -1, -2)[:, None], returned)
     seen = project(cameras, apply_matrix(poses.rotation[:, None], on_grid))
-    lost: Bools = np.asarray(np.isnan(plane).any(axis=-1) & ~np.isnan(sent).any(axis=-1))
-    return FrameChain(
-        _worst(returned - sent),
-        _worst(seen - np.repeat(pixels, len(_RANGES_M), axis=1)),
-        np.asarray(np.isnan(rays).any(axis=(1, 2))),
-        np.asarray(lost.any(axis=1) | np.isnan(lonlat).any(axis=1)),
-    )
+    return _worst(returned - sent), _worst(seen - np.repeat(pixels, len(_RANGES_M), axis=1))
 
 
 def _worst(differences: Floats) -> Floats:

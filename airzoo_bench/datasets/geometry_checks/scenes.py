@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark
@@ -18,22 +17,23 @@ from airzoo_bench.benchmark.queries import (
     poses_of,
     read_queries,
 )
-from airzoo_bench.core.errors import CameraError, UsageError, counted
+from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.files import MARK, data_root
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.geometry_checks.depth import DepthConsistency
-from airzoo_bench.datasets.geometry_checks.frame_chain import FrameChain
+from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX
 from airzoo_bench.datasets.poses import read_poses
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.crs import LOCAL_CRS, check_true_metres, horizontal_crs, to_lonlat
+from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 _COLUMNS = (
     *(Column("Scene"), Column("Photos"), Column("Closure", "m"), Column("Closure", "px")),
     *(Column("Pairs"), *(Column(name, "%", decimals=4) for name in ("Median", "P90", "P95"))),
-    *(Column("Floating", "%", decimals=2), Column("Verdict")),
+    Column("Verdict"),
 )
 
 
@@ -54,16 +54,11 @@ class PosedScene:
     plane_height_m: float | None = None
 
 
-def open_benchmark(place: Path) -> Benchmark:
-    """Open a benchmark folder, named by its path or by its name in the data root."""
+def scenes_of_benchmark(place: Path, only: str | None = None) -> list[PosedScene]:
+    """Read the scenes, or one, of a benchmark folder, by its path or its name in the data root."""
     named = data_root() / place
     is_name = not (place / MARK).is_file() and (named / MARK).is_file()
-    return Benchmark.open(named if is_name else place)
-
-
-def scenes_of_benchmark(benchmark: Benchmark, only: str | None = None) -> list[PosedScene]:
-    """Read the scenes of a benchmark, or one."""
-    found = []
+    benchmark, found = Benchmark.open(named if is_name else place), []
     for scene in benchmark.file.scenes:
         if only in (None, scene.id):
             numbers, none = (*CAMERA_COLUMNS, *POSE_COLUMNS), pd.DataFrame({"id": []})
@@ -96,57 +91,46 @@ def scene_from_poses(
 
 @dataclass(frozen=True, eq=False)
 class SceneGeometry:
-    """The checks of one scene; None for what was not checked."""
+    """The closure (m, px) of the N photos of a scene, and its depth; None if not checked."""
 
     scene: PosedScene
-    chain: FrameChain | None
+    closure: tuple[Floats, Floats] | None
     depth: DepthConsistency | None
 
     @property
     def failures(self) -> list[str]:
-        """Faults, a sentence each."""
-        found = [] if self.scene.crs is None else _scale_failures(self.scene, self.scene.crs)
-        found += [] if self.chain is None else self.chain.failures(self.scene.ids)
-        return found + ([] if self.depth is None else self.depth.failures)
-
-    @property
-    def notes(self) -> list[str]:
-        """Checks that were left out, a sentence each."""
-        notes = []
-        if self.chain is None:
-            notes.append("frame chain not checked: poses have no CRS (--crs), or a local frame")
-        if self.depth is None:
-            notes.append("depth not checked: there are no depth maps (--depth)")
-        elif self.depth.without_depth:
-            notes.append(f"without a depth map: {counted(self.depth.without_depth, 'photo')}")
-        return notes
-
-
-def _scale_failures(scene: PosedScene, named: str) -> list[str]:
-    crs = horizontal_crs(named)
-    places = to_lonlat(crs, scene.poses.centres[:, :2])
-    try:
-        # Positions that are no place are the frame chain's.
-        check_true_metres(crs, places[np.isfinite(places).all(axis=1)], scene.name)
-    except CameraError as error:
-        return [error.what]
-    return []
+        """Figures beyond their thresholds, a sentence each."""
+        found = [] if self.depth is None else self.depth.failures
+        if self.closure is not None:
+            metres, pixels = self.closure
+            is_open = ~((metres < CLOSES_M) & (pixels < CLOSES_PX))
+            worst = (metres / CLOSES_M + pixels / CLOSES_PX).argmax()
+            said = (
+                f"the frame chain of {is_open.sum()} of {counted(len(metres), 'photo')} does not "
+                f"close to {CLOSES_M:g} m and {CLOSES_PX:g} px (worst: {self.scene.ids[worst]}, "
+                f"{metres[worst]:.2g} m, {pixels[worst]:.2g} px): look at the lens, whose model "
+                "may fold back within the photo, and for positions that are no place of the CRS"
+            )
+            found = [said] * bool(is_open.any()) + found
+        return found
 
 
 def geometry_table(checked: Sequence[SceneGeometry]) -> Table:
     """Lay out the checks in a row for each scene, with failures and notes below."""
     rows, notes = [], []
     for one in checked:
-        chain, depth, failures = one.chain, one.depth, one.failures
-        closure: Sequence[Any] = (None, None)
-        if chain is not None:
-            closure = [f"{part.max():.1e}" for part in (chain.closure_m, chain.closure_px)]
-        found: Sequence[Any] = (None,) * 5
-        if depth is not None:
-            shares = [*map(depth.quantile, (0.5, 0.9, 0.95)), depth.floating]
-            found = (depth.pairs, *(100 * share for share in shares))
+        failures = one.failures
+        found: list[Any] = [None] * 6
+        if one.closure is not None:
+            found[:2] = [f"{part.max():.1e}" for part in one.closure]
+        if one.depth is not None:
+            found[2:] = [one.depth.pairs, *(100 * one.depth.quantile(q) for q in (0.5, 0.9, 0.95))]
         verdict = "fails" if failures else "passes"
-        values = (one.scene.name, len(one.scene.ids), *closure, *found, verdict)
+        values = (one.scene.name, len(one.scene.ids), *found, verdict)
         rows.append(Row(tuple(map(Cell, values))))
-        notes += [f"{one.scene.name}: {text}" for text in (*failures, *one.notes)]
+        if one.closure is None:
+            failures.append("frame chain not checked: poses have no CRS (--crs), or a local frame")
+        if one.depth is None:
+            failures.append("depth not checked: there are no depth maps (--depth)")
+        notes += [f"{one.scene.name}: {text}" for text in failures]
     return Table("Geometry checks", _COLUMNS, tuple(rows), tuple(notes))

@@ -7,9 +7,7 @@ ground. Two footprints overlap where they share an area; to touch is not to over
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,119 +15,77 @@ import shapely
 
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError, counted, first_of
-from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.datasets.geometry_checks.scenes import open_benchmark, scenes_of_benchmark
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
+from airzoo_bench.datasets.geometry_checks.scenes import PosedScene, scenes_of_benchmark
+from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.cameras import anchor_pixels, back_project
 from airzoo_bench.geometry.crs import to_lonlat
-from airzoo_bench.geometry.poses import Poses, rays_to_world
+from airzoo_bench.geometry.poses import rays_to_world
 from airzoo_bench.geometry.rays import intersect_plane
 from airzoo_bench.retrieval.footprints import untangled
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
-_BLOCK = 2048
 _SHOWN = 20
 _METRES_OF_A_DEGREE = np.pi / 180 * 6_371_008.8
 _LEAST_AREA_M2 = 1e-4  # what rounding makes of borders that touch: 1e-9 degrees by 1 km
+_COLUMNS = list(ANCHOR_COLUMNS)
 
 
-@dataclass(frozen=True, eq=False)
-class NamedFootprints:
-    """Corners (N, 4, 2) of N photos in order, NaN for one that sees no ground, or is `unknown`."""
-
-    ids: tuple[str, ...]
-    lonlat: Floats
-    unknown: Bools
-
-    @property
-    def unknown_ids(self) -> list[str]:
-        """Photos that may look anywhere."""
-        return [self.ids[row] for row in np.flatnonzero(self.unknown)]
-
-
-def read_footprints(place: Path, max_range_m: float) -> NamedFootprints:
-    """Read footprints of a benchmark folder's photos, or of a CSV."""
+def read_footprints(place: Path, max_range_m: float) -> pd.DataFrame:
+    """Return the corners of photos by id, of a benchmark folder or a CSV; NaN where not known."""
     if place.suffix.lower() == ".csv":
-        # Its coordinates are checked where any of the suite's tables are read.
-        table = read_table(place, ("id", *ANCHOR_COLUMNS))
-        columns = [pd.to_numeric(table[name], errors="coerce") for name in ANCHOR_COLUMNS]
-        lonlat = np.stack(columns, axis=1).astype(np.float64).reshape(-1, 4, 2)
-        unknown = np.asarray(~np.isfinite(lonlat).all(axis=(1, 2)))
-        lonlat[unknown] = np.nan
-        return NamedFootprints(tuple(table["id"].astype(str)), lonlat, unknown)
-    parts, ids = [], list[str]()
-    for one in scenes_of_benchmark(open_benchmark(place)):
-        if one.plane_height_m is None or one.crs is None:
-            raise BenchmarkError("has no ground plane or no CRS", where=one.name)
-        parts.append(cast_corners(one.cameras, one.poses, one.crs, one.plane_height_m, max_range_m))
-        ids += one.ids
-    return NamedFootprints(tuple(ids), *map(np.concatenate, zip(*parts, strict=True)))
-
-
-def cast_corners(
-    cameras: Cameras, poses: Poses, crs: Any, plane_height_m: float, max_range_m: float
-) -> tuple[Floats, Bools]:
-    """Cast the corners of N photos onto a plane; return footprints and which are not known."""
-    rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, 0.0)))
-    hits = intersect_plane(poses.centres, rays, plane_height_m, max_range_m)
-    ends = poses.centres[:, None] + max_range_m * rays
-    lonlat = to_lonlat(crs, np.where(hits.valid[..., None], hits.points, ends)[..., :2])
-    unknown = (poses.centres[:, 2] <= plane_height_m) | np.isnan(lonlat).any(axis=(1, 2))
-    blind = (rays[..., 2] >= 0.0).all(axis=1)
-    lonlat[unknown | blind] = np.nan
-    return lonlat, unknown
-
-
-def compare_splits(
-    train: NamedFootprints, test: NamedFootprints, progress: Progress = silent
-) -> pd.DataFrame:
-    """Return the pairs of photos that see common ground.
-
-    A row is train and test id, shared m2, and the share of the test footprint.
-    """
-    near, turn = _unwrapped(train.lonlat), np.array((360.0, 0.0))
-    around, rows = _polygons(np.concatenate([near + n * turn for n in (-1, 0, 1)]))
-    tree = shapely.STRtree(around)
-    asked, kept = _polygons(_unwrapped(test.lonlat))
-    parts = [np.empty((0, 4))]
-    starts = range(0, len(asked), _BLOCK)
-    for start in progress(starts, "footprints", len(starts)):
-        block = asked[start : start + _BLOCK]
-        first, second = tree.query(block, predicate="intersects")
-        shared = shapely.intersection(block[first], around[second])
-        # Degrees of longitude shrink with the latitude of what is seen.
-        latitude = np.radians(shapely.get_y(shapely.centroid(block[first])))
-        square = _METRES_OF_A_DEGREE**2 * np.cos(latitude)
-        area, whole = shapely.area(shared) * square, shapely.area(block[first]) * square
-        rows_test, rows_train = kept[start + first], rows[second] % max(len(train.ids), 1)
-        found = np.column_stack((rows_train, rows_test, area, area / whole))
-        parts.append(found[np.lexsort((rows_train, rows_test))])
-    found = np.concatenate(parts)
-    found = found[found[:, 2] > _LEAST_AREA_M2]
-    of_train, of_test = found[:, :2].astype(np.int64).T
-    return pd.DataFrame(
-        {
-            "train": [train.ids[row] for row in of_train],
-            "test": [test.ids[row] for row in of_test],
-            "shared_m2": np.round(found[:, 2], 3),
-            "share_of_test": np.round(found[:, 3], 6),
-        }
+        table = read_table(place, ("id", *_COLUMNS))  # which checks coordinates
+        return table.set_index(table["id"].astype(str))[_COLUMNS].apply(
+            pd.to_numeric, errors="coerce"
+        )
+    return pd.concat(
+        pd.DataFrame(cast_corners(one, max_range_m).reshape(-1, 8), one.ids, _COLUMNS)
+        for one in scenes_of_benchmark(place)
     )
 
 
-def _polygons(lonlat: Floats) -> tuple[Any, Ints]:
-    """Return shapes of the footprints that there are, and their rows."""
-    there = np.isfinite(lonlat).all(axis=(1, 2))
-    return shapely.polygons(untangled(lonlat[there])), np.flatnonzero(there)
+def cast_corners(scene: PosedScene, max_range_m: float) -> Floats:
+    """Cast the corners of photos onto the plane of the ground: longitude and latitude (N, 4, 2).
+
+    Corners in the sky are cut at the range; photos from below the plane, or without a place, have
+    NaN.
+    """
+    poses, plane = scene.poses, scene.plane_height_m
+    if plane is None or scene.crs is None:
+        raise BenchmarkError("has no ground plane or no CRS", where=scene.name)
+    rays = rays_to_world(poses, back_project(scene.cameras, anchor_pixels(scene.cameras, 0.0)))
+    hits = intersect_plane(poses.centres, rays, plane, max_range_m)
+    ends = poses.centres[:, None] + max_range_m * rays
+    lonlat = to_lonlat(scene.crs, np.where(hits.valid[..., None], hits.points, ends)[..., :2])
+    lonlat[(poses.centres[:, 2] <= plane) | (rays[..., 2] >= 0.0).all(axis=1)] = np.nan
+    return lonlat
 
 
-def _unwrapped(lonlat: Floats) -> Floats:
-    """Unwrap the corners of each footprint about its first, which is put within +-180 degrees."""
-    lon = lonlat[..., 0]
-    first = (lon[:, :1] + 180.0) % 360.0 - 180.0
-    lon = first + (lon - lon[:, :1] + 180.0) % 360.0 - 180.0
-    return np.stack((lon, lonlat[..., 1]), axis=-1)
+def compare_splits(train: pd.DataFrame, test: pd.DataFrame) -> pd.DataFrame:
+    """Return the pairs of photos that see common ground, of `read_footprints`.
+
+    A row is train and test id, shared m2, and the share of the test footprint.
+    """
+    known = [one[np.isfinite(one).all(axis=1)] for one in (train, test)]
+    around, asked = (
+        shapely.polygons(untangled(one.to_numpy(np.float64).reshape(-1, 4, 2))) for one in known
+    )
+    second, first = shapely.STRtree(around).query(asked, predicate="intersects")[::-1]
+    shared = shapely.intersection(asked[first], around[second])
+    # Degrees of longitude shrink with the latitude of what is seen.
+    latitude = np.radians(shapely.get_y(shapely.centroid(asked[first])))
+    square = _METRES_OF_A_DEGREE**2 * np.cos(latitude)
+    area, whole = shapely.area(shared) * square, shapely.area(asked[first]) * square
+    rows = np.lexsort((second, first))
+    rows = rows[area[rows] > _LEAST_AREA_M2]
+    return pd.DataFrame(
+        {
+            "train": known[0].index[second[rows]],
+            "test": known[1].index[first[rows]],
+            "shared_m2": np.round(area[rows], 3),
+            "share_of_test": np.round(area[rows] / whole[rows], 6),
+        }
+    )
 
 
 def split_table(pairs: pd.DataFrame, unknown: Sequence[str]) -> Table:

@@ -21,7 +21,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.geometry_checks.depth import find_depths, read_depth
+from airzoo_bench.datasets.depth_maps import find_depths, read_depth
 from airzoo_bench.datasets.mini.frames import ECEF_COLUMNS, PLACE_COLUMNS
 from airzoo_bench.datasets.published.places import (
     chosen_photos,

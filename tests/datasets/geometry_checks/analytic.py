@@ -1,23 +1,25 @@
-"""Scenes of planes, steps and boxes, whose depth is known by a formula of its own."""
+"""Scenes of planes and boxes, whose depth is known by a formula of its own."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 
 Box = tuple[Sequence[float], Sequence[float]]
 
+CRS = "EPSG:4547"
 ORIGIN = np.array([401_000.0, 3_120_000.0, 0.0])
 WIDTH, HEIGHT, FOCAL = 160, 120, 130.0
 
@@ -36,43 +38,34 @@ class Flight:
 
     rotation: np.ndarray
     centres: np.ndarray
-    boxes: Sequence[Box] = field(default=())
+    boxes: Sequence[Box] = ()
 
     def depths(self, *, along_ray: bool = False) -> np.ndarray:
-        return np.array(
-            [
-                depth_of(R, C, self.boxes, along_ray=along_ray)
-                for R, C in zip(self.rotation, self.centres, strict=True)
-            ]
-        )
+        """Depth at pixel centres: the nearest of the ground and of the slabs of each box."""
+        v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+        rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones_like(u)], -1)
+        found = []
+        for R, C in zip(self.rotation, self.centres, strict=True):
+            world = rays @ R
+            with np.errstate(divide="ignore", invalid="ignore"):
+                z = np.where(world[..., 2] < 0, -C[2] / world[..., 2], np.inf)
+                for low, high in self.boxes:
+                    near, far = (np.array(low) - C) / world, (np.array(high) - C) / world
+                    enter = np.minimum(near, far).max(axis=-1)
+                    leave = np.maximum(near, far).min(axis=-1)
+                    z = np.where((enter > 0) & (enter <= leave), np.minimum(z, enter), z)
+            found.append(np.where(z < 2000.0, z, 0.0))
+        lengths = np.linalg.norm(rays, axis=-1) if along_ray else 1.0
+        return (np.array(found) * lengths).astype(np.float32)
 
-    def turned(self, degrees: Sequence[float], frames: Any = slice(None)) -> Flight:
-        """Turn stated poses by a rotation vector in the camera's axes."""
+    def turned(self, degrees: Sequence[float], frame: int) -> Flight:
+        """Turn a stated pose by a rotation vector in the camera's axes."""
         rotation = self.rotation.copy()
-        turn = Rotation.from_rotvec(np.radians(degrees)).as_matrix()
-        rotation[frames] = turn @ rotation[frames]
+        rotation[frame] = Rotation.from_rotvec(np.radians(degrees)).as_matrix() @ rotation[frame]
         return replace(self, rotation=rotation)
 
 
-def depth_of(
-    R: np.ndarray, C: np.ndarray, boxes: Sequence[Box], *, along_ray: bool = False
-) -> np.ndarray:
-    """Depth at pixel centres: the nearest of the ground and of the slabs of each box."""
-    v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
-    rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones_like(u)], axis=-1)
-    world = rays @ R
-    with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(world[..., 2] < 0, -C[2] / world[..., 2], np.inf)
-        for low, high in boxes:
-            near, far = (np.array(low) - C) / world, (np.array(high) - C) / world
-            enter = np.minimum(near, far).max(axis=-1)
-            leave = np.maximum(near, far).min(axis=-1)
-            z = np.where((enter > 0) & (enter <= leave), np.minimum(z, enter), z)
-    z = np.where(z < 2000.0, z, 0.0)
-    return (z * (np.linalg.norm(rays, axis=-1) if along_ray else 1.0)).astype(np.float32)
-
-
-def orbit(count: int = 16) -> Flight:
+def orbit(count: int) -> Flight:
     """Go round a block of boxes, up and down, looking obliquely at it."""
     rng = np.random.default_rng(3)
     boxes: list[Box] = []
@@ -89,44 +82,47 @@ def orbit(count: int = 16) -> Flight:
     return Flight(rotation, centres, boxes)
 
 
-def names(count: int) -> tuple[str, ...]:
-    return tuple(f"f{number:03d}.png" for number in range(count))
-
-
-def cameras(count: int, **changes: float) -> Cameras:
-    values = {"f": FOCAL, "cx": WIDTH / 2, "cy": HEIGHT / 2} | changes
-    K = [[values["f"], 0, values["cx"]], [0, values["f"], values["cy"]], [0, 0, 1]]
-    return Cameras.from_matrices([K] * count, WIDTH, HEIGHT)
-
-
 def scene(flight: Flight, **changes: float) -> PosedScene:
     """State the poses of a flight, with a camera of perhaps other intrinsics."""
-    count = len(flight.centres)
+    names = tuple(f"f{number:03d}.png" for number in range(len(flight.centres)))
+    values = {"f": FOCAL, "cx": WIDTH / 2, "cy": HEIGHT / 2} | changes
+    K = [[values["f"], 0, values["cx"]], [0, values["f"], values["cy"]], [0, 0, 1]]
+    cameras = Cameras.from_matrices([K] * len(names), WIDTH, HEIGHT)
     poses = Poses.from_centres(flight.rotation, flight.centres + ORIGIN)
-    return PosedScene(
-        "made", names(count), names(count), cameras(count, **changes), poses, "EPSG:4547", Path()
-    )
+    return PosedScene("made", names, names, cameras, poses, CRS, Path(), 0.0)
 
 
 def write_depths(folder: Path, depths: np.ndarray) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    for name, depth in zip(names(len(depths)), depths, strict=True):
-        np.save(folder / Path(name).with_suffix(".npy"), depth)
+    for number, depth in enumerate(depths):
+        np.save(folder / f"f{number:03d}.npy", depth)
     return folder
 
 
-def write_photos(folder: Path, flight: Flight) -> tuple[Path, Path]:
-    """Write photos and their pose file, as a person has them; return both places."""
-    images = folder / "images"
+def write_photos(folder: Path, flight: Flight) -> list[object]:
+    """Write photos and their pose file, as a person has them; return the command's options."""
+    made, images = scene(flight), folder / "images"
     images.mkdir(parents=True)
-    for name in names(len(flight.centres)):
+    for name in made.images:
         Image.new("L", (WIDTH, HEIGHT)).save(images / name)
-    posed = zip(names(len(flight.centres)), flight.rotation, flight.centres + ORIGIN, strict=True)
+    posed = zip(made.images, flight.rotation, flight.centres + ORIGIN, strict=True)
     content = {
-        "crs": "EPSG:4547",
-        "K": cameras(1).matrices[0].tolist(),
+        "crs": CRS,
+        "K": made.cameras.matrices[0].tolist(),
         "images": {n: {"R_w2c": R.tolist(), "center": C.tolist()} for n, R, C in posed},
     }
-    path = folder / "poses.json"
-    path.write_text(json.dumps(content))
-    return images, path
+    (folder / "poses.json").write_text(json.dumps(content))
+    return ["--poses", folder / "poses.json", "--images", images]
+
+
+def write_benchmark(folder: Path, flight: Flight) -> Path:
+    made = scene(flight)
+    table = photo_table("park", made.images, made.cameras, made.poses, None, 0.0)
+    write_queries(folder / "scenes" / "park", table)
+    places = {"images": "data/park/images", "dom": "dom.tif", "crs": CRS, "plane_height_m": 0.0}
+    entries = (SceneFile(id="park", title="Park", **places),)
+    file = BenchmarkFile(
+        schema=1, name="made", version=1, title="m", tracks={}, scenes=entries, checksums={}
+    )
+    write_benchmark_file(folder, file)
+    return folder

@@ -1,1 +1,0 @@
-"""Tests of published benchmarks, each with a tree as it is downloaded."""
