@@ -128,14 +128,12 @@ def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) ->
             expected="depth maps, or poses in a projected CRS",
             fix="name the folder of the depth maps with --depth, or the CRS with --crs",
         )
-    closure = found = None
-    if scene.crs is not None:
-        closure = check_frame_chain(scene.cameras, scene.poses, scene.crs)
+    chain = None if scene.crs is None else check_frame_chain(scene.cameras, scene.poses, scene.crs)
+    found = None
     if has_depth:
-        paths = find_depths(folder, scene.images)
-        posed = (scene.ids, scene.cameras, scene.poses, paths)
+        posed = (scene.ids, scene.cameras, scene.poses, find_depths(folder, scene.images))
         found = check_depth_consistency(*posed, **sampling, progress=cli.progress)
-    return SceneGeometry(scene, closure, found)
+    return SceneGeometry(scene, chain, found)
 
 
 def check_split(
