@@ -35,9 +35,8 @@ def read_footprints(place: Path, max_range_m: float) -> pd.DataFrame:
     """Return the corners of photos by id, of a benchmark folder or a CSV; NaN where not known."""
     if place.suffix.lower() == ".csv":
         table = read_table(place, ("id", *_COLUMNS))  # which checks coordinates
-        return table.set_index(table["id"].astype(str))[_COLUMNS].apply(
-            pd.to_numeric, errors="coerce"
-        )
+        columns = {one: pd.to_numeric(table[one], errors="coerce").array for one in _COLUMNS}
+        return pd.DataFrame(columns, table["id"].astype(str))
     return pd.concat(
         pd.DataFrame(cast_corners(one, max_range_m).reshape(-1, 8), one.ids, _COLUMNS)
         for one in scenes_of_benchmark(place)
