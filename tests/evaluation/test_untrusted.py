@@ -13,7 +13,7 @@ from airzoo_bench.core.sandbox import Limits
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from tests.matching.world import make_world as make_matching
-from tests.readers.samples import cut3r
+from tests.readers.scene_files import WRITERS
 from tests.reconstruction.world import PROTOCOL, make_world, predict_clouds, true_points
 from tests.support import run_main, write_predictions
 
@@ -49,7 +49,7 @@ def test_clouds_of_a_folder(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_maps_read_one_by_one(tmp_path: Path) -> None:
     world = make_world(tmp_path / "data")
-    alike(cut3r.write(tmp_path / "native", world), world.root, PROTOCOL)
+    alike(WRITERS["cut3r"](tmp_path / "native", world), world.root, PROTOCOL)
 
 
 def test_a_system_without_limits_is_refused_with_the_reason(

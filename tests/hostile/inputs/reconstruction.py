@@ -12,16 +12,7 @@ from tests.formats import cloud_support as clouds
 from tests.formats import test_meshes as meshes
 from tests.hostile.inputs.case import Input
 from tests.hostile.mutations import spoil_arrays, spoil_bytes, spoil_text
-from tests.readers.samples import (
-    cloud_trajectory,
-    cut3r,
-    depth_anything_3,
-    dust3r,
-    mapanything,
-    vggt,
-    vggt_colmap,
-    vggt_slam,
-)
+from tests.readers.scene_files import WRITERS
 from tests.reconstruction import world as reconstruction
 
 __all__ = ["files"]
@@ -145,21 +136,24 @@ def _of_methods(home: Path, world: reconstruction.World, data: str) -> list[Inpu
     exported = "exports/mini_npz/results.npz"
     streaming = ("camera_poses.txt", "intrinsic.txt", "results_output/frame_2.npz")
     protocol, made = ("--protocol", reconstruction.PROTOCOL), []
-    for reader, write, files in (
-        ("vggt", vggt.write_without_pickle, ["predictions.npz"]),
-        ("vggt-colmap", vggt_colmap.write, bins),
-        ("mapanything", mapanything.write, ["predictions.npz"]),
-        ("depth-anything-3", depth_anything_3.write, [exported]),
-        ("depth-anything-3", depth_anything_3.write_streaming, streaming),
-        ("cut3r", cut3r.write, ["depth/000001.npy", "camera/000000.npz"]),
-        ("cut3r", cut3r.write_trajectories, ["pred_traj.txt"]),
-        ("dust3r", dust3r.write, ["scene.npz"]),
-        ("cloud-trajectory", cloud_trajectory.write, ["trajectory.txt", "map.ply"]),
-        ("cloud-trajectory", cloud_trajectory.write_kitti, ["poses.txt"]),
-        ("vggt-slam", vggt_slam.write, ["poses.txt", "poses_logs/1.0.npz"]),
+    for layout, files, options in (
+        ("vggt", ["predictions.npz"], {"pose_enc_list": None}),
+        ("vggt_colmap", bins, {}),
+        ("mapanything", ["predictions.npz"], {}),
+        ("da3", [exported], {}),
+        ("da3_streaming", streaming, {}),
+        ("cut3r", ["depth/000001.npy", "camera/000000.npz"], {}),
+        ("cut3r_trajectory", ["pred_traj.txt"], {}),
+        ("dust3r", ["scene.npz"], {}),
+        ("cloud_trajectory", ["trajectory.txt", "map.ply"], {}),
+        ("cloud_trajectory", ["poses.txt"], {"kitti": True}),
+        ("vggt_slam", ["poses.txt", "poses_logs/1.0.npz"], {}),
     ):
-        folder = home / f"{write.__module__}.{write.__name__}"
-        write(folder / "out", world)
+        folder = home / f"{layout}{len(made)}"
+        WRITERS[layout](folder, world, **options)
+        readers = {"cut3r_trajectory": "cut3r", "da3_streaming": "depth-anything-3"}
+        readers["da3"] = "depth-anything-3"
+        reader = readers.get(layout, layout.replace("_", "-"))
         given = ("FOLDER/out", "--reader", reader, *protocol)
         commands = (("eval", "reconstruction", *given), ("check", *given))
         for file in files:
