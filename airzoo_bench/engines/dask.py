@@ -58,11 +58,10 @@ class DaskEngine(Engine):
         self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
     ) -> Generator[Any, None, None]:
         workers = max(1, sum(self.client.nthreads().values()))
+        # The result of a task, not scattered: that would be lost with the workers that hold it.
+        # Bytes, since arrays that Dask sends may lie at odd addresses, where sums round otherwise.
+        data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)
         try:
-            # The result of a task, not scattered: that would be lost with the workers that hold it.
-            # Bytes, since arrays that Dask sends may lie at odd addresses, where sums round
-            # otherwise.
-            data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)
             held = self.client.submit(_hold, data, pure=False)
             yield from read_ahead(partial(self._submit, held), items, workers)
         except KilledWorker as error:
@@ -72,8 +71,7 @@ class DaskEngine(Engine):
             raise UserError(
                 "the scheduler of Dask was lost in the middle of the run",
                 where=self.place,
-                fix="start it again, then run this command again; "
-                "`eval` with --resume goes on from the scenes that are scored",
+                fix="start it again, then the command; `eval --resume` keeps what is scored",
             ) from error
 
     def _submit(self, held: Future, item: Any) -> Callable[[], Any]:
@@ -83,7 +81,7 @@ class DaskEngine(Engine):
     def _wait(self, future: Future) -> Any:
         """Wait for a block, but not for ever if no worker could do it."""
         alive = time.monotonic()
-        while True:
+        while time.monotonic() - alive < PATIENCE_S:
             with suppress(TimeoutError):
                 return pickle.loads(future.result(timeout=1.0))  # noqa: S301 - of this run
             if self.client.status != "running":
@@ -91,14 +89,16 @@ class DaskEngine(Engine):
             workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
             if any(worker["status"] == "running" for worker in workers):
                 alive = time.monotonic()
-            elif time.monotonic() - alive > PATIENCE_S:
-                raise UserError(
-                    "all workers are gone, or paused for want of memory",
-                    where=self.place,
-                    expected=f"one that is ready within {PATIENCE_S:.0f} s",
-                    fix=f"start others with `dask worker {self.client.scheduler.address}`, or "
-                    + MORE_MEMORY,
-                )
+        raise _no_workers(self.client, self.place)
+
+
+def _no_workers(client: Client, place: str) -> UserError:
+    return UserError(
+        "there are no workers, or all are paused for want of memory",
+        where=place,
+        expected=f"one that is ready within {PATIENCE_S:.0f} s",
+        fix=f"start others with `dask worker {client.scheduler.address}`, or {MORE_MEMORY}",
+    )
 
 
 def _hold(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -131,7 +131,7 @@ def local_cluster(workers: int) -> Iterator[DaskEngine]:
         os.environ.update(before)
         try:
             yield DaskEngine(client, "--engine dask")
-        except BaseException:
+        finally:
             # Workers asked to close would finish their blocks first, and nannies wait for them.
             for nanny in cluster.workers.values():
                 nanny.auto_restart = False
@@ -140,9 +140,6 @@ def local_cluster(workers: int) -> Iterator[DaskEngine]:
             with suppress(TimeoutError):
                 client.close(timeout=0.5)
                 cluster.close(timeout=0.5)
-            raise
-        client.close()
-        cluster.close()
 
 
 @contextmanager
@@ -163,31 +160,26 @@ def connect(address: str) -> Iterator[DaskEngine]:
                 f"no scheduler of Dask answers there ({type(error).__name__})",
                 where=place,
                 expected="local, dask, tcp://HOST:PORT or tls://HOST:PORT (not the dashboard's)",
-                fix="check that `dask scheduler` runs there, and Dask's own settings of tls://",
             ) from None
         with client:
-            _wait_for_workers(client, place)
+            _check_workers(client, place)
             yield DaskEngine(client, place)
 
 
-def _wait_for_workers(client: Client, place: str) -> None:
+def _check_workers(client: Client, place: str) -> None:
     """Wait for the first worker; refuse workers of other versions: sums are to round alike."""
     try:
         client.wait_for_workers(1, timeout=PATIENCE_S)
     except TimeoutError:
-        fix = f"start some with `dask worker {client.scheduler.address}`"
-        raise UserError("the scheduler has no workers", where=place, fix=fix) from None
+        raise _no_workers(client, place) from None
     found = client.get_versions(packages=["airzoo-bench"])
     own = found["client"]["packages"]
-    others = [
-        f"{worker} has {name} {stated['packages'].get(name)} and not {own[name]}"
-        for worker, stated in found["workers"].items()
-        for name in _SAME
-        if stated["packages"].get(name) != own[name]
-    ]
-    if others:
-        raise UserError(
-            f"workers are not as this machine: {'; '.join(others[:3])[:500]}",
-            where=place,
-            fix="start scheduler and workers from one environment with airzoo-bench[dask]",
-        )
+    for worker, stated in found["workers"].items():
+        others = [name for name in _SAME if stated["packages"].get(name) != own[name]]
+        if others:
+            versions = ", ".join(f"{one} {stated['packages'].get(one)}" for one in others)
+            raise UserError(
+                f"the worker {worker} has other versions: {versions}",
+                where=place,
+                fix="start scheduler and workers from one environment with airzoo-bench[dask]",
+            )
