@@ -1,4 +1,4 @@
-"""Intervals beside SciPy's bootstrap, rank ranges beside tests pair by pair."""
+"""Intervals beside SciPy's bootstrap."""
 
 from __future__ import annotations
 
@@ -15,14 +15,7 @@ from airzoo_bench.results.comparison import make_sample
 from airzoo_bench.results.result import ScoreColumn, score_columns
 from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.statistics.intervals import sample_intervals
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import (
-    compare_all,
-    correct_pairs,
-    paired_tests,
-    rank_ranges,
-    resamples_for,
-)
+from airzoo_bench.statistics.samples import ResamplingConfig
 
 sys.path.insert(0, str(ROOT))
 
@@ -62,48 +55,6 @@ def compare_intervals(figures: dict[str, Figures]) -> str:
     )
 
 
-def skilled(methods: int) -> Sample:
-    """Return hits of methods of all skills on the queries of UAV-VisLoc."""
-    random, parts = np.random.default_rng(0), []
-    skill = np.linspace(-1, 1, methods)[:, None]
-    for size in SCENES.values():
-        ease = random.normal(size=size) + 0.7 * random.normal(size=(methods, size))
-        parts.append((ease + skill > 0).astype(np.float64))
-    none, all_of_them = np.zeros(methods, bool), np.ones(methods, bool)
-    return Sample("query", tuple(SCENES), tuple(parts), none, all_of_them)
-
-
-def rank_all(_: Path, methods: int) -> Work:
-    """Return rank ranges by tests of all pairs at once."""
-    sample, plan = skilled(methods), ResamplingConfig(resamples_for(methods))
-
-    def work() -> None:
-        _, _, p_values = compare_all(sample, plan)
-        values = np.mean([part.mean(axis=1) for part in sample.values], axis=0)
-        rank_ranges(values, correct_pairs(p_values), higher_is_better=True)
-
-    return work
-
-
-def ask_pairs(_: Path, methods: int) -> Work:
-    """Test the first method against others pair by pair, at most 50."""
-    sample, plan = skilled(methods), ResamplingConfig(resamples_for(methods))
-    pairs = [(0, other) for other in range(1, min(methods, 50))]
-
-    def work() -> dict[str, float]:
-        paired_tests(sample, plan, pairs)
-        return {"times": methods * (methods - 1) / 2 / len(pairs)}
-
-    return work
-
-
-def compare_tests(figures: dict[str, Figures]) -> str:
-    """Say how long all pairs would take."""
-    ours, few = figures.values()
-    seconds = few.processor * float(few.arrays["times"])
-    return f"all pairs: {seconds:.0f} s of processor, {seconds / ours.processor:.0f} times"
-
-
 CASES = {
     "intervals": Case(
         "intervals of {methods} methods, {resamples:,} resamples, 6,442 queries in 11 scenes",
@@ -112,14 +63,6 @@ CASES = {
         {"methods": 10, "resamples": 10_000},
         {"methods": 4, "resamples": 1_000},
         compare_intervals,
-    ),
-    "ranks": Case(
-        "rank ranges of {methods} methods",
-        no_input,
-        {"airzoo-bench": rank_all, "pair by pair, a few": ask_pairs},
-        {"methods": 100},
-        {"methods": 20},
-        compare_tests,
     ),
 }
 
