@@ -1,6 +1,6 @@
 """Spoilt inputs of every kind through the command line, in this process, a case a number.
 
-    python -m tests.hostile.fuzz --seed 0 --cases 2000 [--only matching/] [--keep DIR]
+    python -m tests.hostile.fuzz --seed 0 --cases 2000 [--only matching] [--keep DIR]
     python -m tests.hostile.fuzz --seed 0 --case 1234 --keep DIR      # one again, with its output
 
 A case follows from its seed and its number alone. What fails is printed as a line of JSON, and the
@@ -15,13 +15,14 @@ import json
 import os
 import re
 import resource
+import shlex
 import shutil
 import signal
 import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
@@ -31,8 +32,7 @@ import numpy as np
 import typer
 
 from airzoo_bench.cli import main as cli
-from tests.hostile.inputs import made_inputs
-from tests.hostile.inputs.case import Input, spoilt
+from tests.hostile.inputs import Input, make_inputs, spoilt
 from tests.support import HANGS_S, run_main
 
 CPU_S = 20.0
@@ -48,8 +48,7 @@ class Failure:
 
     seed: int
     case: int
-    kind: str
-    arguments: list[str]
+    command: str
     why: str
     said: str
 
@@ -68,10 +67,10 @@ def kind_of_case(inputs: list[Input], seed: int, number: int) -> tuple[Input, np
 def run_case(inputs: list[Input], seed: int, number: int, folder: Path) -> Failure | None:
     """Run a case in an empty folder."""
     one, random = kind_of_case(inputs, seed, number)
-    arguments = spoilt(one, random, folder)
-    data = folder / one.data if one.data is not None else folder / "no data"
-    os.environ["AIRZOO_BENCH_DATA"] = str(data)
-    code, said, seconds = _run(arguments, folder.parent / "said")
+    words = spoilt(one, random, folder)
+    os.environ["AIRZOO_BENCH_DATA"] = "data"
+    with chdir(folder):
+        code, said, seconds = _run(words, folder.parent / "said")
     why = ""
     if code is None or seconds > CPU_S:
         why = f"took {seconds:.0f} s of a processor{'' if code is not None else ', and no end'}"
@@ -79,7 +78,7 @@ def run_case(inputs: list[Input], seed: int, number: int, folder: Path) -> Failu
         why = f"exit code {code}"
     elif found := _LEAKED.search(said):
         why = f"leaked {found[0]!r}"
-    return Failure(seed, number, one.name, arguments, why, said[-3000:]) if why else None
+    return Failure(seed, number, shlex.join(words), why, said[-3000:]) if why else None
 
 
 def _run(arguments: list[str], said: Path) -> tuple[int | None, str, float]:
@@ -144,7 +143,7 @@ def run_cases(seed: int, numbers: list[int], only: str, keep: Path) -> int:
     once = mock.patch("typer.main.get_command", lambda app: tree if app is tree else build(app))
     with tempfile.TemporaryDirectory() as home, built, once:
         with _captured(keep / "made"):
-            inputs = [one for one in made_inputs(Path(home)) if only in one.name]
+            inputs = [one for one in make_inputs(Path(home)) if only in one.name]
         for number in numbers:
             folder = Path(home) / "case"
             folder.mkdir()
