@@ -115,7 +115,7 @@ def rank_mapped(folder: Path, **_: Any) -> Work:
     positives = Positives(np.arange(len(queries) + 1), source)
 
     def work() -> dict[str, Any]:
-        ranking = rank_by_descriptors(
+        blocks = rank_by_descriptors(
             queries,
             gallery,
             k=K,
@@ -123,8 +123,10 @@ def rank_mapped(folder: Path, **_: Any) -> Work:
             positives=positives,
             tie_ranks=5,
             run=Run(1 << 29, jobs=2),
+            names=range(len(queries)),
+            tile_names=range(len(gallery)),
         )
-        return {"tiles": ranking.tiles}
+        return {"tiles": np.concatenate([ranking.tiles for _, ranking in blocks])}
 
     return work
 

@@ -20,6 +20,7 @@ from airzoo_bench.core.errors import (
     RasterError,
     UsageError,
     UserError,
+    counted,
     first_of,
 )
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
@@ -39,7 +40,7 @@ from airzoo_bench.geometry.crs import (
 )
 from airzoo_bench.geometry.heightfield import HeightSurvey, median_height, survey_heights
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
-from airzoo_bench.retrieval.prepare import build_stated_truth, grouped_reasons
+from airzoo_bench.retrieval.prepare import build_stated_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -222,12 +223,13 @@ def _check_above_surface(heights: Floats, surface: Floats, dsm: Path | None) -> 
 
 
 def _nothing_to_ask(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:
-    reasons, fixes = grouped_reasons(truth.excluded)
+    counts = truth.excluded["reason"].value_counts()
+    reasons = [f"{counted(count, 'photo')}: {reason}" for reason, count in counts.items()]
     x, y, z = inputs.photos[["x", "y", "z"]].median()
     return BenchmarkError(
         f"no photo has a tile that answers it ({'; '.join(reasons)}); cameras are about "
         f"({x:.0f}, {y:.0f}, {z:.0f})",
         where=native.poses_from or native.images,
-        expected="at least one photo that a tile answers",
-        fix="; or ".join(fixes),
+        fix="look at the CRS of poses, DOM and DSM, at heights, and whether poses are "
+        "world-to-camera; else take a larger map or other tiles",
     )

@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import to_lonlat, unwrapped
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.geometry.rays import RayStatus, intersect_heightfield, intersect_plane
+from airzoo_bench.geometry.rays import intersect_heightfield, intersect_plane
 from airzoo_bench.retrieval.truth import LONLAT_DECIMALS
 
 _TOUCH = 1e-12  # of the tile's area; rounding leaves less than this of two that only touch
 
 
-@dataclass(frozen=True)
-class Footprints:
+class Footprints(NamedTuple):
     """The ground points of N photos in degrees, NaN where there is none."""
 
     lonlat: Floats  # (N, 4, 2), in the order of the image's corners
-    status: NDArray[np.uint8]  # (N, 4), a `RayStatus` for each ray
     centres: Floats  # (N, 2), the mean of the ground points that there are
-
-    @property
-    def missed_rays(self) -> Ints:
-        """How many of the four rays of each photo (N,) meet no ground."""
-        return np.asarray(np.count_nonzero(self.status != RayStatus.HIT, axis=1))
-
-    def about(self, lon: float) -> Footprints:
-        """Return the same with longitudes unwrapped about one; see `crs.unwrapped`."""
-        parts = (unwrapped(part, lon) for part in (self.lonlat, self.centres))
-        lonlat, centres = (np.round(part, LONLAT_DECIMALS) for part in parts)
-        return Footprints(lonlat, self.status, centres)
+    missed_rays: Ints  # (N,), how many of the four rays meet no ground
 
 
 def cast_footprints(
@@ -46,8 +33,12 @@ def cast_footprints(
     *,
     inset: float,
     max_range_m: float,
+    about_lon: float | None = None,
 ) -> Footprints:
-    """Cast the anchor rays of N photos onto a plane's height or a surface model."""
+    """Cast the anchor rays of N photos onto a plane's height or a surface model.
+
+    Longitudes are unwrapped about `about_lon`; see `crs.unwrapped`.
+    """
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, inset)))
     if isinstance(ground, HeightField):
         hits = intersect_heightfield(poses.centres, rays, ground, max_range_m)
@@ -57,7 +48,11 @@ def cast_footprints(
     total = np.where(hits.valid[..., None], xy, 0.0).sum(axis=1)
     middle = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
     lonlat, centres = (np.round(to_lonlat(crs, part), LONLAT_DECIMALS) for part in (xy, middle))
-    return Footprints(lonlat, hits.status, centres)
+    if about_lon is not None:
+        lonlat, centres = (
+            np.round(unwrapped(part, about_lon), LONLAT_DECIMALS) for part in (lonlat, centres)
+        )
+    return Footprints(lonlat, centres, 4 - count[:, 0])
 
 
 def ious(polygons: Floats, boxes: Floats) -> Floats:
@@ -109,17 +104,12 @@ def _common_areas(polygons: Floats, boxes: Floats) -> Floats:
     start, stop = np.clip(xa, 0, width), np.clip(xb, 0, width)
     y_start = ya + (yb - ya) * _share(start - xa, xb - xa)
     y_stop = ya + (yb - ya) * _share(stop - xa, xb - xa)
-    under = (stop - start) * _clamped_mean(y_start, y_stop, height)
-    return np.asarray(np.abs(under.sum(axis=1)))
-
-
-def _clamped_mean(ya: Floats, yb: Floats, height: Floats) -> Floats:
-    """Return the mean of clamp(y, 0, height) while y goes from `ya` to `yb` evenly."""
-    first, last = np.clip(ya, 0, height), np.clip(yb, 0, height)
-    enters, leaves = _share(first - ya, yb - ya), _share(last - ya, yb - ya)
-    # A level side has no share: `last` equals `first` and stands for the whole of it.
-    middle = (leaves - enters) * (first + last) / 2
-    return np.asarray(enters * first + middle + (1 - leaves) * last)
+    # The mean of clamp(y, 0, height) while y goes evenly from one to the other. A level side has
+    # no share: `last` equals `first` and stands for the whole of it.
+    first, last = np.clip(y_start, 0, height), np.clip(y_stop, 0, height)
+    enters, leaves = (_share(one - y_start, y_stop - y_start) for one in (first, last))
+    mean = enters * first + (leaves - enters) * (first + last) / 2 + (1 - leaves) * last
+    return np.asarray(np.abs(((stop - start) * mean).sum(axis=1)))
 
 
 def _share(part: Floats, whole: Floats) -> Floats:

@@ -32,7 +32,16 @@ def tile_starts(length: int, size: int, overlap: float) -> Ints:
 
 def cut_gallery(info: RasterInfo, gallery: MapGallery, scene: str) -> pd.DataFrame:
     """Cut a map into tiles, as windows."""
-    _check_gsd(info, gallery)
+    found = gsd_m(info)
+    if gallery.gsd_m != "any":
+        off = max(abs(axis / gallery.gsd_m - 1) for axis in found)
+        if off > gallery.gsd_tolerance:
+            raise RasterError(
+                f"has {found[0]:.3f} x {found[1]:.3f} m per pixel on the ground",
+                where=info.path,
+                expected=f"{gallery.gsd_m} m, give or take {gallery.gsd_tolerance:.0%}",
+                fix="resample the map (gdalwarp -tr), or choose a protocol of this resolution",
+            )
     parts = [_cut_scale(info, size, gallery.overlap, scene) for size in gallery.tile_sizes_px]
     tiles = pd.concat(parts).sort_values("id", ignore_index=True)
     return tiles.assign(valid_share=valid_shares(info.path, windows_of(tiles)))
@@ -58,21 +67,6 @@ def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
     return float(areas.sum() / polygon_areas(ring).sum() - 1)
 
 
-def _check_gsd(info: RasterInfo, gallery: MapGallery) -> None:
-    """Compare the map's ground sampling distance with the protocol's, on both axes."""
-    if gallery.gsd_m == "any":
-        return
-    found = gsd_m(info)
-    off = max(abs(axis / gallery.gsd_m - 1) for axis in found)
-    if off > gallery.gsd_tolerance:
-        raise RasterError(
-            f"has {found[0]:.3f} x {found[1]:.3f} m per pixel on the ground",
-            where=info.path,
-            expected=f"{gallery.gsd_m} m, give or take {gallery.gsd_tolerance:.0%}",
-            fix="resample the map (gdalwarp -tr), or choose a protocol of this resolution",
-        )
-
-
 def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.DataFrame:
     columns = tile_starts(info.width, size, overlap)
     rows = tile_starts(info.height, size, overlap)
@@ -83,14 +77,10 @@ def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.Da
     tiles["height"] = np.minimum(size, info.height - tiles["y"])
     ring = _ring(info, windows_of(tiles))
     boxes = np.round(np.concatenate([ring.min(axis=1), ring.max(axis=1)], axis=1), LONLAT_DECIMALS)
-    return tiles.assign(size_m=_sides(ring), **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
-
-
-def _sides(ring: Floats) -> Floats:
-    """Return the mean of a tile's width and height on the ground, to the millimetre."""
     width = geodesic_distance_m(ring[:, 3], ring[:, 4])
     height = geodesic_distance_m(ring[:, 1], ring[:, 6])
-    return np.round((width + height) / 2, 3)
+    sides = np.round((width + height) / 2, 3)  # to the millimetre
+    return tiles.assign(size_m=sides, **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
 
 
 def _ring(info: RasterInfo, windows: Ints) -> Floats:
@@ -105,8 +95,7 @@ def _ring(info: RasterInfo, windows: Ints) -> Floats:
         raise RasterError(
             "reaches places that are not on the earth",
             where=info.path,
-            expected=f"coordinates that {describe_crs(info.crs)} is defined for, latitudes from "
-            "-90 to 90",
+            expected=f"coordinates that {describe_crs(info.crs)} is defined for",
             fix="look at the geotransform and the CRS of the map, or cut it",
         )
     return ring

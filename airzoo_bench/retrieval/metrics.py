@@ -9,16 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import comb
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.settings import ApVariant, ImageScores, TileScores
-
-if TYPE_CHECKING:
-    from airzoo_bench.retrieval.truth import Positives
 
 _BITMAP_CELLS = 1 << 22  # 4 MB stay in the cache, where random reads are cheap
 _HIT_CELLS = 1 << 20  # bounds the memory where nearly everything is a hit
@@ -136,24 +132,18 @@ def _sum_over_hits(hits: Bools, term: Callable[[Ints, Ints], Floats]) -> Floats:
     return sums
 
 
-def list_precisions(hit_ranks: Ints, positives: Positives) -> tuple[Floats, Floats]:
-    r"""AP of whole lists, as :math:`\frac{1}{R} \sum_n P(r_n)` and by trapezoids.
+def trapezoid_precision(hits: Bools, n_positives: Ints) -> Floats:
+    r"""Area under the precision-recall curve of whole lists, as University-1652's code has it.
 
-    `hit_ranks` is (P,), see `Ranking.hit_ranks`: the n-th positive of a query stands at rank
-    :math:`r_n`, where the precision is :math:`n / r_n`. By trapezoids each positive adds the mean
-    of that and of the precision just before it, :math:`(n - 1) / (r_n - 1)`, which is 1 at rank 1:
-    the area under the precision-recall curve, as University-1652's code has it.
+    The n-th positive of a query, at rank :math:`r_n`, adds the mean of the precision there,
+    :math:`n / r_n`, and of that just before it, :math:`(n - 1) / (r_n - 1)`, which is 1 at rank 1.
     """
-    ordinal = np.arange(len(hit_ranks)) - positives.offsets[positives.queries] + 1
-    found = hit_ranks > 0
-    at = np.divide(ordinal, hit_ranks, out=np.zeros(len(ordinal)), where=found)
-    before = np.divide(ordinal - 1, hit_ranks - 1, out=np.ones(len(ordinal)), where=hit_ranks > 1)
-    sums = (
-        np.bincount(positives.queries, values, minlength=positives.n_queries)
-        for values in (at, np.where(found, (before + at) / 2, 0.0))
-    )
-    plain, trapezoid = (total / np.maximum(positives.counts, 1) for total in sums)
-    return plain, trapezoid
+
+    def term(ordinal: Ints, rank: Ints) -> Floats:
+        before = np.divide(ordinal - 1, rank - 1, out=np.ones(len(rank)), where=rank > 1)
+        return np.asarray((before + ordinal / rank) / 2)
+
+    return np.asarray(_sum_over_hits(hits, term) / np.maximum(n_positives, 1))
 
 
 def sdm_at(distances: Floats, k: int, scale: float) -> Floats:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import needed
-from airzoo_bench.benchmark.queries import NO_POSE, SceneInputs, cameras_of, poses_of, with_unposed
+from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of, with_unposed
 from airzoo_bench.core.errors import BenchmarkError, RasterError, counted, first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import LONLAT_CRS
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import RasterInfo, to_map_pixels
+from airzoo_bench.geometry.rasters import to_map_pixels
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
 from airzoo_bench.retrieval.positives import (
@@ -30,6 +30,7 @@ from airzoo_bench.retrieval.truth import (
     FOOTPRINT_COLUMNS,
     NO_GROUND_POINT,
     POSITION_COLUMNS,
+    TOO_EMPTY,
     Positives,
     RetrievalTruth,
     boxes_of,
@@ -39,40 +40,52 @@ from airzoo_bench.retrieval.truth import (
 _PIXEL_DECIMALS = 6
 
 
-@dataclass(frozen=True)
-class PreparedScene:
-    """The truth of a scene, and the overlap of all pairs of its queries and tiles.
-
-    `in_map_frame` tells whether positives were decided in the map's pixels, since boxes in degrees
-    outgrow tiles.
-    """
+class PreparedScene(NamedTuple):
+    """The truth of a scene, and the overlap of all pairs of its queries and tiles."""
 
     truth: RetrievalTruth
     overlaps: Positives
-    in_map_frame: bool
 
 
 def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules) -> PreparedScene:
     """Cut the gallery, cast the footprints, and find which tile answers which photo."""
     info = inputs.gallery_map
-    tiles, dropped = _without_empty(cut_gallery(info, gallery, inputs.scene), gallery, info)
+    tiles = cut_gallery(info, gallery, inputs.scene)
+    valid: Bools = np.ones(len(tiles), np.bool_)
+    if gallery.least_valid_share != "none":
+        share = tiles["valid_share"].to_numpy(np.float64)
+        valid = (share > 0) & (share >= gallery.least_valid_share)
+    dropped, tiles = (tiles[some].reset_index(drop=True) for some in (~valid, valid))
+    if tiles.empty:
+        raise RasterError(
+            f"none of its {counted(len(dropped), 'tile')} holds enough valid pixels",
+            where=info.path,
+            fix="look at the nodata value and the alpha band of the map",
+        )
     footprints = _footprints(inputs, rules)
-    in_map_frame = box_growth(info, tiles) > rules.box_growth
-    points, boxes = footprints.lonlat, [boxes_of(tiles), boxes_of(dropped)]
-    if in_map_frame:
-        points = _in_pixels(info, points)
-        boxes = [windows_of(table).astype(np.float64) for table in (tiles, dropped)]
-    positives, on_dropped = (_positives(points, some, rules) for some in boxes)
-    shared = overlaps(points, boxes[0])
+    points, boxes, outside = _in_one_frame(inputs, footprints, rules, tiles, dropped)
+    positives, on_dropped = (_positives(points, some, rules) for some in (boxes, outside))
+    shared = overlaps(points, boxes)
     kept = positives.counts > 0
-    reasons = _reasons(footprints, shared, on_dropped.counts > 0, gallery, rules)
+    # The first that holds says why no tile answers a photo.
+    between = "the footprint overlaps tiles, but none of its 4 points lies in one"
+    too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
+    choices = {
+        NO_GROUND_POINT: footprints.missed_rays == 4,
+        f"only tiles {TOO_EMPTY}, which are in no gallery": on_dropped.counts > 0,
+        between if rules.iou_above is None else too_little: shared.counts > 0,
+        "some of its 4 rays do not meet the ground, and the others meet no tile": (
+            footprints.missed_rays > 0
+        ),
+    }
+    reasons = np.select([*choices.values()], [*choices], "the footprint meets no tile")
+    left_out = inputs.photos[["id", "image"]].assign(reason=reasons.astype(object))[~kept]
     if rules.without_positive == "miss":
-        kept[:] = True
+        kept, left_out = np.ones_like(kept), left_out.iloc[:0]
     rows = np.flatnonzero(kept)
-    left_out = inputs.photos[["id", "image"]].assign(reason=reasons)[~kept]
-    anchors = zip(ANCHOR_COLUMNS, footprints.lonlat.reshape(-1, 8).T, strict=True)
-    centres = zip(FOOTPRINT_COLUMNS, footprints.centres.T, strict=True)
-    table = inputs.photos[["id"]].assign(**dict(anchors), **dict(centres))
+    columns = np.concatenate([footprints.lonlat.reshape(-1, 8), footprints.centres], axis=1)
+    named = zip((*ANCHOR_COLUMNS, *FOOTPRINT_COLUMNS), columns.T, strict=True)
+    table = inputs.photos[["id"]].assign(**dict(named))
     truth = RetrievalTruth(
         inputs.scene,
         inputs.photos.iloc[rows].reset_index(drop=True),
@@ -82,34 +95,13 @@ def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules)
         with_unposed(left_out.reset_index(drop=True), inputs),
         dropped,
     )
-    return PreparedScene(truth, shared.take(rows), in_map_frame)
+    return PreparedScene(truth, shared.take(rows))
 
 
 def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GeometricRules) -> Positives:
     """Find which tiles of a gallery that was cut before answer each photo."""
-    info, points = inputs.gallery_map, _footprints(inputs, rules).lonlat
-    if box_growth(info, tiles) <= rules.box_growth:
-        return _positives(points, boxes_of(tiles), rules)
-    return _positives(_in_pixels(info, points), windows_of(tiles).astype(np.float64), rules)
-
-
-def _without_empty(
-    tiles: pd.DataFrame, gallery: MapGallery, info: RasterInfo
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Split off the tiles that hold too little of the map, or none of it."""
-    kept = np.ones(len(tiles), bool)
-    if gallery.least_valid_share != "none":
-        share = tiles["valid_share"].to_numpy(np.float64)
-        kept = (share > 0) & (share >= gallery.least_valid_share)
-    if not kept.any():
-        raise RasterError(
-            f"none of its {counted(len(tiles), 'tile')} holds more than "
-            f"{tiles['valid_share'].max():.0%} of valid pixels",
-            where=info.path,
-            expected=f"tiles of which {gallery.least_valid_share:.0%} are valid, and more than 0",
-            fix="look at the nodata value and the alpha band of the map",
-        )
-    return tiles[kept].reset_index(drop=True), tiles[~kept].reset_index(drop=True)
+    points, boxes = _in_one_frame(inputs, _footprints(inputs, rules), rules, tiles)
+    return _positives(points, boxes, rules)
 
 
 def _footprints(inputs: SceneInputs, rules: GeometricRules) -> Footprints:
@@ -118,19 +110,29 @@ def _footprints(inputs: SceneInputs, rules: GeometricRules) -> Footprints:
         ground = HeightField.read(needed(inputs.dsm, "surface model", inputs.scene))
     else:
         ground = needed(inputs.plane_height_m, "height of the ground", inputs.scene)
-    found = cast_footprints(
+    return cast_footprints(
         cameras_of(inputs.photos),
         poses_of(inputs.photos),
         needed(inputs.crs, "CRS", inputs.scene),
         ground,
         inset=rules.anchor_inset,
         max_range_m=rules.max_range_m,
+        about_lon=middle_lon(inputs.gallery_map),
     )
-    return found.about(middle_lon(inputs.gallery_map))
 
 
-def _in_pixels(info: RasterInfo, lonlat: Floats) -> Floats:
-    return np.round(to_map_pixels(LONLAT_CRS, info)(lonlat), _PIXEL_DECIMALS)
+def _in_one_frame(
+    inputs: SceneInputs, footprints: Footprints, rules: GeometricRules, *tables: pd.DataFrame
+) -> list[Floats]:
+    """Return the points of footprints and the boxes of tables of tiles, the first not empty.
+
+    They are in degrees, or in the map's pixels where boxes in degrees outgrow the tiles.
+    """
+    info = inputs.gallery_map
+    if box_growth(info, tables[0]) <= rules.box_growth:
+        return [footprints.lonlat, *map(boxes_of, tables)]
+    points = np.round(to_map_pixels(LONLAT_CRS, info)(footprints.lonlat), _PIXEL_DECIMALS)
+    return [points, *(windows_of(table).astype(np.float64) for table in tables)]
 
 
 def _positives(points: Floats, boxes: Floats, rules: GeometricRules) -> Positives:
@@ -138,44 +140,6 @@ def _positives(points: Floats, boxes: Floats, rules: GeometricRules) -> Positive
         return positives_from_iou(points, boxes, rules.iou_above)
     found = positives_from_points(points, boxes)
     return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
-
-
-_BETWEEN = "the footprint overlaps tiles, but none of its 4 points lies in one"
-_FIXES = (  # for reasons that contain the text, the first that does
-    (NO_POSE, ""),
-    ("overlaps by more", "lower --iou-above, or choose a --tile-size nearer to the footprints"),
-    (_BETWEEN, "take a map that is larger than the footprints, or --rule iou, or look at heights"),
-    ("only tiles", "take a map that is valid below the photos, or lower least_valid_share"),
-    ("", "look at the CRS of poses, DOM and DSM, and whether poses are world-to-camera"),
-)
-
-
-def _reasons(
-    footprints: Footprints,
-    shared: Positives,
-    on_dropped: Bools,
-    gallery: MapGallery,
-    rules: GeometricRules,
-) -> list[str]:
-    """Return for each photo why no tile answers it, if none does."""
-    missed, outside = (footprints.missed_rays, "would answer it, and they are not in the gallery")
-    too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
-    choices = {  # the first that holds
-        NO_GROUND_POINT: missed == 4,
-        f"only tiles {gallery.dropped} {outside}": on_dropped,
-        _BETWEEN if rules.iou_above is None else too_little: shared.counts > 0,
-        "some of its 4 rays do not meet the ground, and the others meet no tile": missed > 0,
-    }
-    reasons = np.select([*choices.values()], [*choices], "the footprint meets no tile")
-    return [str(reason) for reason in reasons]
-
-
-def grouped_reasons(excluded: pd.DataFrame) -> tuple[list[str], list[str]]:
-    """Return why photos have no tile, a clause a reason, and what may help, commonest first."""
-    counts = excluded["reason"].value_counts()
-    clauses = [f"{counted(count, 'photo')}: {reason}" for reason, count in counts.items()]
-    fixes = [next(fix for text, fix in _FIXES if text in reason) for reason in counts.index]
-    return clauses, list(dict.fromkeys(filter(None, fixes)))
 
 
 # --- a benchmark that gives images and says itself which belong together ---
@@ -216,8 +180,8 @@ def build_stated_truth(
     scene: str, queries: ImageSet, gallery: ImageSet, pairs: StatedPairs, rules: StatedRules
 ) -> PreparedScene:
     """Lay out queries, gallery and pairs as the truth of a scene."""
-    asked, asked_order = _table(scene, queries, "queries")
-    tiles, tile_order = _table(scene, gallery, "images of the gallery")
+    asked, asked_order = _table(scene, queries)
+    tiles, tile_order = _table(scene, gallery)
     query, tile = asked_order[pairs.queries], tile_order[pairs.tiles]
     order = np.lexsort((tile, query))
     stated = Positives(
@@ -226,48 +190,39 @@ def build_stated_truth(
         None if pairs.weight is None else pairs.weight[order],
     )
     positives = stated.where(pairs.positive[order])
-    kept = positives.counts > 0
-    if rules.without_positive == "miss":
-        kept[:] = True
+    kept = (positives.counts > 0) | (rules.without_positive == "miss")
     if not kept.any():
         raise BenchmarkError(
             f"scene {scene} has no query that an image of its gallery answers",
             fix="look whether queries and gallery are of one benchmark",
         )
     rows, conditions = np.flatnonzero(kept), list(queries.conditions)
-    reason = "the benchmark states no image that answers it"
-    if rules.rule == "labels":
-        reason = "no image of its class is in the gallery"
+    left_out = asked[["id", "image"]].assign(reason="no image of the gallery answers it")[~kept]
     truth = RetrievalTruth(
         scene,
         asked[["id", "image", *conditions]].iloc[rows].reset_index(drop=True),
         asked.drop(columns=["image", *conditions]).iloc[rows].reset_index(drop=True),
         tiles.drop(columns=list(gallery.conditions)),
         positives.take(rows),
-        asked[["id", "image"]].assign(reason=reason)[~kept].reset_index(drop=True),
+        left_out.reset_index(drop=True),
         tiles[["id", "image"]].iloc[:0],
     )
-    return PreparedScene(truth, stated.take(rows), in_map_frame=False)
+    return PreparedScene(truth, stated.take(rows))
 
 
-def _table(scene: str, images: ImageSet, what: str) -> tuple[pd.DataFrame, Ints]:
+def _table(scene: str, images: ImageSet) -> tuple[pd.DataFrame, Ints]:
     """Lay out a set sorted by id; also give the new row of each image."""
-    ids = [f"{scene}/{name}" for name in images.names]
-    table = pd.DataFrame({"id": ids, "image": list(images.images)})
-    twice = table[table["id"].duplicated(keep=False)].sort_values("id", kind="stable")
+    table = pd.DataFrame({"id": [f"{scene}/{name}" for name in images.names]})
+    table["image"] = list(images.images)
+    twice = table[table["id"].duplicated(keep=False)]
     if len(twice):
         raise BenchmarkError(
-            f"{what} of scene {scene} of which several have one name: "
-            f"{first_of(twice['image'], len(table))}",
+            f"images of scene {scene} with one name: {first_of(twice['image'], len(table))}",
             expected="each name once, without its ending",
-            fix="remove the copies",
         )
     if images.positions is not None:
-        degrees, metres = POSITION_COLUMNS
-        columns = degrees if images.degrees else metres
+        columns = POSITION_COLUMNS[0 if images.degrees else 1]
         table = table.assign(**dict(zip(columns, images.positions.T, strict=True)))
     table = table.assign(**{name: list(values) for name, values in images.conditions.items()})
     order = np.argsort(table["id"].to_numpy(str), kind="stable")
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    return table.iloc[order].reset_index(drop=True), place
+    return table.iloc[order].reset_index(drop=True), np.argsort(order, kind="stable")

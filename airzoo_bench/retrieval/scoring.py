@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -34,47 +34,38 @@ RECORDED = frozenset(
 AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
 
 _EQUATOR_M = 6378137.0
-_CELLS = 1 << 20  # distances at a time
-
-Between = Callable[[Floats, Floats], Floats]
-"""Takes positions (..., 2) of queries and of images, and returns distances (...)."""
 
 
 def list_scores(settings: TileScores | ImageScores) -> list[Score]:
     """Return the scores that a protocol asks for, the paper's first."""
     share = Score.share
-    headline = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
-    if isinstance(settings, ImageScores):
-        return headline + _image_scores(settings)
-    ap = ap_name(settings.ap_at, settings.ap)
-    others = [ap_name(settings.ap_at, variant) for variant in AP_VARIANTS]
-    return [
-        *headline,
-        share(ap, ap.replace("ap", "AP"), headline=True),
-        *(share(name, name.replace("ap", "AP")) for name in others if name != ap),
-        *(share("map", "mAP"), share("mrr", "MRR")),
-        *(share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at),
-        Score("distance_m", "Distance", "m", higher_is_better=False, average="median"),
-        *(share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m),
-        *(share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at),
-        *(share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at),
-    ]
-
-
-def _image_scores(settings: ImageScores) -> list[Score]:
-    ap, other, beyond = "map", "ap/trapezoid", "AP/trapezoid"
+    scores = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    if isinstance(settings, TileScores):
+        aps = [ap_name(settings.ap_at, one) for one in (settings.ap, *AP_VARIANTS)]
+        return [
+            *scores,
+            share(aps[0], aps[0].replace("ap", "AP"), headline=True),
+            *(share(name, name.replace("ap", "AP")) for name in aps[1:] if name != aps[0]),
+            *(share("map", "mAP"), share("mrr", "MRR")),
+            *(share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at),
+            Score("distance_m", "Distance", "m", higher_is_better=False, average="median"),
+            *(share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m),
+            *(share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at),
+            *(share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at),
+        ]
+    recall, near = share_name(settings.recall_at_share), settings.distances
+    aps, other = ["map", "ap/trapezoid"], "AP/trapezoid"
     if settings.ap == "trapezoid":
-        ap, other, beyond = "ap/trapezoid", "map", "mAP"
-    share, near = share_name(settings.recall_at_share), settings.distances
-    scores = [Score.share(share, share.replace("recall", "R"), headline=True)]
-    scores.append(Score.share(ap, "AP", headline=True))
+        aps, other = aps[::-1], "mAP"
+    scores.append(share(recall, recall.replace("recall", "R"), headline=True))
+    scores.append(share(aps[0], "AP", headline=True))
     if near is not None:
-        scores += [Score.share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
+        scores += [share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
         scores += [
             Score(f"dis@{k}", f"Dis@{k}", "m", False, "mean", headline=True) for k in near.dis_at
         ]
-        scores += [Score.share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
-    return [*scores, Score.share(other, beyond), Score.share("mrr", "MRR")]
+        scores += [share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
+    return [*scores, share(aps[1], other), share("mrr", "MRR")]
 
 
 def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageScores) -> Reference:
@@ -93,44 +84,56 @@ def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageS
 
 def score_scene(
     truth: RetrievalTruth,
-    ranking: Ranking,
+    ranked: Iterable[tuple[Ints, Ranking]],
     answered: Bools,
     settings: TileScores | ImageScores,
-    *,
     jobs: int = 1,
 ) -> pd.DataFrame:
-    """Score every query of a scene."""
-    positives, n_tiles = truth.positives, len(truth.tiles)
-    hits = metrics.hit_matrix(ranking.tiles, positives.offsets, positives.tiles, n_tiles)
-    columns: dict[str, Any] = {
+    """Score every query of a scene, in the blocks in which they are ranked."""
+    blocks = [(rows, _score_block(truth, rows, found, settings, jobs)) for rows, found in ranked]
+    order = np.concatenate([rows for rows, _ in blocks])
+    scores = concatenate([table for _, table in blocks])
+    if (np.diff(order) < 0).any():  # queries without an answer come last
+        scores = scores.iloc[np.argsort(order)].reset_index(drop=True)
+    first = {
         "scene": truth.scene,
         "query": truth.queries["id"].array,
         "answered": answered,
-        "positives": positives.counts,
-        "tie_dependent": ranking.tie_dependent,
-        "first_hit_rank": metrics.first_hit_rank(hits),
-        "ranked": (ranking.tiles >= 0).sum(axis=1),
-        **_ranked_tiles(truth, ranking.tiles, max(settings.recall_at)),
+        "positives": truth.positives.counts,
     }
-    if isinstance(settings, ImageScores):
-        columns |= {f"recall@{k}": metrics.recall_at(hits, k) for k in settings.recall_at}
-        columns |= _list_columns(truth, ranking, settings)
-        if settings.distances is not None:
-            columns |= _image_distances(truth, ranking.tiles, settings.distances)
-    else:
+    return pd.concat([pd.DataFrame(first), scores, truth.conditions], axis=1)
+
+
+def _score_block(
+    truth: RetrievalTruth,
+    rows: Ints,
+    ranking: Ranking,
+    settings: TileScores | ImageScores,
+    jobs: int,
+) -> pd.DataFrame:
+    """Score some queries of a scene."""
+    right, tiles = truth.positives.take(rows), ranking.tiles
+    hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, len(truth.tiles))
+    kept, ids = tiles[:, : settings.ranks_kept], pd.array([*truth.tiles["id"], ""], dtype="str")
+    none = np.full(len(rows), -1, np.int32)
+    columns: dict[str, Any] = {
+        "tie_dependent": ranking.tie_dependent,
+        "first_hit_rank": metrics.first_hit_rank(hits[:, : settings.ranks_kept]),
+        "ranked": (kept >= 0).sum(axis=1),
+    }
+    for k in range(max(settings.recall_at)):
+        columns[f"{RANKED_TILE}{k + 1}"] = ids.take(tiles[:, k] if k < tiles.shape[1] else none)
+    if isinstance(settings, TileScores):
         aps = {settings.ap_at: AP_VARIANTS}
-        columns |= hit_columns(hits, positives.counts, settings.recall_at, aps, settings.ndcg_at)
-        columns |= _tile_distances(truth, ranking.tiles, settings, jobs)
-    return pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
-
-
-def _ranked_tiles(truth: RetrievalTruth, ranked: NDArray[np.int32], depth: int) -> dict[str, Any]:
-    """Return the ids of the first tiles, empty beyond the end of a list."""
-    ids = pd.array([*truth.tiles["id"], ""], dtype="str")
-    tiles = np.full((len(ranked), depth), -1, np.int32)
-    first = ranked[:, :depth]
-    tiles[:, : first.shape[1]] = first
-    return {f"{RANKED_TILE}{k + 1}": ids.take(tiles[:, k]) for k in range(depth)}
+        columns |= hit_columns(hits, right.counts, settings.recall_at, aps, settings.ndcg_at)
+        return pd.DataFrame(columns | _tile_distances(truth, rows, tiles, settings, jobs))
+    columns |= hit_columns(hits, right.counts, settings.recall_at, {}, ())
+    last = metrics.rank_of_share(len(truth.tiles), settings.recall_at_share)
+    columns[share_name(settings.recall_at_share)] = metrics.recall_at(hits, last)
+    columns["ap/trapezoid"] = metrics.trapezoid_precision(hits, right.counts)
+    if settings.distances is not None:
+        columns |= _image_distances(truth, rows, tiles, settings.distances)
+    return pd.DataFrame(columns)
 
 
 def hit_columns(
@@ -152,63 +155,39 @@ def hit_columns(
 
 
 def _tile_distances(
-    truth: RetrievalTruth, ranked: NDArray[np.int32], settings: TileScores, jobs: int
+    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: TileScores, jobs: int
 ) -> dict[str, Floats]:
     """Score the metres from the footprint's centre to the centres of the first tiles."""
     tiles = ranked[:, : max(1, *settings.sdm_at, *settings.pdm_at)]
     centres = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2
-    queries = np.repeat(truth.footprint_centres[:, None], tiles.shape[1], axis=1)
+    queries = np.repeat(truth.footprint_centres[rows, None], tiles.shape[1], axis=1)
     there = (tiles >= 0) & np.isfinite(queries).all(axis=-1)
     metres = np.full(tiles.shape, np.inf)
     metres[there] = geodesic_distance_m(queries[there], centres[tiles[there]], jobs=jobs)
     sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
-    first = metres[:, 0]
+    first, sdm_scale = metres[:, 0], settings.sdm_scale_per_m
     sigmoid = settings.pdm_steepness, settings.pdm_tolerance_tiles
     return {
         "distance_m": first,
         **{f"distance<{m:g}m": (first < m).astype(float) for m in settings.distance_below_m},
-        **{
-            f"sdm@{k}": metrics.sdm_at(metres, k, settings.sdm_scale_per_m) for k in settings.sdm_at
-        },
+        **{f"sdm@{k}": metrics.sdm_at(metres, k, sdm_scale) for k in settings.sdm_at},
         **{f"pdm@{k}": metrics.pdm_at(metres, k, sizes, *sigmoid) for k in settings.pdm_at},
     }
 
 
-def _list_columns(
-    truth: RetrievalTruth, ranking: Ranking, settings: ImageScores
-) -> dict[str, Floats]:
-    """Return the scores of a gallery of images that read whole lists."""
-    positives, ranks = truth.positives, ranking.hit_ranks
-    assert ranks is not None
-    some, first = positives.counts > 0, np.zeros(positives.n_queries, np.int64)
-    first[some] = ranks[positives.offsets[:-1][some]]
-    last = metrics.rank_of_share(len(truth.tiles), settings.recall_at_share)
-    plain, trapezoid = metrics.list_precisions(ranks, positives)
-    return {
-        share_name(settings.recall_at_share): ((first > 0) & (first <= last)).astype(float),
-        "ap/trapezoid": trapezoid,
-        "map": plain,
-        "mrr": np.divide(1.0, first, out=np.zeros(len(first)), where=first > 0),
-    }
-
-
 def _image_distances(
-    truth: RetrievalTruth, ranked: NDArray[np.int32], settings: DistanceScores
+    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: DistanceScores
 ) -> dict[str, Floats]:
     """Score the distances between positions that a benchmark states, by its own formulas."""
-    assert truth.positions is not None
-    queries, images = truth.positions
+    places, images = truth.positions
+    queries, between = places[rows, None], _MEASURES[settings.metres]
     tiles = ranked[:, : max(*settings.sdm_at, *settings.dis_at)]
-    between = _MEASURES[settings.metres]
-
-    def distances(measure: Between) -> Floats:
-        return np.where(tiles >= 0, measure(queries[:, None], images[tiles]), np.inf)
-
-    metres = distances(between)
-    apart = distances(_degrees_apart) if settings.sdm_unit == "degree" else metres
-    step = max(1, _CELLS // len(images))
-    blocks = (queries[start : start + step, None] for start in range(0, len(queries), step))
-    worst = np.concatenate([between(block, images[None]).max(axis=1) for block in blocks])
+    metres = apart = np.where(tiles >= 0, between(queries, images[tiles]), np.inf)
+    if settings.sdm_unit == "degree":
+        # DenseUAV's: of longitude and latitude alike, from float32.
+        single = (one.astype(np.float32).astype(np.float64) for one in (queries, images[tiles]))
+        apart = np.where(tiles >= 0, _straight(*single), np.inf)
+    worst = between(queries, images[None]).max(axis=1)
     return {
         **{f"sdm@{k}": metrics.sdm_at(apart, k, settings.sdm_scale) for k in settings.sdm_at},
         **{f"ma@{m:g}m": (metres[:, 0] < m).astype(float) for m in settings.ma_below_m},
@@ -220,12 +199,6 @@ def _straight(queries: Floats, images: Floats) -> Floats:
     return np.asarray(np.hypot(*np.moveaxis(images - queries, -1, 0)))
 
 
-def _degrees_apart(queries: Floats, images: Floats) -> Floats:
-    """Return degrees as DenseUAV has them: of longitude and latitude alike, from float32."""
-    single = (positions.astype(np.float32).astype(np.float64) for positions in (queries, images))
-    return _straight(*single)
-
-
 def _great_circle(queries: Floats, images: Floats) -> Floats:
     (lon_a, lat_a), (lon_b, lat_b) = (np.moveaxis(np.radians(p), -1, 0) for p in (queries, images))
     across = np.cos(lat_a) * np.cos(lat_b) * np.sin((lon_a - lon_b) / 2) ** 2
@@ -233,7 +206,7 @@ def _great_circle(queries: Floats, images: Floats) -> Floats:
     return np.asarray(2 * _EQUATOR_M * np.arcsin(np.sqrt(np.minimum(haversine, 1.0))))
 
 
-_MEASURES: dict[str, Between] = {
+_MEASURES: dict[str, Callable[[Floats, Floats], Floats]] = {
     "sphere": _great_circle,
     "ellipsoid": geodesic_distance_m,
     "plane": _straight,

@@ -29,7 +29,7 @@ Pairs = tuple[Ints, Ints, Ints]
 _BYTES_OF_A_PAIR = 256  # query, tile, similarities, and what sorting them takes
 _SINGLE, _DOUBLE = 2.0**-24, 2.0**-53  # roundoff of float32 and float64
 _TINY = 2.0**-126  # smallest normal float32
-_LAMBDA = 10.0
+_LAMBDA = 10.0  # a sum has a larger error once in 10^21 times
 _PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
 _LEAST_NORM, _MOST_NORM = 1e-15, 1e18  # squares of others underflow or overflow in float32
 _CELLS = 1 << 19  # of one product
@@ -49,11 +49,11 @@ class Search:
     threads: int
 
 
-def find_nearest(search: Search, queries: NDArray[Any], caution: float = 1.0) -> Pairs | None:
+def find_nearest(search: Search, queries: NDArray[Any]) -> Pairs | None:
     """Return pairs of queries and tiles that hold the k most similar tiles of each query.
 
     Every tile that ties with one of these is there. None is returned if the pairs of several
-    queries do not fit the memory. `caution` is a factor of all error bounds.
+    queries do not fit the memory.
     """
     n_queries, n_tiles = len(queries), len(search.gallery)
     most_pairs = search.memory_bytes // _BYTES_OF_A_PAIR if n_queries > 1 else n_tiles
@@ -61,31 +61,31 @@ def find_nearest(search: Search, queries: NDArray[Any], caution: float = 1.0) ->
         return None
     if search.k == n_tiles:
         query, tile = np.divmod(np.arange(n_queries * n_tiles), max(n_tiles, 1))
-        score, slack = _similarities(search, queries, query, tile)
-        return query, tile, _levels(query, score, slack)
-    single, norms = _rounded(queries, search.metric)
-    bounds = caution * error_bounds(norms, search.longest, queries.shape[1], search.metric)
-    if (found := _find_candidates(search, single, bounds, most_pairs)) is None:
+    elif (found := _find_candidates(search, queries, most_pairs)) is not None:
+        query, tile = found
+    else:
         return None
-    query, tile, value = found
     score, slack = _similarities(search, queries, query, tile)
-    shift = norms**2 / 2 if search.metric == "l2" else np.zeros(n_queries)
-    worst = (np.abs(value - shift[query] - score) / bounds[query]).max(initial=0)
-    if worst > 1:  # never seen; the bound holds with all but certainty
-        return find_nearest(search, queries, caution * 4 * float(worst))
-    return query, tile, _levels(query, score, slack)
+    order = np.lexsort((-score, query))
+    tied = np.diff(query[order]) == 0
+    tied &= -np.diff(score[order]) <= slack[order][1:] + slack[order][:-1]
+    level = np.zeros(len(order), np.int64)
+    level[order[1:]] = np.cumsum(~tied)
+    return query, tile, level
 
 
 def _find_candidates(
-    search: Search, queries: Singles, bounds: Floats, most_pairs: int
-) -> tuple[Ints, Ints, Singles] | None:
-    """Return query, tile and float32 similarity of pairs that may be among the first k."""
+    search: Search, queries: NDArray[Any], most_pairs: int
+) -> tuple[Ints, Ints] | None:
+    """Return query and tile of pairs that may be among the first k."""
+    single, norms = _rounded(queries, search.metric)
+    bounds = error_bounds(norms, search.longest, queries.shape[1], search.metric)
     n_queries, floors = len(queries), np.full((len(queries), 1), -np.inf, np.float32)
     kept = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32))]
     held = most_held = 0
     for start, rows in blocks(search.gallery, search.memory_bytes, _CELLS // n_queries):
         tiles, norms = _rounded(rows, search.metric)
-        value = queries @ tiles.T
+        value = single @ tiles.T
         if search.metric == "l2":  # and -|q|^2 / 2, which orders nothing
             value -= (norms**2 / 2).astype(np.float32)
         place = np.flatnonzero(value >= floors)
@@ -98,7 +98,7 @@ def _find_candidates(
             most_held = held + n_queries * search.k
             if held > most_pairs:
                 return None
-    return kept[0]
+    return kept[0][:2]
 
 
 def _drop_low(
@@ -131,58 +131,16 @@ def _rounded(rows: NDArray[Any], metric: Metric) -> tuple[Singles, Floats]:
     return single / norms.astype(np.float32)[:, None], np.ones(len(norms))
 
 
-def blocks(
-    rows: NDArray[Any], memory_bytes: int = 8 * _BLOCK_BYTES, most_rows: int = _BLOCK_ROWS
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Yield (first row, rows) in order; pages of a map that were read leave the memory."""
-    row_bytes = max(1, rows.shape[1] * max(rows.dtype.itemsize, 4))
-    step = max(1, min(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, most_rows))
-    for start in range(0, len(rows), step):
-        yield start, np.asarray(rows[start : start + step])
-        _release_pages(rows)
-
-
-def _release_pages(rows: Any) -> None:
-    """Let go of the pages of a mapped file, which count as memory of the process."""
-    pages = getattr(rows, "_mmap", None)  # a copy in another process has none
-    if pages is not None and rows.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
-        pages.madvise(mmap.MADV_DONTNEED)
-
-
-def check_descriptors(rows: NDArray[Any], metric: Metric, field: str, names: Names) -> float:
-    """Refuse descriptors that cannot be ranked, by the names of their rows; return the top norm."""
-    longest = 0.0
-    for start, block in blocks(rows):
-        norms = _rounded(block, "l2")[1]
-        what, expected = "descriptors too large to rank", "norms up to 1e18"
-        faulty = np.flatnonzero(~(norms <= _MOST_NORM))  # also tells NaN
-        infinite = faulty[~np.isfinite(block[faulty]).all(axis=1)]
-        if len(infinite):
-            what, expected, faulty = "NaN or infinite descriptors", "finite numbers", infinite
-        elif metric == "cosine" and not len(faulty):
-            what, expected = "descriptors of zero", "a direction, to take its cosine"
-            faulty = np.flatnonzero(norms < _LEAST_NORM)
-        if len(faulty):
-            raise PredictionError(
-                f"{what}: {first_of([names[start + row] for row in faulty.tolist()])}",
-                where=f"field '{field}'",
-                expected=expected,
-                fix="export them again, and look for a division by zero or half precision",
-            )
-        longest = max(longest, float(norms.max()))
-    return longest
-
-
 def error_bounds(norms: Floats, longest: float, n: int, metric: Metric) -> Floats:
     """Bound the error of every similarity in float32, for tiles of norms up to `longest`."""
     longest = 1.0 if metric == "cosine" else longest
-    bound = 2 * gamma(n, _SINGLE) * norms * longest
+    bound = 2 * _gamma(n, _SINGLE) * norms * longest
     if metric == "l2":
-        bound = gamma(n, _SINGLE) * (norms + longest) ** 2 / 2
+        bound = _gamma(n, _SINGLE) * (norms + longest) ** 2 / 2
     return np.asarray(bound + n * _TINY * (1 + norms + longest))
 
 
-def gamma(n: int, unit: float) -> float:
+def _gamma(n: int, unit: float) -> float:
     """Return the relative error of a sum of n products, and of a few roundings around it."""
     grown = _LAMBDA * np.sqrt(n) * unit + n * unit**2 / (1 - unit)
     return float(np.expm1(grown)) + 8 * unit
@@ -197,7 +155,7 @@ def _similarities(
     """
     order = np.argsort(tile, kind="stable")  # by tile, as they lie in a file
     step = max(1, _PIECE_NUMBERS // max(queries.shape[1], 1))
-    gallery, error = np.asarray(search.gallery), gamma(queries.shape[1], _DOUBLE)
+    gallery, error = np.asarray(search.gallery), _gamma(queries.shape[1], _DOUBLE)
     score, slack = np.empty(len(query)), np.empty(len(query))
 
     def evaluate(start: int) -> None:
@@ -228,11 +186,37 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return total
 
 
-def _levels(query: Ints, score: Floats, slack: Floats) -> Ints:
-    """Return the order of each query's pairs by falling score, equal where slack allows a tie."""
-    order = np.lexsort((-score, query))
-    tied = np.diff(query[order]) == 0
-    tied &= -np.diff(score[order]) <= slack[order][1:] + slack[order][:-1]
-    level = np.zeros(len(order), np.int64)
-    level[order[1:]] = np.cumsum(~tied)
-    return level
+def blocks(
+    rows: NDArray[Any], memory_bytes: int = 8 * _BLOCK_BYTES, most_rows: int = _BLOCK_ROWS
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yield (first row, rows) in order; pages of a map that were read leave the memory."""
+    row_bytes = max(1, rows.shape[1] * max(rows.dtype.itemsize, 4))
+    step = max(1, min(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, most_rows))
+    for start in range(0, len(rows), step):
+        yield start, np.asarray(rows[start : start + step])
+        _release_pages(rows)
+
+
+def _release_pages(rows: Any) -> None:
+    """Let go of the pages of a mapped file, which count as memory of the process."""
+    pages = getattr(rows, "_mmap", None)  # a copy in another process has none
+    if pages is not None and rows.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
+
+
+def check_descriptors(rows: NDArray[Any], metric: Metric, field: str, names: Names) -> float:
+    """Refuse descriptors that cannot be ranked, by the names of their rows; return the top norm."""
+    longest, least = 0.0, _LEAST_NORM if metric == "cosine" else 0.0
+    for start, block in blocks(rows):
+        norms = _rounded(block, "l2")[1]
+        faulty = np.flatnonzero(~((norms >= least) & (norms <= _MOST_NORM)))  # also tells NaN
+        if len(faulty):
+            what = "descriptors that cannot be ranked (NaN, infinite, zero or far too large): "
+            raise PredictionError(
+                what + first_of([names[start + row] for row in faulty.tolist()]),
+                where=f"field '{field}'",
+                expected="finite numbers; for the cosine, of some length",
+                fix="look for empty images, a division by zero or half precision",
+            )
+        longest = max(longest, float(norms.max(initial=0.0)))
+    return longest

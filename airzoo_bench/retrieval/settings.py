@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
@@ -36,20 +35,12 @@ class MapGallery(Strict):
             raise ValueError("each tile size once")
         return sizes
 
-    @property
-    def dropped(self) -> str:
-        """Say, after the word tiles, which ones are left out of the gallery."""
-        if self.least_valid_share in ("none", 0.0):
-            return "without valid pixels"
-        return f"with less than {100 * float(self.least_valid_share):g}% of valid pixels"
-
 
 class ImageGallery(Strict):
     """A folder of images that the benchmark gives, and how it states their positions."""
 
     source: Literal["images"]
     positions: Literal["none", "degrees", "metres"]
-    dropped: ClassVar[str] = ""
 
 
 class GeometricRules(Strict):
@@ -76,19 +67,34 @@ class StatedRules(Strict):
     pairs: Literal["positive"] | None = None
     without_positive: WithoutPositive
 
-    @model_validator(mode="after")
-    def _pairs_belong_to_pairs(self) -> StatedRules:
-        if (self.rule == "pairs") != (self.pairs is not None):
-            raise ValueError("pairs is given with rule = 'pairs', and only then")
-        return self
 
-
-class TileScores(Strict):
-    """Scores of a ranked gallery of tiles that are cut from a map."""
+class _RankedScores(Strict):
+    """Scores of a ranked gallery."""
 
     descriptor_metric: Metric
     ranks_kept: RankNumber
     recall_at: Ranks
+
+    @model_validator(mode="after")
+    def _check_ranks_kept(self) -> _RankedScores:
+        if self.ranks_kept < self.deepest:
+            raise ValueError(f"ranks_kept must reach the deepest score, {self.deepest}")
+        return self
+
+    @property
+    def deepest(self) -> int:
+        """How many ranks the scores that name one read."""
+        return self.tie_ranks
+
+    @property
+    def tie_ranks(self) -> int:
+        """How many ranks recall (and AP@k) read: a tie that begins beyond decides nothing."""
+        return max(self.recall_at)
+
+
+class TileScores(_RankedScores):
+    """Scores of a ranked gallery of tiles that are cut from a map."""
+
     ap_at: RankNumber
     ap: ApVariant
     ndcg_at: Ranks
@@ -99,20 +105,12 @@ class TileScores(Strict):
     pdm_steepness: Positive
     pdm_tolerance_tiles: Positive
 
-    @model_validator(mode="after")
-    def _check_ranks_kept(self) -> TileScores:
-        if self.ranks_kept < self.ranks_scored:
-            raise ValueError(f"ranks_kept must reach the deepest score, {self.ranks_scored}")
-        return self
-
     @property
-    def ranks_scored(self) -> int:
-        """How many ranks the scores that name one read."""
+    def deepest(self) -> int:  # noqa: D102
         return max(self.tie_ranks, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
 
     @property
-    def tie_ranks(self) -> int:
-        """How many ranks recall and AP read: a tie that begins beyond decides nothing."""
+    def tie_ranks(self) -> int:  # noqa: D102
         return max(*self.recall_at, self.ap_at)
 
 
@@ -127,35 +125,26 @@ class DistanceScores(Strict):
     dis_at: Ranks
 
 
-class ImageScores(Strict):
+class ImageScores(_RankedScores):
     """Scores of a ranked gallery of images, as the benchmarks' own code computes them."""
 
-    descriptor_metric: Metric
-    ranks_kept: RankNumber
-    recall_at: Ranks
     recall_at_share: Annotated[float, Field(gt=0, lt=1)]
     ap: Literal["trapezoid", "trec"]
     distances: DistanceScores | None = None
 
-    @model_validator(mode="after")
-    def _check_ranks_kept(self) -> ImageScores:
-        near = self.distances
-        deepest = max(*self.recall_at, *(near.sdm_at + near.dis_at if near else ()))
-        if self.ranks_kept < deepest:
-            raise ValueError(f"ranks_kept must reach the deepest score, {deepest}")
-        return self
-
     @property
-    def tie_ranks(self) -> int:
-        """How many ranks the recalls read; average precision reads the whole list."""
-        return max(self.recall_at)
+    def deepest(self) -> int:  # noqa: D102
+        near = self.distances
+        return max(*self.recall_at, *(near.sdm_at + near.dis_at if near else ()))
 
 
-def _by(images: type[Strict], of_images: Callable[[dict[str, Any]], bool]) -> Discriminator:
-    """Choose between the section for a map and that for images, by keys that only one has."""
+def _by(images: type[Strict], key: str, *values: str) -> Discriminator:
+    """Tell the section for images from that for a map by a key, or by its values."""
 
-    def kind(values: Any) -> str:
-        found = of_images(values) if isinstance(values, dict) else isinstance(values, images)
+    def kind(given: Any) -> str:
+        found = isinstance(given, images)
+        if isinstance(given, dict):
+            found = key in given and (not values or given[key] in values)
         return "<images>" if found else "<map>"
 
     return Discriminator(kind)
@@ -173,18 +162,15 @@ class RetrievalProtocol(Protocol):
     track: Literal["retrieval"]
     gallery: Annotated[
         Annotated[MapGallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
-        _by(ImageGallery, lambda values: "source" in values),
+        _by(ImageGallery, "source"),
     ]
     ground_truth: Annotated[
         Annotated[GeometricRules, Tag("<map>")] | Annotated[StatedRules, Tag("<images>")],
-        _by(
-            StatedRules,
-            lambda truth: truth.get("rule") in ("labels", "pairs") and "anchor_inset" not in truth,
-        ),
+        _by(StatedRules, "rule", "labels", "pairs"),
     ]
     scores: Annotated[
         Annotated[TileScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
-        _by(ImageScores, lambda values: "recall_at_share" in values),
+        _by(ImageScores, "recall_at_share"),
     ]
 
     def map_rules(self) -> tuple[MapGallery, GeometricRules]:
@@ -193,34 +179,27 @@ class RetrievalProtocol(Protocol):
         if isinstance(gallery, ImageGallery) or isinstance(truth, StatedRules):
             raise ProtocolError(
                 f"protocol {self.name} has a gallery of images that its benchmark gives",
-                expected="one whose gallery is cut from a map",
                 fix="take photos-retrieval, or a protocol made from it",
             )
         return gallery, truth
 
     @model_validator(mode="after")
     def _sections_fit(self) -> RetrievalProtocol:
-        stated = isinstance(self.gallery, ImageGallery)
-        if isinstance(self.ground_truth, StatedRules) != stated:
+        gallery, scores = self.gallery, self.scores
+        if isinstance(gallery, MapGallery) and isinstance(scores, TileScores):
+            fits = isinstance(self.ground_truth, GeometricRules)
+        elif isinstance(gallery, ImageGallery) and isinstance(scores, ImageScores):
+            near, positions = scores.distances, gallery.positions
+            fits = isinstance(self.ground_truth, StatedRules)
+            fits &= (near is None) == (positions == "none")
+            fits &= near is None or (near.metres == "plane") == (positions == "metres")
+            fits &= near is None or not (near.sdm_unit == "degree" and positions == "metres")
+        else:
+            fits = False
+        if not fits:
             raise ValueError(
-                "rule 'labels' or 'pairs' needs [gallery] source = 'images', and only they have it"
+                "gallery, ground_truth and scores are all of a map, or all of images "
+                "(source = 'images'); scores.distances go with positions, 'plane' with metres, "
+                "sdm_unit = 'degree' with degrees"
             )
-        if isinstance(self.scores, ImageScores) != stated:
-            raise ValueError(
-                "recall_at_share is a score of [gallery] source = 'images', and only of that"
-            )
-        if isinstance(self.gallery, ImageGallery) and isinstance(self.scores, ImageScores):
-            _check_positions(self.gallery.positions, self.scores.distances)
         return self
-
-
-def _check_positions(positions: str, scores: DistanceScores | None) -> None:
-    """Refuse scores that need positions which the benchmark does not give, or gives otherwise."""
-    if (scores is None) != (positions == "none"):
-        raise ValueError("[scores.distances] is given with positions of the gallery's images")
-    if scores is None:
-        return
-    if (scores.metres == "plane") != (positions == "metres"):
-        raise ValueError("metres = 'plane' is for positions in metres, the others for degrees")
-    if positions == "metres" and scores.sdm_unit == "degree":
-        raise ValueError("sdm_unit = 'degree' needs positions in degrees")

@@ -32,9 +32,10 @@ POSITION_COLUMNS = (("image_lon", "image_lat"), ("image_x_m", "image_y_m"))
 
 NO_GROUND_POINT = "no ray meets the ground"
 UNANSWERED = "positives.npz gives it no tile"
+TOO_EMPTY = "without valid pixels, or with too few"
 
-_WINDOW_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height")
-_TILE_COLUMNS = ("id", *_WINDOW_COLUMNS, *BOX_COLUMNS, "valid_share")
+_TILE_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share")
+_PAIRS = ("offsets", "tiles")
 _EARTH_RADIUS_M = 6_371_000.0
 _AGAIN = "prepare the benchmark again"
 
@@ -74,29 +75,26 @@ class Positives:
         place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
         return np.asarray(keys[place] == asked)
 
-    def pairs(self, queries: Ints) -> Ints:
-        """Return the places in `tiles` of the pairs of some queries, in their order."""
-        counts = self.counts[queries]
-        offsets = offsets_of(counts)
-        within = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
-        return np.asarray(np.repeat(self.offsets[queries], counts) + within)
-
     def take(self, queries: Ints) -> Positives:
         """Return the positives of some queries, in their order."""
-        pairs = self.pairs(queries)
-        overlap = None if self.overlap is None else self.overlap[pairs]
-        return Positives(offsets_of(self.counts[queries]), self.tiles[pairs], overlap)
+        counts = self.counts[queries]
+        offsets = offsets_of(counts)
+        pairs = np.repeat(self.offsets[queries] - offsets[:-1], counts) + np.arange(offsets[-1])
+        return Positives(offsets, self.tiles[pairs], _rows(self.overlap, pairs))
 
     def where(self, kept: Bools) -> Positives:
         """Return some of the pairs, of the same queries."""
         counts = np.bincount(self.queries[kept], minlength=self.n_queries)
-        overlap = None if self.overlap is None else self.overlap[kept]
-        return Positives(offsets_of(counts), self.tiles[kept], overlap)
+        return Positives(offsets_of(counts), self.tiles[kept], _rows(self.overlap, kept))
 
 
 def offsets_of(counts: Ints) -> Ints:
     """Return the offsets (Q + 1,) of groups of the given sizes (Q,)."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def _rows(values: Floats | None, rows: Ints | Bools) -> Floats | None:
+    return None if values is None else values[rows]
 
 
 @dataclass(frozen=True)
@@ -121,11 +119,9 @@ class RetrievalTruth:
         return "image" in self.tiles.columns
 
     @property
-    def positions(self) -> tuple[Floats, Floats] | None:
-        """Where queries (Q, 2) and images (G, 2) are, if the benchmark gives that."""
+    def positions(self) -> tuple[Floats, Floats]:
+        """Where queries (Q, 2) and images (G, 2) are; of no columns if nobody gives that."""
         columns = _position_columns(self.tiles)
-        if not columns:
-            return None
         queries, tiles = (table[columns].to_numpy(float) for table in (self.footprints, self.tiles))
         return queries, tiles
 
@@ -147,8 +143,8 @@ class RetrievalTruth:
     @property
     def without_ground_point(self) -> int:
         """How many photos of the scene have no ground point, left out or not."""
-        if self.of_images or not set(FOOTPRINT_COLUMNS) <= set(self.footprints):
-            return 0  # of a sealed truth, nobody may know
+        if self.of_images:
+            return 0
         blind = np.isnan(self.footprint_centres).any(axis=1).sum()
         return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
 
@@ -158,8 +154,10 @@ class RetrievalTruth:
         digest = hashlib.sha256()
         for ids in (self.queries["id"], self.tiles["id"]):
             digest.update("\n".join(ids.to_numpy(object)).encode() + b"\0")
-        geometry: tuple[Floats, ...] = self.positions or ()
-        if not self.of_images:
+        geometry: tuple[Floats, ...]
+        if self.of_images:
+            geometry = self.positions
+        else:
             sizes = self.tiles["size_m"].to_numpy(np.float64)
             geometry = (self.boxes, sizes, self.footprint_centres)
         for array in geometry:
@@ -204,42 +202,45 @@ def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
     queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
     dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
     positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
-    footprints = queries[["id"]].assign(**dict.fromkeys(FOOTPRINT_COLUMNS, np.nan))
+    unknown = dict.fromkeys((*FOOTPRINT_COLUMNS, *_position_columns(tiles)), np.nan)
+    footprints = queries[["id"]].assign(**unknown)
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
 def read_truth(folder: Path, scene: str, *, exclude_unanswered: bool = False) -> RetrievalTruth:
-    """Read a scene's truth; where `exclude_unanswered`, queries without a positive are excluded."""
+    """Read a scene's truth; where `exclude_unanswered`, queries without a positive are excluded.
+
+    `prepare` excludes them itself; a folder made by hand has some.
+    """
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
     queries, tiles = read_queries(folder, excluded), read_tiles(home)
-    footprints = _read_footprints(home / "footprints.csv", queries, tiles)
+    positions = _position_columns(tiles)
+    needed = positions if "image" in tiles.columns else FOOTPRINT_COLUMNS
+    footprints = read_table(home / "footprints.csv", ("id", *needed), complete=positions)
+    if not footprints["id"].array.equals(queries["id"].array):
+        what, where = "the footprints are not those of queries.csv", home / "footprints.csv"
+        raise BenchmarkError(what, where=where, fix=_AGAIN)
     dropped = _read_tile_table(home / "dropped_tiles.csv")
     positives = _read_positives(home / "positives.npz", len(queries), len(tiles))
     truth = RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
-    if exclude_unanswered and not (positives.counts > 0).all():
-        truth = _without_unanswered(truth)
+    right = positives.counts > 0
+    if exclude_unanswered and not right.all():
+        lacking = queries.loc[~right, ["id", "image"]].assign(reason=UNANSWERED)
+        truth = replace(
+            truth,
+            queries=queries[right].reset_index(drop=True),
+            footprints=footprints[right].reset_index(drop=True),
+            positives=positives.take(np.flatnonzero(right)),
+            excluded=pd.concat([excluded, lacking]).sort_values("id", ignore_index=True),
+        )
     if truth.queries.empty:
         raise BenchmarkError(
             f"scene {scene} has no query: {counted(len(truth.excluded), 'photo')} excluded",
             where=home / "excluded.csv",
-            expected="at least one photo that a tile answers",
             fix=f"{_AGAIN} with other photos, or leave the scene out of the protocol",
         )
     return truth
-
-
-def _without_unanswered(truth: RetrievalTruth) -> RetrievalTruth:
-    """Exclude queries without a positive, as `prepare` does; a folder made by hand has some."""
-    right = truth.positives.counts > 0
-    lacking = truth.queries.loc[~right, ["id", "image"]].assign(reason=UNANSWERED)
-    return replace(
-        truth,
-        queries=truth.queries[right].reset_index(drop=True),
-        footprints=truth.footprints[right].reset_index(drop=True),
-        positives=truth.positives.take(np.flatnonzero(right)),
-        excluded=pd.concat([truth.excluded, lacking]).sort_values("id", ignore_index=True),
-    )
 
 
 def read_tiles(home: Path) -> pd.DataFrame:
@@ -247,8 +248,7 @@ def read_tiles(home: Path) -> pd.DataFrame:
     path = home / "tiles.parquet"
     tiles = _read_tile_table(path)
     ids = tiles["id"].tolist()
-    falls = np.zeros(len(ids), np.bool_)
-    falls[1:] = [*map(str.__gt__, ids, ids[1:])]
+    falls = np.array([False, *map(str.__gt__, ids, ids[1:])][: len(ids)], np.bool_)
     refuse_cells(path, "id", ids, falls, "rows sorted by id, as positives count them")
     if "image" in tiles.columns:
         return tiles
@@ -269,68 +269,34 @@ def _read_tile_table(path: Path) -> pd.DataFrame:
     found = read_table(path, ("id",))
     if "image" in found:
         return require_columns(path, found, IMAGE_COLUMNS, _position_columns(found))
-    return require_columns(path, found, _TILE_COLUMNS, _TILE_COLUMNS[1:])
-
-
-def _read_footprints(path: Path, queries: pd.DataFrame, tiles: pd.DataFrame) -> pd.DataFrame:
-    positions, of_images = _position_columns(tiles), "image" in tiles.columns
-    needed = positions if of_images else FOOTPRINT_COLUMNS
-    footprints = read_table(path, ("id", *needed), complete=positions)
-    if not footprints["id"].array.equals(queries["id"].array):
-        raise BenchmarkError("the footprints are not those of queries.csv", where=path, fix=_AGAIN)
-    if not of_images and len(queries):  # latitudes and longitudes may be exchanged
-        boxes = boxes_of(tiles)
-        low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-        away = footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64) - (low + high) / 2
-        away[:, 0] = (away[:, 0] + 180.0) % 360.0 - 180.0
-        far = (np.abs(away) > 1.5 * (high - low)).any(axis=1)
-        expected = f"longitudes near the tiles' {low[0]:.6f} to {high[0]:.6f}: is it a latitude?"
-        lons = footprints["footprint_lon"]
-        refuse_cells(path, "footprint_lon", lons, far & (far.mean() > 0.5), expected)
-    return footprints
+    return require_columns(path, found, ("id", *_TILE_COLUMNS), _TILE_COLUMNS)
 
 
 def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
+    """Read pairs of queries and tiles, and refuse those that do not fit the tables beside them."""
     if not path.is_file():
-        raise BenchmarkError(
-            "the benchmark folder has no truth here",
-            where=path,
-            fix=f"{_AGAIN}; `check` needs no truth, `eval` does",
-        )
+        what, fix = "the benchmark folder has no truth here", "; `check` needs none, `eval` does"
+        raise BenchmarkError(what, where=path, fix=_AGAIN + fix)
     try:
         # No more than each query's offset, and the tile and overlap of every pair there can be.
         file = NpzFile(path, 8 * (n_queries + 1 + 2 * n_queries * n_tiles))
         found = {name: file.read(name) for name in {"offsets", "tiles", "overlap"} & file.names()}
-    except PredictionError as error:
-        what, found = f"the positives are damaged: {error.what}", {}
-    else:
-        what = "the positives are damaged, or not those of the queries and tiles beside them"
-    if not _are_sound(found, n_queries, n_tiles):
+        offsets, tiles = (found[name].astype(np.int64, casting="safe") for name in _PAIRS)
+        overlap = found.get("overlap", np.zeros(tiles.shape)).astype(np.float64, casting="safe")
+        shapes = offsets.shape, tiles.shape, overlap.shape
+        counts: Ints = np.diff(offsets)
+        if shapes != ((n_queries + 1,), (offsets[-1],), tiles.shape) or (counts < 0).any():
+            raise ValueError("shapes")
+        pairs = np.repeat(np.arange(n_queries), counts) * n_tiles + tiles
+        inside = (tiles >= 0) & (tiles < n_tiles) & (overlap >= 0) & (overlap <= 1)
+        if offsets[0] != 0 or not inside.all() or (np.diff(pairs) <= 0).any():
+            raise ValueError("values")
+    except (PredictionError, LookupError, TypeError, ValueError) as error:
         raise BenchmarkError(
-            what,
+            f"the positives are damaged, or those of other queries and tiles: {error}",
             where=path,
             expected=f"offsets ({n_queries + 1},) that rise from 0, tiles below {n_tiles} that "
             "ascend within each query, overlaps (if any) from 0 to 1",
             fix=_AGAIN,
-        )
-    overlap = found["overlap"].astype(np.float64) if "overlap" in found else None
-    return Positives(found["offsets"].astype(np.int64), found["tiles"].astype(np.int32), overlap)
-
-
-def _are_sound(found: dict[str, NDArray[Any]], n_queries: int, n_tiles: int) -> bool:
-    """Tell whether stored positives fit these numbers of queries and tiles."""
-    if not {"offsets", "tiles"} <= found.keys():
-        return False
-    offsets, tiles, overlap = found["offsets"], found["tiles"], found.get("overlap")
-    overlap = np.zeros(tiles.shape) if overlap is None else overlap
-    if not {offsets.dtype.kind, tiles.dtype.kind} <= {*"iu"} or overlap.dtype.kind not in "fiu":
-        return False
-    if offsets.shape != (n_queries + 1,) or tiles.ndim != 1 or overlap.shape != tiles.shape:
-        return False
-    offsets = offsets.astype(np.int64)
-    counts: Ints = offsets[1:] - offsets[:-1]
-    if offsets[0] != 0 or offsets[-1] != len(tiles) or (counts < 0).any():
-        return False
-    pairs = np.repeat(np.arange(n_queries), counts) * n_tiles + tiles
-    inside = (tiles >= 0) & (tiles < n_tiles) & (overlap >= 0) & (overlap <= 1)
-    return bool(inside.all() and (np.diff(pairs) > 0).all())
+        ) from error
+    return Positives(offsets, tiles.astype(np.int32), overlap if "overlap" in found else None)

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 import airzoo_bench as ab
-from airzoo_bench.retrieval.ranking import rank_by_descriptors
-from airzoo_bench.retrieval.scoring import AP_VARIANTS, ap_name, score_scene
+from airzoo_bench.retrieval.scoring import AP_VARIANTS, ap_name
+from tests.retrieval.ranking_support import rank, records_of
 from tests.support import MadeScene, made_protocol, made_truth, write_predictions
 
 KS = (1, 3, 5)
@@ -61,10 +61,8 @@ def test_matrices_of_similarities_score_as_descriptors_in_the_track(
     gallery = random.integers(0, 3, (scene.n_tiles, 3)) + 0.5
     if metric == "cosine":  # lengths that are exact, so that products tie as cosines do
         queries, gallery = (np.sign(rows - 1) * 0.5 for rows in (queries, gallery))
-    ranking = rank_by_descriptors(
-        queries, gallery, k=100, metric=metric, positives=truth.positives, tie_ranks=5
-    )
-    records = score_scene(truth, ranking, np.ones(len(queries), bool), settings)
+    ranking = rank(queries, gallery, metric, 100, 5, truth.positives)
+    records = records_of(truth, ranking, settings)
     assert records["tie_dependent"].any()
     similar = queries @ gallery.T
     found = ab.retrieval_scores(None, scene.positives, KS, scores=similar)

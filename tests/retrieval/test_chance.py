@@ -12,8 +12,8 @@ from scipy.stats import hypergeom
 
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.ranking import Ranking
-from airzoo_bench.retrieval.scoring import score_scene
 from airzoo_bench.retrieval.settings import TileScores
+from tests.retrieval.ranking_support import records_of
 from tests.support import MadeScene, made_truth, protocol
 
 
@@ -30,7 +30,7 @@ def over_all_orders(n_tiles: int, n_positives: int, chosen: TileScores) -> dict[
         row[list(place)] = np.arange(n_positives)
         row[np.setdiff1d(np.arange(n_tiles), place)] = np.arange(n_positives, n_tiles)
     ranking = Ranking(tiles[:, : chosen.ranks_kept], np.zeros(len(tiles), bool))
-    records = score_scene(made_truth(scene), ranking, np.ones(len(tiles), bool), chosen)
+    records = records_of(made_truth(scene), ranking, chosen)
     return records.select_dtypes("number").mean().to_dict()
 
 
@@ -62,7 +62,7 @@ def test_lists_cut_at_the_ranks_kept_agree_with_random_orders() -> None:
     scene = MadeScene("s", [list(range(n_positives))] * n_orders, n_tiles)
     tiles = rng.permuted(np.tile(np.arange(n_tiles, dtype=np.int32), (n_orders, 1)), axis=1)
     ranking = Ranking(tiles[:, :100], np.zeros(n_orders, bool))
-    records = score_scene(made_truth(scene), ranking, np.ones(n_orders, bool), scores())
+    records = records_of(made_truth(scene), ranking, scores())
     for name, value in chance_scores(np.array([n_positives]), n_tiles, scores()).items():
         column = records[name]
         assert abs(column.mean() - value[0]) < 4 * column.std() / np.sqrt(n_orders), name

@@ -10,23 +10,20 @@ from rasterio.transform import Affine
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rays import RayStatus
 from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
 
 CRS = "EPSG:32650"
 EAST, NORTH = 500_000.0, 3_000_000.0
 NADIR = np.diag([1.0, -1.0, -1.0])  # x east, y south, z down
+# 800 x 600 px, f = 400: the half angles' tangents are 1 and 0.75.
+CAMERA = Cameras.from_matrices(np.array([[[400, 0, 400], [0, 400, 300], [0, 0, 1.0]]]), 800, 600)
 
 
-def camera(n: int = 1) -> Cameras:
-    # 800 x 600 px, f = 400: the half angles' tangents are 1 and 0.75.
-    K = np.array([[400, 0, 400], [0, 400, 300], [0, 0, 1]], float)
-    return Cameras.from_matrices(np.repeat(K[None], n, axis=0), 800, 600)
-
-
-def cast(rotation: np.ndarray, height: float, ground: float | HeightField) -> Footprints:
+def cast(
+    rotation: np.ndarray, height: float = 150.0, ground: float | HeightField = 50.0, **how: float
+) -> Footprints:
     poses = Poses.from_centres(rotation[None], np.array([[EAST, NORTH, height]]))
-    return cast_footprints(camera(), poses, CRS, ground, inset=1 / 16, max_range_m=1000.0)
+    return cast_footprints(CAMERA, poses, CRS, ground, inset=1 / 16, max_range_m=1000.0, **how)
 
 
 def metres(lonlat: np.ndarray) -> np.ndarray:
@@ -37,19 +34,23 @@ def metres(lonlat: np.ndarray) -> np.ndarray:
 def test_nadir() -> None:
     # Anchors at u = 50, 750 and v = 37.5, 562.5: tangents -+350/400 = 0.875, -+262.5/400 = 0.65625.
     # From 100 m above the plane they lie 87.5 m to the sides and 65.625 m up and down.
-    found = cast(NADIR, 150.0, 50.0)
+    found = cast(NADIR)
     corners = [[-87.5, 65.625], [87.5, 65.625], [87.5, -65.625], [-87.5, -65.625]]
     np.testing.assert_allclose(metres(found.lonlat[0]), corners, atol=2e-4)
     np.testing.assert_allclose(metres(found.centres), [[0, 0]], atol=2e-4)
+    # The ground is at 50 m west of the camera and at 100 m east of it: half the distance, half the
+    # offset (43.75 and 32.8125 m).
+    heights = np.full((400, 400), 50.0)
+    heights[:, 200:] = 100.0
+    surface = HeightField(heights, Affine(1, 0, EAST - 200, 0, -1, NORTH + 200), CRS)
+    corners[1:3] = [43.75, 32.8125], [43.75, -32.8125]
+    np.testing.assert_allclose(metres(cast(NADIR, ground=surface).lonlat[0]), corners, atol=2e-4)
 
 
 def test_a_camera_at_the_horizon_sees_ground_below_only() -> None:
     # Looking north: x east, y down, z north. The upper anchors look up; the lower ones have a
     # tangent of 0.65625 down, so from 100 m they meet the plane 100 / 0.65625 = 152.38 m north.
-    level = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float)
-    found = cast(level, 150.0, 50.0)
-    up = [RayStatus.NOT_DOWNWARD] * 2
-    assert found.status[0].tolist() == [*up, RayStatus.HIT, RayStatus.HIT]
+    found = cast(np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float))
     north = 100 / 0.65625
     lower = [[north * 0.875, north], [-north * 0.875, north]]
     np.testing.assert_allclose(metres(found.lonlat[0, 2:]), lower, atol=3e-4)
@@ -58,40 +59,21 @@ def test_a_camera_at_the_horizon_sees_ground_below_only() -> None:
     assert found.missed_rays.tolist() == [2]
 
 
-@pytest.mark.parametrize(
-    ("rotation", "height", "status"),
-    [
-        (np.diag([1.0, 1.0, 1.0]), 150.0, RayStatus.NOT_DOWNWARD),  # looks at the sky
-        (NADIR, 20.0, RayStatus.BEHIND),  # below the plane
-        (NADIR, 5000.0, RayStatus.BEYOND_RANGE),
-    ],
-)
-def test_no_ground_point_at_all(rotation: np.ndarray, height: float, status: RayStatus) -> None:
-    found = cast(rotation, height, 50.0)
-    assert (found.status == status).all()
-    assert (found.missed_rays == 4).all()
+# Looks at the sky; is below the plane; is beyond the range.
+@pytest.mark.parametrize(("rotation", "height"), [(np.eye(3), 150), (NADIR, 20), (NADIR, 5000)])
+def test_no_ground_point_at_all(rotation: np.ndarray, height: float) -> None:
+    found = cast(rotation, height)
+    assert found.missed_rays.tolist() == [4]
     assert np.isnan(found.centres).all()
-
-
-def test_a_surface_model_moves_the_points() -> None:
-    # The ground is at 50 m west of the camera and at 100 m east of it: half the distance, half the
-    # offset (43.75 and 32.8125 m).
-    heights = np.full((400, 400), 50.0)
-    heights[:, 200:] = 100.0
-    surface = HeightField(heights, Affine(1, 0, EAST - 200, 0, -1, NORTH + 200), CRS)
-    found = cast(NADIR, 150.0, surface)
-    corners = [[-87.5, 65.625], [43.75, 32.8125], [43.75, -32.8125], [-87.5, -65.625]]
-    np.testing.assert_allclose(metres(found.lonlat[0]), corners, atol=2e-4)
 
 
 def test_points_stand_on_the_grid_that_boxes_stand_on() -> None:
     # Kept to 1e-9 degrees, as boxes are: a point on a tile's border is on it on every machine.
     tilted = NADIR @ np.array([[1, 0, 0], [0, 0.96, -0.28], [0, 0.28, 0.96]])
-    found = cast(tilted, 150.0, 50.0)
-    for lon in (117.0, 297.0):  # as it is; on the other side of the 180th meridian
-        moved = found.about(lon)
-        for part in (moved.lonlat, moved.centres):
-            assert np.isfinite(part).all()
+    plain = cast(tilted)
+    for lon in (117.0, 477.0):  # as it is; a turn on
+        moved = cast(tilted, about_lon=lon)
+        for part, same in ((moved.lonlat, plain.lonlat), (moved.centres, plain.centres)):
             np.testing.assert_array_equal(part, np.round(part, 9))
-    np.testing.assert_array_equal(found.about(117.0).lonlat, found.lonlat)
-    np.testing.assert_allclose(found.about(477.0).lonlat - found.lonlat, [[[360, 0]] * 4])
+            turns = (part - same)[..., 0] / 360
+            np.testing.assert_allclose(turns, np.full_like(turns, lon // 400), atol=1e-11)

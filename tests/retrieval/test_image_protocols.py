@@ -1,8 +1,9 @@
-"""Protocols of galleries of images: sections that do not fit, and how keys are named."""
+"""Protocols of galleries of images whose sections do not fit."""
 
 from __future__ import annotations
 
 import tomllib
+from typing import Any
 
 import pytest
 
@@ -11,30 +12,29 @@ from airzoo_bench.core.validation import validated
 from airzoo_bench.protocol.model import shipped_protocols
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
+UNIVERSITY, GTA = "university-1652-drone-to-satellite", "gta-uav-same-area-drone-to-satellite"
 
-def refused(base: str, section: str, **changes: object) -> str:
-    """Return what is said of a shipped protocol with other values in a section."""
-    path = shipped_protocols()[base]
-    values = tomllib.loads(path.read_text(encoding="utf-8"))
+
+def values_of(name: str) -> dict[str, Any]:
+    return tomllib.loads(shipped_protocols()[name].read_text(encoding="utf-8"))
+
+
+NEAR = values_of(GTA)["scores"]["distances"]
+
+
+@pytest.mark.parametrize(
+    ("base", "section", "changes", "named"),
+    [
+        (UNIVERSITY, "scores", {"distances": NEAR}, "scores.distances"),
+        (GTA, "scores", {"distances": None}, "scores.distances"),
+        (GTA, "gallery", {"positions": "degrees"}, "positions"),
+        (GTA, "scores", {"distances": NEAR | {"sdm_unit": "degree"}}, "sdm_unit"),
+        (GTA, "scores", {"ranks_kept": 4}, "ranks_kept"),
+        ("uav-visloc-retrieval", "ground_truth", values_of(GTA)["ground_truth"], "ground_truth"),
+    ],
+)
+def test_sections_must_fit(base: str, section: str, changes: dict[str, Any], named: str) -> None:
+    values = values_of(base)
     values[section] = {k: v for k, v in (values[section] | changes).items() if v is not None}
-    with pytest.raises(ProtocolError) as error:
-        validated(values, RetrievalProtocol, ProtocolError, path, "protocol file")
-    return str(error.value)
-
-
-def test_sections_of_a_protocol_must_fit() -> None:
-    university, gta = "university-1652-drone-to-satellite", "gta-uav-same-area-drone-to-satellite"
-    near = tomllib.loads(shipped_protocols()[gta].read_text(encoding="utf-8"))["scores"][
-        "distances"
-    ]
-    assert "positions of the gallery's images" in refused(university, "scores", distances=near)
-    assert "positions of the gallery's images" in refused(gta, "scores", distances=None)
-    assert "'plane' is for positions in metres" in refused(gta, "gallery", positions="degrees")
-    degree = near | {"sdm_unit": "degree"}
-    assert "sdm_unit = 'degree' needs" in refused(gta, "scores", distances=degree)
-    assert "pairs is given with rule = 'pairs'" in refused(
-        university, "ground_truth", pairs="positive"
-    )
-    assert "ranks_kept must reach" in refused(gta, "scores", ranks_kept=4)
-    said = refused("uav-visloc-retrieval", "ground_truth", rule="labels", iou_above=None)
-    assert "key 'ground_truth.rule' is 'labels': Input should be 'plane', 'dsm' or 'iou'" in said
+    with pytest.raises(ProtocolError, match=named):
+        validated(values, RetrievalProtocol, ProtocolError, None, "protocol file")

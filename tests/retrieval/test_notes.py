@@ -1,4 +1,4 @@
-"""What is said beside the scores, by `eval` and by `check` alike, and the chance level."""
+"""Notes beside the scores, by `eval` and by `check` alike, and what records tell of lists."""
 
 from __future__ import annotations
 
@@ -8,56 +8,40 @@ from typing import Any
 import numpy as np
 import pytest
 
-from airzoo_bench.evaluation.evaluate import check, evaluate
-from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
+from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
+from airzoo_bench.retrieval.ranking import Ranking
+from tests.retrieval.ranking_support import records_of
+from tests.support import MadeScene, made_protocol, made_truth, write_benchmark, write_predictions
 
 
-def both(path: Path, data: Path) -> list[str]:
-    """Return the notes of `eval`, having held those of `check` to them."""
-    notes = list(evaluate(path, data=data).result.notes)
-    checked = check(path, data=data)
+def both(path: Path, data: Path, *words: str) -> Evaluation:
+    """Return what `eval` finds, having held its notes to words and to those of `check`."""
+    found, checked = evaluate(path, data=data), check(path, data=data)
+    notes = list(found.result.notes)
     assert checked.errors == []
     assert [note for note in checked.notes if note in notes] == notes
-    return notes
-
-
-def has(notes: list[str], *words: str) -> bool:
-    return any(all(word in note for word in words) for note in notes)
+    assert all(any(word in note for note in notes) for word in words)
+    assert bool(words) == bool(notes)
+    return found
 
 
 def test_empty_lists_are_counted_as_missing(
     data: Path, tmp_path: Path, perfect: dict[str, Any]
 ) -> None:
+    whole = write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect)
+    both(whole, data)
     ranked = np.array(perfect["ranked_ids"])
     ranked[1:3] = ""
-    path = write_predictions(
-        tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=ranked
-    )
-    assert has(both(path, data), "2 queries have an empty list")
-    evaluation = evaluate(path, data=data)
-    assert evaluation.result.counts["east"]["empty_lists"] == 2
-    assert evaluation.result.counts["east"]["missing"] == 2
-    assert (~evaluation.records["answered"]).sum() == 2
+    arrays = {"query_ids": perfect["query_ids"], "ranked_ids": ranked}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    found = both(path, data, "2 queries have an empty list")
+    assert found.result.counts["east"]["empty_lists"] == 2
+    assert found.result.counts["east"]["missing"] == 2
+    assert (~found.records["answered"]).sum() == 2
 
 
-def test_lists_that_end_before_their_positives_are_said(
-    data: Path, tmp_path: Path, scenes: list[MadeScene], perfect: dict[str, Any]
-) -> None:
-    lists = []
-    for scene in scenes:
-        for found in scene.positives:
-            wrong = [t for t in range(scene.n_tiles) if t not in found]
-            lists.append([scene.tile(t) for t in wrong[:5]])
-    path = write_predictions(
-        tmp_path / "p.npz", "made-retrieval", query_ids=perfect["query_ids"], ranked_ids=lists
-    )
-    assert has(both(path, data), "10 lists end without all positives")
-    whole = write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect)
-    assert both(whole, data) == []
-
-
-@pytest.mark.parametrize("rule", ["exclude", "miss"])
-def test_queries_that_no_tile_answers(tmp_path: Path, rule: str) -> None:
+@pytest.mark.parametrize(("rule", "share", "asked"), [("exclude", 1.0, 3), ("miss", 0.6, 5)])
+def test_queries_that_no_tile_answers(tmp_path: Path, rule: str, share: float, asked: int) -> None:
     """Made by hand: `prepare` would have left two of the five out."""
     scene = MadeScene("east", [[0], [], [1], [], [2]], 3)
     made = made_protocol([scene])
@@ -65,16 +49,13 @@ def test_queries_that_no_tile_answers(tmp_path: Path, rule: str) -> None:
     made = made.model_copy(update={"ground_truth": rules})
     write_benchmark(tmp_path / "made", made, [scene])
     ranked = [[scene.tile(max(found, default=0))] for found in scene.positives]
-    path = write_predictions(
-        tmp_path / "p.npz", "made-retrieval", query_ids=scene.query_ids, ranked_ids=ranked
-    )
-    result = evaluate(path, data=tmp_path).result
-    share, counts = {"exclude": (1.0, 3), "miss": (0.6, 5)}[rule]
+    arrays = {"query_ids": scene.query_ids, "ranked_ids": ranked}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    named = ["2 (east/q00001, east/q00003)"] if rule == "exclude" else []
+    result = both(path, tmp_path, *named).result
     assert result.overall["recall@1"] == share
-    assert result.counts["east"]["queries"] == counts
+    assert result.counts["east"]["queries"] == asked
     assert result.counts["east"]["without_positive"] == 2
-    named = has(both(path, tmp_path), "2 (east/q00001, east/q00003)")
-    assert named == (rule == "exclude")
 
 
 @pytest.mark.parametrize("depth", [1, 3, 4])
@@ -91,7 +72,7 @@ def test_ranks_that_short_lists_lack_score_nothing(
     assert results[0].records.equals(results[1].records)
 
 
-def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
+def test_ties_and_scorers_that_say_nothing(
     data: Path, tmp_path: Path, scenes: list[MadeScene]
 ) -> None:
     queries = [q for s in scenes for q in s.query_ids]
@@ -101,6 +82,22 @@ def test_ties_and_scorers_that_say_nothing_are_noted_by_check_too(
         "gallery_ids": [t for s in scenes for t in s.tile_ids],
         "gallery_descriptors": np.ones((20, 4)),
     }
-    notes = both(write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays), data)
-    assert has(notes, "10 queries depend on ties")
-    assert has(notes, "10 queries give all tiles the same score")
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    both(path, data, "10 queries depend on ties", "10 queries give all tiles the same score")
+
+
+def test_the_first_tiles_are_named_rank_by_rank_down_to_the_deepest_recall() -> None:
+    scene = MadeScene("east", [[3], [0], [1, 2]], 9)
+    tiles = np.array([[3, 1, 8, 7, 6, 5, 4], [2, 0, -1, -1, -1, -1, -1], [-1] * 7], np.int32)
+    settings, ranking = made_protocol([scene]).scores, Ranking(tiles, np.zeros(3, bool))
+    assert settings.recall_at == (1, 3, 5)
+    records = records_of(made_truth(scene), ranking, settings, np.array([True, True, False]))
+    names = [f"tile@{rank}" for rank in range(1, 6)]
+    assert [name for name in records if str(name).startswith("tile@")] == names
+    assert records[names].to_numpy().tolist() == [
+        ["east/t00003", "east/t00001", "east/t00008", "east/t00007", "east/t00006"],
+        ["east/t00002", "east/t00000", "", "", ""],
+        [""] * 5,
+    ]
+    assert records["ranked"].tolist() == [7, 2, 0]
+    assert records["first_hit_rank"].tolist() == [1, 2, 0]

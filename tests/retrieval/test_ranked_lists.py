@@ -11,22 +11,34 @@ from airzoo_bench.retrieval.ranking import rank_by_ids
 from tests.retrieval.ranking_support import assert_is, naive, positives_of, random_positives
 
 
-def test_ties_go_against_the_submitter():
-    ranked = np.array([[3, 1, 2, 0]])
-    scores = np.array([[1.0, 1, 1, 0.5]])
-    ranking = rank_by_ids(ranked, scores, positives_of([1, 3]), n_tiles=4, k=4, tie_ranks=1)
-    assert_is(ranking, (np.array([[2, 1, 3, 0]]), np.array([True])))
-    # The same scores as distances.
-    again = rank_by_ids(ranked, -scores, positives_of([1, 3]), n_tiles=4, k=4, tie_ranks=1)
-    assert again.tiles.tolist() == ranking.tiles.tolist()
-
-
-@pytest.mark.parametrize(("depth", "tied"), [(1, False), (2, True), (3, True)])
-def test_tie_counts_when_it_begins_before_the_depth(depth, tied):
-    ranked, scores = np.array([[5, 4, 3, 2, 1, 0]]), np.array([[9.0, 8, 8, 8, 7, 6]])
-    ranking = rank_by_ids(ranked, scores, positives_of([2]), n_tiles=6, k=6, tie_ranks=depth)
-    assert ranking.tiles.tolist() == [[5, 3, 4, 2, 1, 0]]
-    assert ranking.tie_dependent.tolist() == [tied]
+@pytest.mark.parametrize(
+    ("ranked", "scores", "positives", "depth", "expected", "tied"),
+    [
+        # Ties go against the submitter: a non-positive first, then by number.
+        ([3, 1, 2, 0], [1, 1, 1, 0.5], [1, 3], 1, [2, 1, 3, 0], True),
+        ([3, 1, 2, 0], [-1, -1, -1, -0.5], [1, 3], 1, [2, 1, 3, 0], True),  # distances
+        # A tie counts where it begins before the depth.
+        ([5, 4, 3, 2, 1, 0], [9, 8, 8, 8, 7, 6], [2], 1, [5, 3, 4, 2, 1, 0], False),
+        ([5, 4, 3, 2, 1, 0], [9, 8, 8, 8, 7, 6], [2], 2, [5, 3, 4, 2, 1, 0], True),
+        # It takes in what was left out at the end of a list, positives too.
+        ([4, 1, 2], [2, 1, 1], [0], 5, [4, 1, 2, 3, 5, -1], True),
+        ([4, 1, 2], [2, 1, 1], [1], 5, [4, 0, 2, 3, 5, 1], True),
+        ([4, 1, 2], [2, 1, 1], [1], 1, [4, 0, 2, 3, 5, 1], False),
+        ([4, 1, 2], [2, 1, 1], [4], 5, [4, 0, 1, 2, 3, 5], False),
+        ([4, 1, 2], [2, 1, 1], [0, 1, 2, 3, 5], 5, [4, 1, 2, -1, -1, -1], False),
+    ],
+)
+def test_ties_by_hand(ranked, scores, positives, depth, expected, tied):
+    n_tiles = len(expected)
+    found = rank_by_ids(
+        np.array([ranked]),
+        np.array([scores]),
+        positives_of(positives),
+        n_tiles=n_tiles,
+        k=n_tiles,
+        tie_ranks=depth,
+    )
+    assert_is(found, (np.array([expected]), np.array([tied])))
 
 
 def completed(ranked, scores, positives, n_tiles):
@@ -72,16 +84,6 @@ def test_a_tie_at_the_end_of_a_list_takes_in_what_was_left_out(seed, n_tiles, li
         assert found.tiles[query].tolist() == expected
 
 
-def test_a_tie_with_a_positive_that_was_left_out_counts_as_one():
-    ranked, scores = np.array([[4, 1, 2]]), np.array([[2.0, 1, 1]])
-    for positives, tied in (([0], True), ([1], True), ([4], False), ([0, 1, 2, 3, 5], False)):
-        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, tie_ranks=5)
-        assert found.tie_dependent.tolist() == [tied]
-        # It begins at the second rank, which a depth of one does not look at.
-        found = rank_by_ids(ranked, scores, positives_of(positives), n_tiles=6, k=6, tie_ranks=1)
-        assert found.tie_dependent.tolist() == [False]
-
-
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 12), st.booleans())
 def test_ranked_ids_agree_with_a_plain_sort(seed, n_tiles, depth, distances):
@@ -97,19 +99,18 @@ def test_ranked_ids_agree_with_a_plain_sort(seed, n_tiles, depth, distances):
 
 
 @pytest.mark.parametrize(
-    ("ranked", "scores", "fault"),
+    ("ranked", "scores", "field"),
     [
-        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, 1, 2]], r"not in order for 1 of 2 queries \(b\)"),
-        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [1, 2, 3]], "not in order"),
-        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, np.nan, 2]], r"NaN or infinite scores .*\(b\)"),
-        ([[0, 1, 2], [0, -1, 2]], None, r"empty id before a tile .*\(b\)"),
-        ([[0, 1, 2], [2, 1, 2]], None, r"more than once .*\(b\)"),
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, 1, 2]], "scores"),
+        ([[0, 1, 2], [0, 1, 2]], [[3, 2, 1], [3, np.nan, 2]], "scores"),
+        ([[0, 1, 2], [0, -1, 2]], None, "ranked_ids"),
+        ([[0, 1, 2], [2, 1, 2]], None, "ranked_ids"),
     ],
 )
-def test_bad_lists_are_refused_by_name(ranked, scores, fault):
+def test_bad_lists_are_refused_by_name(ranked, scores, field):
     scores = None if scores is None else np.array(scores, float)
     texts = np.where(np.array(ranked) < 0, "", np.array(ranked).astype(str))
     for lists in (np.array(ranked), texts):
-        with pytest.raises(PredictionError, match=fault):
+        with pytest.raises(PredictionError, match=rf"field '{field}': .*1 of 2 \(b\)"):
             check_lists(lists, scores, ["a", "b"])
     check_lists(texts[:1], None if scores is None else scores[:1], ["a"])
