@@ -223,13 +223,11 @@ def _check_above_surface(heights: Floats, surface: Floats, dsm: Path | None) -> 
 
 
 def _nothing_to_ask(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:
-    counts = truth.excluded["reason"].value_counts()
-    reasons = [f"{counted(count, 'photo')}: {reason}" for reason, count in counts.items()]
+    (reason, count), *_ = truth.excluded["reason"].value_counts().items()
     x, y, z = inputs.photos[["x", "y", "z"]].median()
     return BenchmarkError(
-        f"no photo has a tile that answers it ({'; '.join(reasons)}); cameras are about "
-        f"({x:.0f}, {y:.0f}, {z:.0f})",
+        f"no photo has a tile that answers it ({counted(count, 'photo')}: {reason}); cameras are "
+        f"about ({x:.0f}, {y:.0f}, {z:.0f})",
         where=native.poses_from or native.images,
-        fix="look at the CRS of poses, DOM and DSM, at heights, and whether poses are "
-        "world-to-camera; else take a larger map or other tiles",
+        fix="look at CRS and heights, and whether poses are world-to-camera; or take other tiles",
     )
