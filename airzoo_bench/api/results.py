@@ -409,4 +409,4 @@ def _read_intervals(
         for name, values, spans in parts
         for score, span in zip(scores, spans, strict=True)
     ]
-    return Comparison(intervals_table(method, scores, found, plan, scene), pd.DataFrame(rows))
+    return Comparison(intervals_table(method, scores, plan), pd.DataFrame(rows))

@@ -1,95 +1,89 @@
-"""All checks of published tables in one call; checks of rows, columns, repeated numbers."""
+"""All checks of published tables in one call, checks of order and bold; findings to read."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from collections.abc import Set as AbstractSet
-from fractions import Fraction
-from itertools import chain, combinations, permutations
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import permutations
+from typing import NamedTuple
 
-from airzoo_bench.audit.counts import check_counts, define_precision, resolve_queries
-from airzoo_bench.audit.findings import Audit, Finding, Grade, Outcome
-from airzoo_bench.audit.sums import check_averages, check_gains
-from airzoo_bench.audit.values import LOWER, Family, Score, Span, Value, decimal_text, read_values
-from airzoo_bench.core.errors import counted, first_of
-from airzoo_bench.tables.published import Published, grouped
+from airzoo_bench.audit.averages import check_averages, check_gains
+from airzoo_bench.audit.counts import (
+    check_counts,
+    define_precision,
+    resolve_queries,
+    without_averages,
+)
+from airzoo_bench.audit.values import (
+    Finding,
+    Grade,
+    Outcome,
+    Score,
+    Value,
+    grouped,
+    read_values,
+)
+from airzoo_bench.core.errors import counted
+from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
+from airzoo_bench.tables.published import PrintedValue
 
-Values = Sequence[Value]
-Pair = tuple[Value, Value]
-
-# What is within a distance is within a larger one.
-_GROWING = (Family.HITS, Family.PRECISION, Family.RECALL, Family.F1, Family.CURVE)
-_FEWEST = 3  # a whole row of fewer says nothing: two scores may agree by chance
-_MOST_NAMES = 10
-_ZERO = Fraction(0)
+# Longer lines are hard to read, shorter ones hold no sentence.
+_WIDEST, _NARROWEST = 100, 40
 
 
-def audit(published: Published, counts: Mapping[str, int] | None = None) -> Audit:
+class Audit(NamedTuple):
+    """The findings on a number of values, the gravest first, and what was checked and concluded."""
+
+    values: int
+    findings: list[Finding]
+    notes: list[str]
+
+    @property
+    def summary(self) -> str:
+        """All in one line."""
+        grades = [finding.grade for finding in self.findings]
+        counts = ", ".join(f"{grades.count(grade)} {grade.value}" for grade in Grade)
+        return f"{counts}, in {counted(self.values, 'value')}"
+
+    @property
+    def failed(self) -> bool:
+        """Whether something is impossible or inconsistent."""
+        return any(finding.grade is not Grade.ROUNDING for finding in self.findings)
+
+
+def audit(printed: Sequence[PrintedValue], counts: Mapping[str, int] | None = None) -> Audit:
     """Check published tables by arithmetic, with the numbers of queries of scenes where given."""
-    values = read_values(published)
-    within_rows = [check(values) for check in (_check_ranges, _check_order, _check_f1)]
-    doubtful = {
-        finding.cell.row
-        for outcome in within_rows
-        for finding in outcome.findings
-        if finding.grade is Grade.IMPOSSIBLE
-    }
+    values = read_values(printed)
+    order = _check_order(values)
+    rows = {value.cell: value.row for value in values}
+    doubtful = {rows[finding.cell] for finding in order.findings}
     # Recalls alone tell whether AP@K is mean precision, which then tells more of the queries.
     by_recalls, _ = resolve_queries(values, counts or {}, doubtful)
     precise, _ = define_precision(values, by_recalls, doubtful)
     queries, conclusions = resolve_queries(values, counts or {}, doubtful, precise)
-    precise, precisions = define_precision(values, queries, doubtful)
-    averages = check_averages(values, queries, precise)
-    off = {finding.cell for finding in averages.findings}
-    ranges, order, f1 = within_rows
+    precise, definitions = define_precision(values, queries, doubtful)
+    hits = without_averages([value for value in values if value.score.kind == "hits"])
+    shares = [v for v in values if v.of_score in precise and not v.cell.is_summary] + hits
     outcomes = (
-        ranges,
-        check_counts(values, queries, conclusions),
-        precisions,
+        check_counts(shares, queries),
         order,
-        f1,
-        averages,
-        _check_agreement(values, off),
-        _check_misplaced_rows(values, off),
+        check_averages(values, queries, precise),
         check_gains(values),
-        _check_bold(values, has_bold=published.has_bold),
+        _check_bold(values),
     )
-    unknown = dict.fromkeys(
-        value.metric
-        for value in values
-        if value.score.family is Family.OTHER and value.score.higher_is_better is None
-    )
-    note = "scores that are not known, checked only for averages, gains and agreement: "
-    notes = (note + first_of(unknown),) if unknown else ()
-    return Audit(published.path.name, len(values), outcomes, notes)
+    findings = [finding for outcome in outcomes for finding in outcome.findings]
+    grades = list(Grade)
+    findings.sort(key=lambda finding: (grades.index(finding.grade), finding.cell.line))
+    notes = [f"{o.check}: {o.tested} checked, {len(o.findings)} found" for o in outcomes]
+    unknown = {value.in_scene for value in hits if value.in_scene not in queries}
+    if unknown:
+        scenes = ", ".join(sorted(key[2] for key in unknown))
+        notes.append(f"counts: not checked in {scenes}, whose number of queries is not known")
+    concluded = [text for outcome in outcomes for text in outcome.conclusions]
+    return Audit(len(values), findings, [*notes, *conclusions, *definitions, *concluded])
 
 
-def _check_ranges(values: Values) -> Outcome:
-    """Find shares outside 0 to 100 % and distances below zero."""
-    known = [v for v in values if v.score.is_share or v.score.family in LOWER]
-    findings = []
-    for value in known:
-        number, why = value.number, ""
-        if value.score.is_share and not 0 <= number.value <= value.full:
-            why = f"{number.text} lies outside 0 to {value.full}, so it is no share of anything"
-        elif not value.score.is_share and number.value < 0:
-            why = f"{number.text} is below 0, and no {value.score.family.value} is"
-        findings += [Finding(Grade.IMPOSSIBLE, "range", value, why)] if why else []
-    what = "values, whether shares lie within 0 to 100 % and distances are not negative"
-    unknown = len(values) - len(known)
-    left = f"{counted(unknown, 'value')} of scores that are not known" if unknown else ""
-    return Outcome("range", len(known), what, left, tuple(findings))
-
-
-def _pairs_outcome(
-    check: str, what: str, none: str, pairs: Sequence[Pair], findings: Iterable[Finding | None]
-) -> Outcome:
-    cells = tuple(chain.from_iterable(pairs))
-    left = "" if pairs else none
-    return Outcome(check, len(pairs), what, left, tuple(filter(None, findings)), cells=cells)
-
-
-def _check_order(values: Values) -> Outcome:
+def _check_order(values: Sequence[Value]) -> Outcome:
     """Find recalls at a smaller threshold that exceed those at a larger one."""
     rows = grouped(values, lambda value: value.row).values()
     pairs = [
@@ -98,14 +92,13 @@ def _check_order(values: Values) -> Outcome:
         for one, other in permutations(row, 2)
         if _is_stricter(one.score, other.score)
     ]
-    what = "pairs such as R@1 and R@5 of one row, whether the stricter one is not larger"
-    none = "no row has one kind of recall at two thresholds"
-    return _pairs_outcome("order", what, none, pairs, (_disordered(*pair) for pair in pairs))
+    found = (_judge_order(*pair) for pair in pairs)
+    return Outcome("order", len(pairs), tuple(filter(None, found)))
 
 
 def _is_stricter(first: Score, second: Score) -> bool:
     """Whether all that counts for the first score counts for the second, by their thresholds."""
-    if (first.family, first.stem) != (second.family, second.stem) or first.family not in _GROWING:
+    if (first.kind, first.stem) != (second.kind, second.stem) or first.kind == "ap":
         return False
     one, two = first.thresholds, second.thresholds
     if one == two or [unit for _, unit in one] != [unit for _, unit in two]:
@@ -113,168 +106,78 @@ def _is_stricter(first: Score, second: Score) -> bool:
     return all(small <= large for (small, _), (large, _) in zip(one, two, strict=True))
 
 
-def _disordered(first: Value, second: Value) -> Finding | None:
-    if first.number.decimals == second.number.decimals and first.full == second.full:
-        # Rounding alike never turns an order round.
-        exceeds = first.number.value > second.number.value
-    else:
-        exceeds = first.share.low > second.share.high
-    small, large = first.metric, second.metric
-    why = (
-        f"{small} = {first.number.text} > {large} = {second.number.text}, but whatever counts for "
-        f"{small} counts for {large} too, so {large} cannot be smaller"
-    )
-    return Finding(Grade.IMPOSSIBLE, "order", first, why) if exceeds else None
-
-
-def _check_f1(values: Values) -> Outcome:
-    """Find F1 that the precision and recall of its row do not give."""
-    needed = (Family.F1, Family.PRECISION, Family.RECALL)
-    rows = grouped(values, lambda value: (*value.row, value.score.thresholds)).values()
-    by_family = [{value.score.family: value for value in row} for row in rows]
-    complete = [[row[f] for f in needed] for row in by_family if set(needed) <= row.keys()]
-    found = tuple(finding for row in complete if (finding := _judge_f1(*row)))
-    what = "F1 against precision and recall next to them"
-    left = "" if complete else "no row has precision, recall and F1"
-    cells = tuple(cell for row in complete for cell in row)
-    return Outcome("F1", len(complete), what, left, found, cells=cells)
-
-
-def _f1_of(precision: Fraction, recall: Fraction) -> Fraction:
-    """Return the harmonic mean, 0 where both are 0; it grows with either."""
-    total = precision + recall
-    return 2 * precision * recall / total if total else _ZERO
-
-
-def _judge_f1(cell: Value, precision: Value, recall: Value) -> Finding | None:
-    lows = [max(_ZERO, one.share.low) for one in (precision, recall)]
-    highs = [max(_ZERO, one.share.high) for one in (precision, recall)]
-    # A mean F1 over scenes is at least P + R - 1 of the means.
-    low = max(_ZERO, sum(lows, _ZERO) - 1) if cell.is_summary else _f1_of(*lows)
-    possible = Span(low, _f1_of(*highs))
-    if cell.share.meets(possible):
+def _judge_order(first: Value, second: Value) -> Finding | None:
+    # Rounding alike never turns an order round.
+    slack = 0 if first.decimals == second.decimals else first.half + second.half
+    if first.number / first.full - second.number / second.full <= slack / first.full:
         return None
-    p, r, printed = precision.number.text, recall.number.text, cell.number.text
-    ends = [decimal_text(x * cell.full, cell.number.decimals) for x in (low, possible.high)]
+    small, large = first.cell, second.cell
     why = (
-        f"with mean precision {p} and mean recall {r} a mean F1 lies between P + R - 1 and the "
-        f"F1 of the means, which is {' to '.join(ends)}; printed is {printed}"
+        f"{small.metric} = {small.value} > {large.metric} = {large.value}, but whatever counts for "
+        f"{small.metric} counts for {large.metric} too"
     )
-    if not cell.is_summary:
-        middle = _f1_of(precision.number.value / precision.full, recall.number.value / recall.full)
-        exact = decimal_text(middle * cell.full, cell.number.decimals)
-        why = f"F1 = 2 x {p} x {r} / ({p} + {r}) = {exact}, printed is {printed}"
-    # Where all three digits were cut off, or two were rounded before.
-    slack = sum((c.number.half / c.full for c in (cell, precision, recall)), _ZERO)
-    if cell.share.widened(slack).meets(possible):
-        return Finding(Grade.ROUNDING, "F1", cell, why + ": off by the last digit")
-    return Finding(Grade.IMPOSSIBLE, "F1", cell, why)
+    return Finding(Grade.IMPOSSIBLE, "order", small, why)
 
 
-def _scene(cell: Value) -> str:
-    return "overall" if cell.is_summary and not cell.is_pooled else cell.scene
-
-
-def _check_agreement(values: Values, off: AbstractSet[Value]) -> Outcome:
-    """Find numbers that two tables print differently, where the one with fewer rounds no other."""
-    groups = grouped(values, lambda v: (*v.group, _scene(v), v.method, v.metric)).values()
-    pairs = [
-        (first, second)
-        for cells in groups
-        for first, second in combinations(cells, 2)
-        if first.table != second.table
-    ]
-    what = "pairs of one number in two tables, whether both say the same"
-    # Of averages that are off, the difference has been found.
-    found = (_differing(*pair) for pair in pairs if off.isdisjoint(pair))
-    return _pairs_outcome("agreement", what, "nothing is printed in two tables", pairs, found)
-
-
-def _differing(first: Value, second: Value) -> Finding | None:
-    if first.number.decimals == second.number.decimals:
-        same = first.number.value == second.number.value
-    else:
-        same = first.span.meets(second.span)
-    # In last digits of the coarser one.
-    apart = abs(first.number.value - second.number.value)
-    apart /= 2 * max(first.number.half, second.number.half)
-    why = (
-        f"the same number is printed {first.number.text} here and {second.number.text} in "
-        f"{second.table or 'another place'}, line {second.line}"
-    )
-    grade = Grade.ROUNDING if apart <= 1 else Grade.INCONSISTENT
-    return None if same else Finding(grade, "agreement", first, why)
-
-
-def _check_misplaced_rows(values: Values, off: AbstractSet[Value]) -> Outcome:
-    """Find rows that another table prints, number for number, under another method's name."""
-    rows = grouped(values, lambda value: value.row)
-    compared = [r for r in rows.values() if len(r) >= _FEWEST and any(c.number.value for c in r)]
-    if len({row[0].table for row in compared}) < 2:
-        compared = []
-
-    def content(row: Values) -> tuple[object, ...]:
-        numbers = frozenset((cell.metric, cell.number.value) for cell in row)
-        return row[0].group, _scene(row[0]), numbers
-
-    findings = []
-    for alike in grouped(compared, content).values():
-        for row, other in permutations(alike, 2):
-            cell, there = row[0], other[0]
-            own = rows.get((there.table, *cell.group, there.scene, cell.method), [])
-            printed = {c.metric: c.number.value for c in own}
-            has_another = any(printed.get(c.metric, c.number.value) != c.number.value for c in row)
-            # Of two such rows, the one whose averages are off is in the wrong place.
-            is_right = off.isdisjoint(row) and not off.isdisjoint(other)
-            apart = cell.table != there.table and cell.method != there.method
-            if apart and has_another and not is_right:
-                numbers = ", ".join(f"{cell.metric} {cell.number.text}" for cell in row)
-                why = (
-                    f"all {len(row)} numbers of this row ({numbers}) are those of {there.method} "
-                    f"in {there.table}, {there.scene}, so it may have the wrong name"
-                )
-                findings.append(Finding(Grade.INCONSISTENT, "row", cell, why))
-    left = "" if compared else "nothing is printed in two tables"
-    what = "rows, whether another table prints one under another method's name"
-    cells = tuple(chain.from_iterable(compared))
-    return Outcome("row", len(compared), what, left, tuple(findings), cells=cells)
-
-
-def _check_bold(values: Values, *, has_bold: bool) -> Outcome:
+def _check_bold(values: Sequence[Value]) -> Outcome:
     """Find bold values that are not the best of their column, and best ones that are not bold."""
-    what = "columns, whether the best is bold and nothing else"
-    columns = grouped(values, lambda v: (v.table, *v.group, v.scene, v.metric)).values()
-    races = [c for c in columns if c[0].score.higher_is_better is not None and len(c) > 1]
-    judged = [column for column in races if any(cell.bold for cell in column)]
-    rest = len(columns) - len(judged)
-    left = f"{counted(rest, 'column')} without bold, of one method or an unknown score"
-    if not has_bold:
-        left = "the file does not say what is bold"
-    findings = tuple(finding for column in judged for finding in _judge_column(column))
-    cells = tuple(cell for column in judged for cell in column)
-    return Outcome("bold", len(judged), what, left if rest else "", findings, cells=cells)
+    columns = grouped(values, lambda value: value.column).values()
+    judged = [c for c in columns if c[0].score.better is not None and len(c) > 1]
+    judged = [column for column in judged if any(value.cell.bold for value in column)]
+    found = tuple(finding for column in judged for finding in _judge_column(column))
+    return Outcome("bold", len(judged), found)
 
 
-def _judge_column(column: Values) -> Iterator[Finding]:
-    higher = column[0].score.higher_is_better
-    best = (max if higher else min)(column, key=lambda cell: cell.number.value).number
-    leaders = [cell for cell in column if cell.number.value == best.value]
+def _judge_column(column: Sequence[Value]) -> Iterator[Finding]:
+    higher = column[0].score.better
+    best = (max if higher else min)(value.number for value in column)
+    leaders = [value.cell for value in column if value.number == best]
     bold = [cell for cell in leaders if cell.bold]
-    for cell in column:
-        text, leads = cell.number.text, cell in leaders
+    for cell in (value.cell for value in column):
+        leads = cell in leaders
         if cell.bold == leads:
             continue
+        names = " and ".join(one.method for one in leaders if one is not cell)
         if not leads:
             better = "higher" if higher else "lower"
-            why = f"{text} is bold, but {_names(leaders)} has {best.text}, and {better} is better"
+            why = f"is bold, but {names} has {leaders[0].value}, and {better} is better"
         elif bold:
-            why = f"{text} is not bold, but the same number of {_names(bold)} is"
+            why = f"is not bold, but the same number of {names} is"
         else:
-            others = _names([cell for cell in column if cell.bold])
-            why = f"{text} is the best of {len(column)} methods, but {others} is bold"
-        yield Finding(Grade.ROUNDING if leads and bold else Grade.INCONSISTENT, "bold", cell, why)
+            why = f"is the best of {len(column)} methods, and not bold"
+        grade = Grade.ROUNDING if leads and bold else Grade.INCONSISTENT
+        yield Finding(grade, "bold", cell, f"{cell.value} {why}")
 
 
-def _names(cells: Values) -> str:
-    more = [f"{len(cells) - _MOST_NAMES} more"] if len(cells) > _MOST_NAMES else []
-    return " and ".join([*(cell.method for cell in cells[:_MOST_NAMES]), *more])
+def audit_table(audit: Audit, source: str) -> Table:
+    """Lay out an audit: a row a finding; checks and conclusions are notes."""
+    titles = ("Grade", "Check", "Table", "Scene", "Method", "Score", "Printed", "Why")
+    rows = []
+    for grade, check, cell, why in audit.findings:
+        where = (cell.table, cell.place, cell.method, cell.metric)
+        rows.append(Row(tuple(map(Cell, (grade.value, check, *where, str(cell.value), why)))))
+    title = f"{source}: {audit.summary}"
+    return Table(title, tuple(map(Column, titles)), tuple(rows), tuple(audit.notes))
+
+
+def audit_text(audit: Audit, source: str, width: int) -> str:
+    """Lay out an audit as text, a paragraph a finding."""
+    room = min(max(width, _NARROWEST), _WIDEST)
+    lines = [f"{source}: {audit.summary}"]
+    for grade, check, cell, why in audit.findings:
+        where = ", ".join(filter(None, (cell.table, cell.place, cell.method)))
+        lines += ["", f"{grade.value.upper()} [{check}] {where}, {cell.metric} {cell.value}"]
+        lines += [f"    {why}"]
+    lines += ["", *(f"{note}" for note in audit.notes)]
+    return "".join(f"{wrapped}\n" for line in lines for wrapped in _wrap(line, room))
+
+
+def _wrap(line: str, room: int) -> list[str]:
+    indent = "    " if line.startswith(" ") else ""
+    return textwrap.wrap(
+        plain(line),
+        room,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}  ",
+        break_on_hyphens=False,
+    ) or [""]

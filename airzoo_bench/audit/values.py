@@ -1,123 +1,97 @@
-"""Printed values as exact intervals, and their scores, known by the printed names."""
+"""Printed values as exact intervals, their scores by the printed names, and findings on them."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from decimal import ROUND_HALF_UP, Decimal, localcontext
 from enum import StrEnum
 from fractions import Fraction
 from functools import cache
+from typing import NamedTuple, TypeVar
 
-from airzoo_bench.core.errors import ResultError, first_of
-from airzoo_bench.tables.published import PrintedValue, Published
+from airzoo_bench.tables.published import PrintedValue
 
+S = TypeVar("S")
+T = TypeVar("T")
 
-class Family(StrEnum):
-    """Kinds of scores that arithmetic knows something of."""
+Key = tuple[str, str, str]
+"""What has one number of queries (benchmark, track and scene), or one definition of a score."""
 
-    HITS = "share of queries"
-    AVERAGE_PRECISION = "average precision at K"
-    PRECISION = "precision"
-    RECALL = "recall"
-    F1 = "F1"
-    DISTANCE = "distance"
-    MEDIAN = "median error"
-    ERROR = "error"
-    CURVE = "share or area within a threshold"
-    OTHER = "other"
-
-
-_SHARES = (Family.HITS, Family.AVERAGE_PRECISION, Family.PRECISION, Family.RECALL, Family.F1)
-LOWER = (Family.DISTANCE, Family.MEDIAN, Family.ERROR)
-
-# By the whole name, in lower case, without arrows, with one space for any run of space, - and _.
-_NAMES = (
-    (r"m?f ?1?|f ?1? ?score", Family.F1),
-    (r"p|prec\.?|precision", Family.PRECISION),
-    (r"r|rec\.?|recall", Family.RECALL),
-    (r"(acc|comp)\.?|(accuracy|completeness)( distance)?", Family.DISTANCE),
-    (r"(accuracy|completeness), median", Family.ERROR),
-    (r"cd|chamfer( distance)?", Family.ERROR),
-    (r"(.* )?med(ian|\.)?( .*)?", Family.MEDIAN),
-    (r"(.* )?(error|distance|ate|rpe|rmse|mae|rre|rte|te|re|mte|mre)(,? .*)?", Family.ERROR),
-    (r"horizontal|vertical|rotation|translation", Family.ERROR),
-)
-_VALUE, _LENGTH = r"([0-9]{1,9}(?:\.[0-9]{1,9})?)", r"(cm|mm|km|m)"
-_RANKED = r"(r|rec|recall|hit|hits|hit ?rate)"
-_POSE = r"((?:pose |translation |rotation )?(?:r|rec|recall|acc|accuracy|success|sr))?"
-_PATTERNS = {
-    # Average precision; precision at K is mean precision by its very name.
-    "ap": re.compile(r"(ap|p|precision) ?@ ?([1-9][0-9]{0,3})(?:/(min|trec|hits|precision))?"),
-    # Of point clouds within a distance; without a unit it may be of the first so many.
-    "cloud": re.compile(
-        rf"(f|f1|f ?score|f1 ?score|p|prec|precision) ?[@<] ?({_VALUE} ?{_LENGTH}?)"
-    ),
-    # Areas under, or means of, recalls up to a threshold, and shares of pairs or pixels within one.
-    "curve": re.compile(rf"((?:pose )?m?auc|maa|mma|rra|rta|pck) ?@ ?({_VALUE} ?(?:deg|°|px|m)?)"),
-    # Shares of queries with a hit among the first K, or within thresholds; a pair needs no name.
-    "ranked": re.compile(rf"{_RANKED} ?@ ?([1-9][0-9]{{0,8}})"),
-    "within": re.compile(rf"{_POSE} ?(?:@|(?<!.)(?=\(?<?[0-9.]+ ?{_LENGTH} ?[,/]))(?P<limits>.+)"),
-    "below": re.compile(r"(d|distance|error) ?<(?P<limits>.+)"),
-}
-_HIGHER = re.compile(
-    r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|cameras placed|psnr|ssim|sdm|pdm|ma)\b.*"
-)
-_DISTANCE = re.compile(r"dis ?@ ?[0-9]{1,4}\b.*")
-_PARTS = re.compile(r" ?[,/] ?|(?<=[a-z°]) (?=[0-9])")
-_PART = re.compile(rf"<? ?{_VALUE} ?(cm|mm|km|m|deg|°|px|%)?")
-_FULL = {"": 100, "%": 100, "percent": 100, "share": 1, "1": 1}
 _LENGTHS = ("mm", "cm", "m", "km")
+_VALUE, _LENGTH = r"[0-9]{1,9}(?:\.[0-9]{1,9})?", r"(?:cm|mm|km|m)"
+_RATE = r"(?:pose |translation |rotation )?(?:r|rec|recall|acc|accuracy|success|sr)"
+# By the whole name, in lower case, without arrows, with one space for any run of space, - and _:
+# shares of queries, average precisions at K (precision at K is mean precision by its very name),
+# shares of points, all else; whether more is better.
+_NAMES: tuple[tuple[str, bool, str], ...] = (
+    ("ap", True, r"(?P<stem>ap|p|precision) ?@ ?(?P<limits>[1-9][0-9]{0,3})(?:/(?P<variant>\w+))?"),
+    (
+        "cloud",
+        True,
+        rf"(?P<stem>f1?|f1? ?score|p|prec|precision) ?[@<] ?(?P<limits>{_VALUE} ?{_LENGTH}?)",
+    ),
+    (
+        "other",
+        True,
+        rf"(?P<stem>(?:pose )?m?auc|maa|mma|rra|rta|pck) ?@ ?(?P<limits>{_VALUE} ?(?:deg|°|px|m)?)",
+    ),
+    ("hits", True, r"(?P<stem>r|rec|recall|hits?|hit ?rate) ?@ ?(?P<limits>[1-9][0-9]{0,8})"),
+    ("hits", True, rf"(?P<stem>{_RATE})? ?@(?P<limits>.+)"),
+    ("hits", True, rf"(?P<limits>\(?<?{_VALUE} ?{_LENGTH} ?[,/].+)"),
+    ("hits", True, r"(?P<stem>d|distance|error) ?<(?P<limits>.+)"),
+    ("cloud", True, r"m?f ?1?|f ?1? ?score|p|prec\.?|precision|r|rec\.?|recall"),
+    ("other", False, r"(acc|comp)\.?|(accuracy|completeness)(, median| distance)?"),
+    ("other", False, r"cd|chamfer( distance)?|(.* )?med(ian|\.)?( .*)?"),
+    ("other", False, r"(.* )?(error|distance|ate|rpe|rmse|mae|rre|rte|te|re|mte|mre)(,? .*)?"),
+    ("other", False, r"horizontal|vertical|rotation|translation|dis ?@ ?[0-9]{1,4}\b.*"),
+    (
+        "other",
+        True,
+        r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|cameras placed|psnr|ssim|sdm|pdm|ma)\b.*",
+    ),
+)
+_PARTS = re.compile(r" ?[,/] ?|(?<=[a-z°]) (?=[0-9])")
+_PART = re.compile(rf"<? ?({_VALUE}) ?({_LENGTH}|deg|°|px|%)?")
 
 
-@dataclass(frozen=True)
-class Score:
+class Score(NamedTuple):
     """A score, by its printed name.
 
     Thresholds have a value and a unit, such as 5 m and 1 deg; only scores with one `stem` before
-    the ``@`` are ordered by them. `cutoff` and `variant` are of average precision at K.
-    `higher_is_better` is None where it is not known.
+    the ``@`` are ordered by them. A variant names the definition of an average precision. `better`
+    says whether more is better, None where that is not known.
     """
 
-    name: str
-    family: Family
+    kind: str = "other"
+    better: bool | None = None
     thresholds: tuple[tuple[Fraction, str], ...] = ()
     stem: str = ""
-    cutoff: int = 0
-    variant: str | None = None
-    higher_is_better: bool | None = True
+    variant: str = ""
 
     @property
-    def is_share(self) -> bool:
-        """Whether it is a share of something, printed in percent or from 0 to 1."""
-        return self.family in _SHARES
+    def places(self) -> int:
+        """How many places of each query a whole number of positives is out of."""
+        return int(self.thresholds[0][0]) if self.kind == "ap" else 1
 
 
 @cache
 def read_score(name: str) -> Score:
-    """Understand a score's printed name; the family of unknown names is `OTHER`."""
+    """Understand a score's printed name."""
     plain = " ".join(re.sub(r"[_\-\s↑↓]+", " ", name.casefold()).split())
-    matches = {kind: pattern.fullmatch(plain) for kind, pattern in _PATTERNS.items()}
-    if re.search(r"[@<]\s*[-\u2212]", name):  # no threshold is below 0
-        return Score(name, Family.OTHER, higher_is_better=None)
-    if found := matches["ap"]:
-        variant = found[3] or (None if found[1] == "ap" else "precision")
-        return Score(name, Family.AVERAGE_PRECISION, cutoff=int(found[2]), variant=variant)
-    if found := matches["cloud"]:
-        family = Family.F1 if found[1].startswith("f") else Family.PRECISION
-        return Score(name, family, _thresholds(found[2]))
-    if found := matches["curve"] or matches["ranked"]:
-        family = Family.CURVE if matches["curve"] else Family.HITS
-        return Score(name, family, _thresholds(found[2]), found[1])
-    if found := matches["within"] or matches["below"]:
-        thresholds = _thresholds(found["limits"])
-        if thresholds and all(value for value, _ in thresholds):
-            return Score(name, Family.HITS, thresholds, found[1] or "")
-    for pattern, family in _NAMES:
-        if re.fullmatch(pattern, plain):
-            return Score(name, family, higher_is_better=family not in LOWER)
-    better = True if _HIGHER.fullmatch(plain) else False if _DISTANCE.fullmatch(plain) else None
-    return Score(name, Family.OTHER, higher_is_better=better)
+    for kind, better, pattern in _NAMES:
+        if (found := re.fullmatch(pattern, plain)) is None:
+            continue
+        parts = found.groupdict()
+        stem, variant = parts.get("stem") or "", parts.get("variant") or ""
+        thresholds = _thresholds(parts["limits"]) if parts.get("limits") else ()
+        if parts.get("limits") and (not thresholds or not all(value for value, _ in thresholds)):
+            continue
+        if kind == "ap" and stem != "ap":
+            variant = variant or "precision"
+        return Score(kind, better, thresholds, stem, variant)
+    return Score()
 
 
 def _thresholds(text: str) -> tuple[tuple[Fraction, str], ...]:
@@ -127,8 +101,7 @@ def _thresholds(text: str) -> tuple[tuple[Fraction, str], ...]:
     return tuple(known) if len(known) == len(parts) else ()
 
 
-@dataclass(frozen=True)
-class Span:
+class Span(NamedTuple):
     """A closed interval of exact numbers."""
 
     low: Fraction
@@ -144,81 +117,90 @@ class Span:
 
 
 @dataclass(frozen=True, eq=False)
-class Value(PrintedValue):
+class Value:
     """A printed number with its score; a share of all is printed as `full`, 100 or 1."""
 
+    cell: PrintedValue
     score: Score
     full: int
 
     @property
-    def is_pooled(self) -> bool:
-        """Whether it says of itself that it is over all queries, whatever their scene."""
-        return self.scene.casefold() == "pooled"
+    def number(self) -> Fraction:
+        """The printed number."""
+        return Fraction(self.cell.value)
+
+    @property
+    def decimals(self) -> int:
+        """How many digits are printed behind the point."""
+        return decimals_of(self.cell.value)
+
+    @property
+    def half(self) -> Fraction:
+        """Half a step of the last digit."""
+        return Fraction(1, 2 * 10**self.decimals)
 
     @property
     def span(self) -> Span:
         """Where the true number lies; closed, so that halves may have gone up, down or to even."""
-        return Span(self.number.value, self.number.value).widened(self.number.half)
+        return Span(self.number, self.number).widened(self.half)
 
     @property
-    def share(self) -> Span:
-        """Where the true number lies, as a share from 0 to 1."""
-        return Span(self.span.low / self.full, self.span.high / self.full)
+    def group(self) -> tuple[str, str]:
+        """Benchmark and track, which scenes and their averages have in common."""
+        return self.cell.benchmark, self.cell.track
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """The key of its row."""
+        return self.cell.table, *self.group, self.cell.scene, self.cell.method
+
+    @property
+    def column(self) -> tuple[str, ...]:
+        """The key of its column."""
+        return self.cell.table, *self.group, self.cell.scene, self.cell.metric
+
+    @property
+    def in_scene(self) -> Key:
+        """The key of what has one number of queries."""
+        return *self.group, self.cell.scene
+
+    @property
+    def of_score(self) -> Key:
+        """The key of what has one definition."""
+        return *self.group, self.cell.metric
 
 
-def read_values(published: Published) -> list[Value]:
-    """Know the score of each printed number; refuse a unit that leaves open what it is."""
+def decimals_of(number: Decimal) -> int:
+    """Return how many digits are printed behind the point."""
+    return -int(number.as_tuple().exponent)
+
+
+def read_values(cells: Sequence[PrintedValue]) -> list[Value]:
+    """Know the score of each printed number, and whether shares are percent.
+
+    They are from 0 to 1 where the unit says so, or where none is printed and all are at most 1.
+    """
+    scored = [(cell, read_score(cell.metric)) for cell in cells]
+    shares = [cell for cell, score in scored if score.kind != "other"]
+    small = all(cell.value <= 1 for cell in shares) and not any(cell.unit for cell in shares)
+    # What has an F1 or precision at the same threshold is of points, not of queries.
+    clouds = {
+        (cell.table, cell.benchmark, cell.track, score.thresholds)
+        for cell, score in scored
+        if score.kind == "cloud" and score.thresholds
+    }
     values = []
-    for cell in published.cells:
-        score, unit = read_score(cell.metric), cell.unit.casefold()
-        if score.is_share and unit not in _FULL:
-            raise ResultError(
-                f"unit is {cell.unit[:80]!r}",
-                where=f"{published.path}, line {cell.line}, column 'unit'",
-                expected="% or share",
-            )
-        known = {field.name: getattr(cell, field.name) for field in fields(cell)}
-        values.append(Value(**known, score=score, full=_FULL[unit] if score.is_share else 1))
-    shares = [value for value in values if value.score.is_share and not value.unit]
-    # Nothing at all is 0 by either.
-    printed = [value.number.value for value in shares if value.number.value]
-    if printed and all(0 < value <= 1 for value in printed):
-        names = first_of(dict.fromkeys(value.metric for value in shares))
-        raise ResultError(
-            f"all shares are at most 1: percent, or from 0 to 1? {names}",
-            where=published.path,
-            expected="a column 'unit' that says % or share",
-        )
-    return _settled(values)
-
-
-def _settled(values: list[Value]) -> list[Value]:
-    """Decide by the whole file whether recall means clouds, and accuracy a distance."""
-
-    def place(value: Value, score: Score) -> tuple[object, ...]:
-        return value.table, *value.group, score.thresholds
-
-    clouds = [v for v in values if v.score.family in (Family.F1, Family.PRECISION)]
-    of_clouds = {place(value, value.score) for value in clouds if value.score.thresholds}
-    settled = []
-    for value in values:
-        score, cloud = value.score, _cloud_score(value.score)
-        if cloud and place(value, cloud) in of_clouds:
-            score = cloud
-        elif score.family is Family.DISTANCE and value.unit not in _LENGTHS:
-            # In percent more is better; without a unit it may be anything.
-            better = True if value.unit.casefold() in ("%", "percent") else None
-            score = replace(score, family=Family.OTHER, higher_is_better=better)
-        settled.append(replace(value, score=score))
-    return settled
-
-
-def _cloud_score(score: Score) -> Score | None:
-    """Return recall or precision at K as a point cloud's within K; None for other scores."""
-    if score.family is Family.AVERAGE_PRECISION and score.variant == "precision":
-        return Score(score.name, Family.PRECISION, ((Fraction(score.cutoff), ""),))
-    recall = Score(score.name, Family.RECALL, score.thresholds)
-    return recall if score.family is Family.HITS else None
+    for cell, score in scored:
+        key = (cell.table, cell.benchmark, cell.track, score.thresholds)
+        if score.kind in ("hits", "ap") and score.variant in ("", "precision") and key in clouds:
+            score = score._replace(kind="cloud")
+        if cell.metric.casefold().startswith(("acc", "comp")) and score.kind == "other":
+            unit = cell.unit.casefold()
+            better = False if unit in _LENGTHS else True if unit in ("%", "percent") else None
+            score = score._replace(better=better)
+        full = 1 if cell.is_share or small or score.kind == "other" else 100
+        values.append(Value(cell, score, full))
+    return values
 
 
 def decimal_text(number: Fraction, decimals: int) -> str:
@@ -227,3 +209,44 @@ def decimal_text(number: Fraction, decimals: int) -> str:
     with localcontext(prec=60):
         exact = Decimal(number.numerator) / Decimal(number.denominator)
         return f"{exact.quantize(half, ROUND_HALF_UP):zf}"
+
+
+def grouped(items: Iterable[S], key: Callable[[S], T]) -> dict[T, list[S]]:
+    """Group items, in their order."""
+    groups: dict[T, list[S]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
+class Grade(StrEnum):
+    """How sure it is that a printed number is wrong.
+
+    `IMPOSSIBLE` follows from the number itself, the others of its row, and what was given.
+    `INCONSISTENT` is a contradiction between printed numbers, or to what was concluded from others:
+    one of the two is wrong. `ROUNDING` would be no finding if each printed number involved might be
+    off by nearly one of its last digit, as one that was cut off or rounded twice is, instead of
+    half of one.
+    """
+
+    IMPOSSIBLE = "impossible"
+    INCONSISTENT = "inconsistent"
+    ROUNDING = "rounding"
+
+
+class Finding(NamedTuple):
+    """A finding: a cell, the check that failed, and its arithmetic in words."""
+
+    grade: Grade
+    check: str
+    cell: PrintedValue
+    why: str
+
+
+class Outcome(NamedTuple):
+    """The outcome of one check: how many values it compared, findings, conclusions."""
+
+    check: str
+    tested: int
+    findings: tuple[Finding, ...] = ()
+    conclusions: tuple[str, ...] = ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -45,17 +44,16 @@ def audit(
     Example: airzoo-bench audit table.csv --counts City=161,Rural=190 --format markdown
     """
     from airzoo_bench.audit.audit import audit as audit_published
+    from airzoo_bench.audit.audit import audit_table, audit_text
     from airzoo_bench.audit.counts import parse_counts
-    from airzoo_bench.audit.findings import audit_table, audit_text
     from airzoo_bench.tables.published import read_published
 
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given)
     if form is cli.Format.TERMINAL:
-        width = shutil.get_terminal_size((80, 24)).columns
-        cli.put(audit_text(done, width, styled=sys.stdout.isatty()))
+        cli.put(audit_text(done, table.name, shutil.get_terminal_size((80, 24)).columns))
     else:
-        cli.show(audit_table(done), form)
+        cli.show(audit_table(done, table.name), form)
     if done.failed:
         raise typer.Exit(1)
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from airzoo_bench.benchmark.folder import data_here
-from airzoo_bench.cli.common import Format, Layout
+from airzoo_bench.cli.common import Layout
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.validation import nearest
@@ -28,11 +28,10 @@ from airzoo_bench.tables.method_table import (
     with_published,
 )
 from airzoo_bench.tables.model import Table
-from airzoo_bench.tables.published import OVERALL, published_sources, published_tables
+from airzoo_bench.tables.published import OVERALL, published_sources, published_values
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     """The methods of one protocol, with their results and files."""
 
     table: MethodTable
@@ -43,68 +42,64 @@ class _Part:
 def make_table(asked: Any) -> Table:
     """Read the results that the options name, lay them out and mark the best."""
     parts = _read_parts(asked)
-    layout = _choose_layout(asked, len(parts), sum(len(part.results) for part in parts))
-    wanted = asked.scores or ()
+    layout = _choose_layout(asked, parts)
+    wanted, tables = asked.scores or (), []
     for name in wanted:
         check_score(name, [c for part in parts for c in part.table.scores], "--score")
-    tables, left_out = [], []
     for part in parts:
         known = named_scores(part.table.scores)
         scores = tuple(dict.fromkeys(known[name] for name in wanted if name in known))
-        if wanted and not scores:
-            left_out.append(part.table.title)
-        else:
-            chosen = replace(part.table, scores=scores or part.table.scores)
-            tables.append(_filled(asked, layout, replace(part, table=chosen)))
+        if scores or not wanted:
+            table = replace(part.table, scores=scores or part.table.scores)
+            tables.append(_add_rows(asked, layout, part._replace(table=table)))
     if not any(table.rows for table in tables):
         titles = ", ".join(table.title for table in tables)
-        raise UsageError(
-            f"nothing is published on {titles} for layout {layout}",
-            fix="name a protocol of a benchmark in protocols/published, or another --layout",
-        )
-    made = _laid_out(asked, layout, tables, parts[0])
-    if left_out:
-        note = f"left out, having no {' or '.join(wanted)}: {', '.join(left_out)}"
-        made = replace(made, notes=(note, *made.notes))
+        raise UsageError(f"nothing is published on {titles} for layout {layout}")
+    if layout is Layout.RESULT:
+        made = layouts.scenes_table(parts[0].results[0], floors=asked.floors, methods=tables[0])
+    elif layout is Layout.BENCHMARKS:
+        made = layouts.benchmarks_layout(tables)
+    elif layout is Layout.METHODS:
+        made = layouts.methods_layout(tables[0], asked.scene)
+    else:
+        made = layouts.scenes_layout(tables[0])
     if asked.decimals is not None:
         made = marks.with_decimals(made, asked.decimals)
     if layout is Layout.RESULT:
         return made
     made = marks.highlight(marks.mark_best(made, second=asked.second), asked.highlight or ())
-    baselines = marks.parse_baselines(made, asked.baseline or ())
     made = marks.add_citations(made, asked.cite or (), published_sources())
-    return marks.add_gains(made, baselines)
+    return marks.add_gains(made, asked.baseline or ())
 
 
-def _choose_layout(asked: Any, protocols: int, results: int) -> Layout:
-    """Return the layout for these numbers of results; refuse options that do not go with it."""
+def _choose_layout(asked: Any, parts: Sequence[_Part]) -> Layout:
+    """Return the layout for these results; refuse one that cannot show them or the options."""
     among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
-    options = [f"--{name}" for name in among_methods if getattr(asked, name)]
-    layout: Any = asked.layout
+    compares = any(getattr(asked, name) for name in among_methods)
+    several = sum(len(part.results) for part in parts) > 1
+    layout: Layout = asked.layout
     if layout is None:  # one result has nothing to be compared with, unless that is asked for
-        layout = Layout.METHODS if options or results > 1 else Layout.RESULT
-        layout = Layout.BENCHMARKS if protocols > 1 else layout
-    wrong = ""
-    if layout is Layout.RESULT and (options or results > 1):
-        wrong = f"layout result shows one result alone, and here are {results} results "
-        wrong += " ".join(options)
-    elif asked.scene and layout is not Layout.METHODS:
-        wrong = f"--scene does not go with layout {layout}"
-    elif layout in (Layout.METHODS, Layout.SCENES) and protocols > 1:
-        wrong = f"layout {layout} is for one protocol, and here are {protocols}"
-    if wrong:
-        others = [str(one) for one in Layout if one is not layout]
-        raise UsageError(wrong.rstrip(), fix=f"choose --layout {', '.join(others)}")
-    if asked.cite and asked.form is not Format.LATEX:
-        raise UsageError("--cite is for LaTeX", fix="add --format latex")
-    return Layout(layout)
+        layout = Layout.METHODS if compares or several else Layout.RESULT
+        layout = Layout.BENCHMARKS if len(parts) > 1 else layout
+    allowed = {
+        Layout.RESULT: not compares and not several,
+        Layout.METHODS: len(parts) == 1,
+        Layout.SCENES: len(parts) == 1 and not asked.scene,
+        Layout.BENCHMARKS: not asked.scene,
+    }
+    if not allowed[layout]:
+        raise UsageError(
+            f"layout {layout} does not go with these results or options",
+            expected="result: one result alone; methods, scenes: of one protocol; --scene: methods",
+        )
+    return layout
 
 
 def _read_parts(asked: Any) -> list[_Part]:
     """Read the results by protocol, and protocols for the numbers that are published on them."""
     names = [name for name in asked.results if asked.published and name in shipped_protocols()]
     paths = result_paths(results_here([one for one in asked.results if one not in names]))
-    results = _renamed([read_result(path) for path in paths], paths, asked.rename or ())
+    results = _rename([read_result(path) for path in paths], paths, asked.rename or ())
     every_score = asked.every or bool(asked.scores)
     groups: dict[str, list[tuple[Result, Path]]] = {}
     for result, path in zip(results, paths, strict=True):
@@ -120,31 +115,25 @@ def _read_parts(asked: Any) -> list[_Part]:
     return parts
 
 
-def _renamed(
-    results: Sequence[Result], paths: Sequence[Path], texts: Sequence[str]
-) -> list[Result]:
+def _rename(results: Sequence[Result], paths: Sequence[Path], texts: Sequence[str]) -> list[Result]:
     """Give methods the names that --rename asks for."""
     known = method_names(paths, results)
-    names: dict[str, str] = {}
-    for text in texts:
-        old, _, new = map(str.strip, text.rpartition("="))
-        if old not in known or not new:
-            near = nearest(text.partition("=")[0][:80], known)
+    new = {old.strip(): name.strip() for old, _, name in (text.rpartition("=") for text in texts)}
+    for old, name in new.items():
+        if old not in known or not name:
             raise UsageError(
-                f"{text[:80]!r} gives no method a new name{near}",
-                where="--rename",
+                f"--rename: no method is called {old[:80]!r}{nearest(old[:80], known)}",
                 expected="OLD=NEW, with OLD one of " + ", ".join(known[:30]),
             )
-        names[old] = new
     changed = []
     for result, name in zip(results, known, strict=True):
-        used = {"method": names.get(name, result.predictions.method)}
+        used = {"method": new.get(name, result.predictions.method)}
         predictions = result.predictions.model_copy(update=used)
         changed.append(result.model_copy(update={"predictions": predictions}))
     return changed
 
 
-def _filled(asked: Any, layout: Layout, part: _Part) -> MethodTable:
+def _add_rows(asked: Any, layout: Layout, part: _Part) -> MethodTable:
     """Add intervals, published rows and floors, where they are asked for."""
     table = part.table
     scenes = [OVERALL if asked.scene is None else find_scene(table.scenes, asked.scene)]
@@ -157,7 +146,7 @@ def _filled(asked: Any, layout: Layout, part: _Part) -> MethodTable:
     if asked.published:
         table = with_published(
             table,
-            published_tables(table.benchmark, table.track),
+            published_values(table.benchmark, table.track),
             by_scene=scenes != [OVERALL],
             average=OVERALL in scenes,
             fingerprint=part.results[0].protocol.fingerprint if part.results else "",
@@ -168,19 +157,3 @@ def _filled(asked: Any, layout: Layout, part: _Part) -> MethodTable:
     if asked.floors and part.results and layout is not Layout.RESULT:
         table = with_floors(table, part.results)
     return table
-
-
-def _laid_out(asked: Any, layout: Layout, tables: Sequence[MethodTable], part: _Part) -> Table:
-    first = tables[0]
-    if layout is Layout.BENCHMARKS:
-        return layouts.benchmarks_layout(tables)
-    if layout is Layout.METHODS:
-        return layouts.methods_layout(first, asked.scene)
-    if layout is Layout.SCENES:
-        return layouts.scenes_layout(first)
-    spans = first.rows[0].uncertainties
-    made = layouts.scenes_table(
-        part.results[0], scores=first.scores, uncertainties=spans, floors=asked.floors
-    )
-    legend = (*first.about_intervals, *made.legend)
-    return replace(made, notes=(*first.notes, *made.notes), legend=legend)

@@ -48,7 +48,7 @@ from airzoo_bench.statistics.significance import (
 from airzoo_bench.tables.published import (
     OVERALL,
     published_sources,
-    published_tables,
+    published_values,
     read_source_file,
 )
 
@@ -225,15 +225,14 @@ def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
     scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
     numbers: dict[str, dict[str | None, dict[str, float]]] = {}
     sources: dict[str, dict[str, None]] = {}
-    tables = published_tables(head.benchmark, head.track)
-    for table in sorted(tables, key=lambda one: not one.has_scenes):
-        for method, printed in table.values.items():
-            for title, part in printed.items():
-                found = numbers.setdefault(method, {}).setdefault(scenes.get(title), {})
-                for key, value in part.items():
-                    if title in scenes and key in shares and key not in found:
-                        found[key] = value / 100 if shares[key] else value
-                        sources.setdefault(method, {})[f"{table.source}, {table.label}"] = None
+    printed = published_values(head.benchmark, head.track)
+    scenic = {cell.table for cell in printed if cell.scene != OVERALL}
+    for cell in sorted(printed, key=lambda cell: cell.table not in scenic):
+        found = numbers.setdefault(cell.method, {}).setdefault(scenes.get(cell.scene), {})
+        key, value = cell.metric, float(cell.value)
+        if cell.scene in scenes and key in shares and key not in found:
+            found[key] = value / 100 if shares[key] else value
+            sources.setdefault(cell.method, {})[cell.table] = None
     return [
         Row(
             kind="reported",

@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
 
 from airzoo_bench.core.errors import agreeing, counted, plural
-from airzoo_bench.results.comparison import FLOOR_MARK, Comparison, Pair, make_sample
+from airzoo_bench.results.comparison import FLOOR_MARK, Comparison, Pair
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig, difference
 from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.breakdown import condition_names, condition_title, number_texts
-from airzoo_bench.tables.intervals import (
-    brackets_note,
-    notes_by_reason,
-    resampled,
-    score_cell,
-    score_title,
-)
-from airzoo_bench.tables.method_table import UNITS, as_shown
-from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent, show_number
+from airzoo_bench.tables.intervals import brackets_note, resampled, score_cell, score_title
+from airzoo_bench.tables.method_table import UNITS, share_notes
+from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
 
 LEAST_P = 1e-4
 """A p-value below is shown as less than it."""
 
-_OF_DIFFERENCE = {"share": "points", "m": "m", "deg": "deg"}
 _SENTENCES = 4
 
 
@@ -47,59 +39,35 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
     """Say what a pair shows, with its numbers, at a level of 5 % after Holm's correction."""
     word, on = verdict(pair), f"on {pair.score.title}"
     if word == "equal":
-        infinite = ", and both infinite" * (pair.difference is None)
-        return f"{pair.method} and {pair.reference} are equal {on} everywhere{infinite}."
-    ahead, behind = (pair.method, pair.reference)[:: 1 if pair.is_better else -1]
-    evidence = _evidence(pair, resampling)
-    if word in ("better", "worse"):
-        return f"{ahead} is better than {behind} {on} by {_amount(pair)}{evidence}."
-    both = f"{pair.method} and {pair.reference}"
-    untold = f"{both} cannot be told apart {on}"
-    if word == "too few":
-        untold = f"Too few to tell {both} apart {on}"
-    if pair.difference is None:
-        return f"{untold}: both are infinite."
-    lead = f"{ahead} is ahead by {_amount(pair)}"
-    return f"{untold}: {lead if pair.difference else 'both have the same value'}{evidence}."
-
-
-def _amount(pair: Pair) -> str:
-    value = abs(pair.difference or 0.0)
-    if math.isinf(value):
-        return "an infinite amount"
-    return f"{show_number(as_shown(pair.score, value), 2)} {_OF_DIFFERENCE[pair.score.unit]}"
-
-
-def _evidence(pair: Pair, resampling: ResamplingConfig) -> str:
-    """Return the interval of the better one's lead, and p."""
-    low, high = pair.interval.low, pair.interval.high
-    if low is None or high is None:
-        text = " (no interval)"
-    else:
-        sign = -1 if (pair.difference or 0.0) < 0 else 1
-        limits = sorted([sign * low + 0.0, sign * high + 0.0])
-        first, last = (show_number(as_shown(pair.score, limit), 2) for limit in limits)
-        level = share_to_percent(resampling.confidence)
-        text = f" ({level:g} % interval {first} to {last})"
-    p_values = {"p": pair.test.p_value}
-    if pair.p_holm != pair.test.p_value:
-        p_values["after Holm"] = pair.p_holm
-    if pair.p_mcnemar is not None:
-        p_values["McNemar"] = pair.p_mcnemar
-    for name, p in p_values.items():
-        text += f", {name} " + (f"< {LEAST_P}" if p < LEAST_P else f"= {p:.4f}")
-    return text
+        return f"{pair.method} and {pair.reference} are equal {on} everywhere."
+    cell = score_cell(pair.score, pair.difference, pair.interval)
+    amount = f"{cell.text(2)} {UNITS[pair.score.unit]}"
+    level = f"{share_to_percent(resampling.confidence):g} %"
+    span = cell.uncertainty
+    interval = "no interval"
+    if span is not None:
+        interval = f"{level} interval {Cell(span.low).text(2)} to {Cell(span.high).text(2)}"
+    p_values = {"p": pair.test.p_value, "after Holm": pair.p_holm, "McNemar": pair.p_mcnemar}
+    shown = {name: Cell(p, least=LEAST_P).text(4) for name, p in p_values.items() if p is not None}
+    tests = ", ".join(f"{name} {p if p[0] == '<' else f'= {p}'}" for name, p in shown.items())
+    said = {
+        "better": f"{pair.method} is better than {pair.reference} {on}",
+        "worse": f"{pair.method} is worse than {pair.reference} {on}",
+        "unclear": f"{pair.method} and {pair.reference} cannot be told apart {on}",
+        "too few": f"Too few to tell {pair.method} and {pair.reference} apart {on}",
+    }[word]
+    return f"{said}: difference {amount} ({interval}), {tests}."
 
 
 def comparison_table(comparison: Comparison) -> Table:
     """Lay out a comparison: a row a score and method, for each score the best method first."""
     pairs: list[Pair] = []
+    is_one = comparison.of_one
     for _, part in groupby(comparison.pairs, key=lambda pair: pair.score.key):
         of_score = list(part)
         sign = -1 if of_score[0].score.higher_is_better else 1
-        side = "reference_value" if comparison.of_one else "value"
+        side = "reference_value" if is_one else "value"
         pairs += sorted(of_score, key=lambda pair: sign * getattr(pair, side))
-    is_one = comparison.of_one
     columns = (
         *map(Column, ("Score", "Against" if is_one else "Method", "Verdict", "Value")),
         *map(Column, ("Other" if is_one else "Ref.", "Difference")),
@@ -109,26 +77,16 @@ def comparison_table(comparison: Comparison) -> Table:
             for title in ("Win", "Tie", "Loss")
         ),
     )
+    where = "all scenes" if comparison.scene is None else f"scene {comparison.scene}"
+    others = "the others" if is_one else "others"
     return Table(
-        _title(comparison),
+        f"{comparison.reference} against {others}, {where}, "
+        f"{counted(comparison.units, comparison.unit)}",
         columns,
         tuple(_row(pair, comparison) for pair in pairs),
-        (*_notes(pairs, comparison), *comparison.notes, *_how(comparison)),
+        (*_notes(pairs, comparison), *comparison.notes, *_explain_tests(comparison)),
         leading=2,
-        groups_per_block=None,  # since one line has everything about a pair
     )
-
-
-def _title(comparison: Comparison) -> str:
-    where = "all scenes, " if comparison.unit == "query" else ""
-    if comparison.scene is not None:
-        where = f"scene {comparison.scene}, "
-    where += counted(comparison.units, comparison.unit)
-    if not comparison.of_one:
-        return f"Against {comparison.reference}, {where}"
-    others = {comparison.other(pair) for pair in comparison.pairs}
-    against = others.pop() if len(others) == 1 else "each other method"
-    return f"{comparison.reference} against {against}, {where}"
 
 
 def _row(pair: Pair, comparison: Comparison) -> Row:
@@ -149,107 +107,75 @@ def _row(pair: Pair, comparison: Comparison) -> Row:
 
 def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say a sentence about each of few pairs, and where there are too few units or no interval."""
-
-    def noted(prefix: str, why: Callable[[Pair], str]) -> list[str]:
-        reasons = [(why(pair), pair.score, comparison.other(pair)) for pair in pairs]
-        return notes_by_reason(reasons, prefix, "against" if comparison.of_one else "of")
-
-    def too_few(pair: Pair) -> str:
-        if verdict(pair) != "too few":
-            return ""
-        if not pair.test.patterns:
-            return f"{pair.interval.reason}, and medians are tested by theirs"
-        count = pair.wins + pair.losses
-        differ = f"only {counted(count, comparison.unit)} {agreeing(count, 'differs', 'differ')}"
-        return f"{differ}, so p {agreeing(count, 'is', 'cannot be below')} {pair.p_floor:g}"
-
-    notes = noted("too few to tell; ", too_few)
+    reasons, told = [], []
+    for pair in pairs:
+        name = f"{pair.score.title}, {comparison.other(pair)}"
+        if verdict(pair) == "too few":
+            differ = f"{counted(pair.wins + pair.losses, comparison.unit)} with a difference"
+            reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))
+        else:
+            told.append(sentence(pair, comparison.resampling))
+        if pair.interval.reason:
+            reasons.append((name, f"no interval; {pair.interval.reason}"))
     # Of two methods by few scores, sentences have room.
-    if len(pairs) == len({pair.score.key for pair in pairs}) <= _SENTENCES:
-        told = [pair for pair in pairs if verdict(pair) != "too few"]
-        notes = [*(sentence(pair, comparison.resampling) for pair in told), *notes]
-    return notes + noted("no interval; ", lambda pair: pair.interval.reason)
+    is_short = len(pairs) == len({pair.score.key for pair in pairs}) <= _SENTENCES
+    return [*(told if is_short else ()), *share_notes(reasons)]
 
 
-def _how(comparison: Comparison) -> list[str]:
+def _explain_tests(comparison: Comparison) -> list[str]:
     """Say how intervals and tests were made, and for how many comparisons p was corrected."""
     pairs, plan, family = comparison.pairs, comparison.resampling, comparison.family
     kinds = {pair.test.kind for pair in pairs}
-    tests = []
-    if "permutation" in kinds:
-        exact = {pair.test.exact for pair in pairs if pair.test.kind == "permutation"}
-        random = f"{plan.resamples} random patterns, seed {plan.seed}"
-        tried = " or ".join(["all patterns"] * (True in exact) + [random] * (False in exact))
-        tests.append(f"paired permutation, two-sided, {tried}")
-    if "student" in kinds:
-        tests.append("Student's t over scenes, paired, two-sided")
-    if "bootstrap" in kinds:
-        of_medians = f"{'of medians ' * bool(tests)}paired bootstrap, two-sided"
-        tests.append(f"{of_medians}, {plan.resamples} resamples, seed {plan.seed}")
-    chosen = "method" if comparison.of_one else "reference"
-    if family <= len({comparison.other(pair) for pair in pairs}):
-        tests.append("corrected by Holm for the number of methods, not of scores")
-    else:
-        tests.append(
-            f"corrected by Holm for all {family} pairs of methods, since the {chosen} was chosen "
-            "for being the best, not for the number of scores"
-        )
-    if any(pair.p_mcnemar is not None for pair in pairs):
-        tests.append("McNemar exact, for hits")
-    made, drawn = [pair.interval for pair in pairs], resampled(comparison.unit)
-    uncorrected = ", not corrected for the number of methods" * (family > 1)
-    notes = brackets_note(made, plan, drawn, f"intervals of the difference{uncorrected}")
-    return [*notes, f"p: {'; '.join(tests)}"]
+    drawn = f"{plan.resamples} resamples, seed {plan.seed}"
+    tests = {
+        "permutation": f"paired permutation (all patterns, or {drawn})",
+        "student": "Student's t over scenes, paired",
+        "bootstrap": f"paired bootstrap ({drawn})",
+    }
+    used = " or ".join(name for kind, name in tests.items() if kind in kinds)
+    about = "intervals of the difference" + ", not corrected by Holm" * (family > 1)
+    note = (
+        f"p: {used}, two-sided; corrected by Holm for {counted(family, 'pair')} of methods, "
+        "not for the number of scores"
+    )
+    note += "; McNemar exact, for hits" * any(pair.p_mcnemar is not None for pair in pairs)
+    made = [pair.interval for pair in pairs]
+    return [*brackets_note(made, plan, resampled(comparison.unit), about), note]
 
 
 def differences_table(
-    methods: Sequence[Scored],
-    scores: Sequence[ScoreColumn],
-    count: int,
-    scene: str | None = None,
-    *,
-    base: int = 0,
+    methods: Sequence[Scored], scores: Sequence[ScoreColumn], count: int
 ) -> Table:
-    """List the queries on which two methods differ most by the first score."""
-    sample, score, other = make_sample(methods, scores, scene), scores[0], 1 - base
-    by_score = np.concatenate(sample.values, axis=1).reshape(len(scores), 2, -1)
-    spread = difference(by_score.max(axis=1), by_score.min(axis=1))
-    # The rows of the records in the order of the sample's units.
-    of_row = methods[0].records["scene"].to_numpy(str)
-    scenes = [name for name in methods[0].result.scenes if scene in (None, name)]
-    rows = np.flatnonzero(np.isin(of_row, scenes))
-    if sample.unit == "query":
-        rows = np.concatenate([np.flatnonzero(of_row == name) for name in scenes])
-    ids = methods[0].records["query"].to_numpy(str)[rows]
-    found = int((spread[0] > 0).sum())
-    chosen = np.lexsort([ids, *(-spread[::-1])])[: min(count, found)]
-    values, unit = by_score[0][:, chosen], UNITS[score.unit]
-    numbers = [*values, difference(values[other], values[base])]
+    """List the queries on which two methods differ most by the first score, the second minus it."""
+    score, records = scores[0], [method.records for method in methods]
+    values = np.array([frame[score.key].to_numpy(np.float64) for frame in records])
+    spread = difference(values.max(axis=0), values.min(axis=0))
+    ids = records[0]["query"].to_numpy(str)
+    found = int((spread > 0).sum())
+    chosen = np.lexsort([ids, -spread])[: min(count, found)]
+    numbers = [*values[:, chosen], difference(values[1], values[0])[chosen]]
     cells = [list(map(Cell, ids[chosen].tolist()))]
     cells += [[score_cell(score, number) for number in row.tolist()] for row in numbers]
     conditions = condition_names(methods[0])
-    cells += [_condition_cells(methods[0], name, rows[chosen]) for name in conditions]
+    for name in conditions:
+        column = records[0][name].iloc[chosen]
+        texts = number_texts(column.tolist()) if column.dtype.kind in "iuf" else map(str, column)
+        missing = column.isna()
+        cells.append([Cell(None if m else t) for t, m in zip(texts, missing, strict=True)])
+    unit = UNITS[score.unit]
     return Table(
         f"Where the methods differ most on {score.title}",
         (
-            Column(sample.unit.capitalize()),
+            Column(methods[0].result.unit.capitalize()),
             *(Column(method.name, unit, score.higher_is_better) for method in methods),
             Column("Difference", unit),
             *(Column(condition_title(name)) for name in conditions),
         ),
         tuple(map(Row, zip(*cells, strict=True))),
         (
-            f"{found} of {counted(len(ids), sample.unit)} {agreeing(found, 'differs', 'differ')} "
-            f"on {score.title}",
-            f"difference: {methods[other].name} minus {methods[base].name}",
+            f"{found} of {counted(len(ids), methods[0].result.unit)} "
+            f"{agreeing(found, 'differs', 'differ')} on {score.title}",
+            f"difference: {methods[1].name} minus {methods[0].name}",
         ),
         leading=1,
     )
-
-
-def _condition_cells(method: Scored, name: str, rows: np.ndarray) -> list[Cell]:
-    column = method.records[name].iloc[rows]
-    known = column[column.notna()].tolist()
-    texts = number_texts(known) if column.dtype.kind in "iuf" else list(map(str, known))
-    named = dict(zip(known, texts, strict=True))
-    return [Cell(named.get(value)) for value in column.tolist()]

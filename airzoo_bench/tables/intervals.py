@@ -1,4 +1,4 @@
-"""Intervals in tables: a row each, or next to the numbers of methods; how they were made."""
+"""Intervals next to the numbers of methods, and how they were made."""
 
 from __future__ import annotations
 
@@ -7,25 +7,30 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from airzoo_bench.core.errors import plural
-from airzoo_bench.results.comparable import first_names
-from airzoo_bench.results.comparison import notes_of, score_intervals
+from airzoo_bench.results.comparison import score_intervals
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.intervals import Interval, SampleIntervals
+from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.layouts import AVERAGE
-from airzoo_bench.tables.method_table import UNITS, MethodTable, as_shown
-from airzoo_bench.tables.model import Between, Cell, Column, Row, Table, share_to_percent
+from airzoo_bench.tables.layouts import scenes_table
+from airzoo_bench.tables.method_table import (
+    UNITS,
+    MethodTable,
+    as_shown,
+    method_table,
+    share_notes,
+)
+from airzoo_bench.tables.model import Between, Cell, Table, share_to_percent
 from airzoo_bench.tables.published import OVERALL
 
-_CLOSED = {
+_METHODS = {
     "wilson": "Wilson",
     "mover": "MOVER",
     "student": "Student's t",
     "lognormal": "log-normal",
+    "bca": "BCa",
+    "percentile": "percentile",
 }
-_DRAWN = {"bca": "BCa", "percentile": "percentile"}
-_SHOWN = 6
 
 
 def score_title(score: ScoreColumn) -> str:
@@ -60,19 +65,17 @@ def intervals_made(
     intervals: Iterable[Interval], resampling: ResamplingConfig, drawn: str, what: str = "intervals"
 ) -> str:
     """Say how intervals were made, by the kinds that there are; empty where there are none."""
-    listed = list(intervals)
+    listed = [interval for interval in intervals if interval.method]
     made = {interval.method for interval in listed}
-    closed = [name for key, name in _CLOSED.items() if key in made]
-    by_draws = [name for key, name in _DRAWN.items() if key in made]
-    how = [f"{' or '.join(closed)} over {drawn}"] if closed else []
-    if by_draws:
-        number, seed = resampling.resamples, resampling.seed
-        how.append(f"{' or '.join(by_draws)}, {number} resamples of {drawn}, seed {seed}")
-    if not how:
+    if not made:
         return ""
+    names = " or ".join(name for key, name in _METHODS.items() if key in made)
+    said = f"{share_to_percent(resampling.confidence):g} % {what}, {names} over {drawn}"
+    if made & {"bca", "percentile"}:
+        said += f", {resampling.resamples} resamples, seed {resampling.seed}"
     if any(one.method == "lognormal" and one.high == math.inf for one in listed):
-        how.append("inf: the upper limit is not known, it is above ten times the mean")
-    return f"{share_to_percent(resampling.confidence):g} % {what}, {'; '.join(how)}"
+        said += "; inf: the upper limit is not known, it is above ten times the mean"
+    return said
 
 
 def brackets_note(
@@ -83,25 +86,6 @@ def brackets_note(
     return [f"in square brackets: {made}"] if made else []
 
 
-def notes_by_reason(
-    entries: Iterable[tuple[str, ScoreColumn, str]], prefix: str = "", linked: str = "in"
-) -> list[str]:
-    """Name each reason, with the scores and the scenes or methods that share it."""
-    members: dict[tuple[str, str], list[str]] = {}
-    every = dict[str, None]()
-    for reason, score, member in entries:
-        members.setdefault((reason, score.title), []).append(member)
-        every[member] = None
-    titles: dict[tuple[str, tuple[str, ...]], list[str]] = {}
-    for (reason, title), those in members.items():
-        titles.setdefault((reason, tuple(those)), []).append(title)
-    notes = []
-    for (reason, shared), scores in titles.items():
-        where = "" if len(shared) == len(every) else f" {linked} {first_names(shared)}"
-        notes += [f"{first_names(scores, _SHOWN)}{where}: {prefix}{reason}"] if reason else []
-    return notes
-
-
 def with_intervals(
     table: MethodTable,
     methods: Sequence[Scored],
@@ -109,68 +93,30 @@ def with_intervals(
     shown: Sequence[str],
 ) -> MethodTable:
     """Put intervals next to the numbers of methods, and notes how they were made, or why not."""
-    rows, seen = [], list[Interval]()
-    missing: dict[str, dict[str, None]] = {}  # titles of scenes by reason
+    rows, seen, reasons = [], list[Interval](), list[tuple[str, str]]()
     titles = {**table.scenes, OVERALL: "the average"}
     for row, method in zip(table.rows, methods, strict=True):
-        known = {column.key for column in method.result.columns}
-        scores = [score for score in table.scores if score.key in known]
+        scores = [score for score in table.scores if score in method.result.columns]
         found = score_intervals(method, scores, resampling)
         parts = {OVERALL: found.overall, **found.groups}
-        spans = {
-            scene: {
-                score.key: limits
-                for score, interval in zip(scores, intervals, strict=True)
-                if (limits := _limits(score, interval))
-            }
-            for scene, intervals in parts.items()
-        }
+        spans: dict[str, dict[str, Between]] = {}
+        for scene, intervals in parts.items():
+            pairs = ((s.key, _limits(s, i)) for s, i in zip(scores, intervals, strict=True))
+            spans[scene] = {key: limits for key, limits in pairs if limits}
         rows.append(replace(row, uncertainties=spans))
-        without = [Interval.lacking("a scene has one record")]
         for scene in shown:
-            seen += parts.get(scene, [])
-            for interval in parts.get(scene, without):
-                if interval.low is None:
-                    missing.setdefault(interval.reason, {})[titles[scene]] = None
+            intervals = parts.get(scene, [Interval.lacking("a scene has one record")])
+            seen += intervals
+            whys = (f"no interval: {one.reason}" for one in intervals if one.low is None)
+            reasons += [(titles[scene], why) for why in whys]
     notes = brackets_note(seen, resampling, resampled(methods[0].result.unit))
-    notes += [f"no interval for {', '.join(where)}: {why}" for why, where in missing.items()]
-    return replace(table.noted(*notes, legend=False), rows=tuple(rows), about_intervals=(*notes,))
+    return replace(table, rows=tuple(rows)).with_notes(*notes, *share_notes(reasons))
 
 
 def intervals_table(
-    method: Scored,
-    scores: Sequence[ScoreColumn],
-    found: SampleIntervals,
-    resampling: ResamplingConfig,
-    scene: str | None = None,
+    method: Scored, scores: Sequence[ScoreColumn], resampling: ResamplingConfig
 ) -> Table:
-    """Lay out the intervals of one method: a row a scene and score, then the average."""
-    result, titles = method.result, method.result.truth.scene_titles
-    # The average over one scene is that scene: said once.
-    if scene is None and len(found.groups) == 1:
-        scene = next(iter(result.scenes))
-    if scene is None:
-        parts = [(titles[name], result.scenes[name], found.groups[name]) for name in found.groups]
-        parts.append((AVERAGE, result.overall, found.overall))
-    else:
-        parts = [(titles[scene], result.scenes[scene], found.overall)]
-    rows, reasons = [], []
-    for place, (title, values, intervals) in enumerate(parts):
-        is_average = scene is None and place == len(parts) - 1
-        for score, interval in zip(scores, intervals, strict=True):
-            number = score_cell(score, values[score.key], interval)
-            kind = Cell((_CLOSED | _DRAWN).get(interval.method))
-            rows.append(Row((Cell(title), Cell(score_title(score)), number, kind), is_average))
-            reasons.append((interval.reason, score, title))
-    drawn = [interval for *_, part in parts for interval in part]
-    return Table(
-        f"{method.name} on {result.protocol.name} v{result.protocol.version}",
-        (Column("Scene"), Column("Score"), Column("Value"), Column("Interval")),
-        tuple(rows),
-        (
-            *notes_by_reason(reasons, "no interval; "),
-            *notes_of(result),
-            *brackets_note(drawn, resampling, resampled(result.unit)),
-        ),
-        leading=2,
-    )
+    """Lay out one method by scene, with intervals."""
+    methods = replace(method_table([method.result]), scores=tuple(scores))
+    shown = [*methods.scenes, OVERALL]
+    return scenes_table(method.result, methods=with_intervals(methods, [method], resampling, shown))

@@ -1,8 +1,8 @@
 """Tables for LaTeX: booktabs, groups in blocks; everything that strangers wrote is escaped.
 
 ``booktabs`` is needed, and ``xcolor`` with its option ``table`` for coloured rows, gains and
-floors. Blocks of different tracks are tabulars of their own. The notes without which numbers
-mislead are printed under them, broken into lines here, since a tabular does not know its width.
+floors. The notes without which numbers mislead are printed under the table, broken into lines here,
+since a tabular does not know its width.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import textwrap
 from collections.abc import Sequence
 from itertools import groupby
 
-from airzoo_bench.tables.model import Cell, Column, Row, Table, by_block, by_count, plain
+from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 # Digits of the table are wider than letters of its notes, and two gaps as wide as five letters.
 _PER_LETTER, _PER_GAP, _SHORTEST = 1.25, 2.5, 30
@@ -60,80 +60,65 @@ def _bold(text: str) -> str:
     return rf"\textbf{{{text}}}"
 
 
+def _spanned(text: str, span: int) -> str:
+    return rf"\multicolumn{{{span}}}{{c}}{{{text}}}"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return " & ".join(cells).rstrip() + r" \\"
+
+
 def latex(table: Table) -> str:
-    """Lay out a table as a ``tabular``, or several of them where blocks must be apart."""
-    packages = [r"\usepackage{booktabs}"]
-    gains = any(cell.gain is not None for row in table.rows for cell in row.cells)
-    if gains or any(row.highlighted or row.floor for row in table.rows):
-        packages.append(r"\usepackage[table]{xcolor}")
-    comments = [table.title, *(note for note in table.notes if note not in table.legend)]
-    lines = [f"needs {' '.join(packages)}", *map(plain, comments)]
-    tabulars = [_tabular(part) for part in by_block(table)]
-    return "".join(f"% {line}\n" for line in lines) + "\n\\medskip\n".join(tabulars)
-
-
-def _tabular(table: Table) -> str:
-    """Set pieces below each other, each spread to the width of the widest."""
-    pieces, leading = by_count(table), table.leading_columns
+    """Lay out a table as a ``tabular``: its pieces below each other, as wide as the widest."""
+    pieces, leading = table.pieces(), table.leading_columns
     room = max(len(piece.columns) for piece in pieces) - leading
     cells = [cell for row in table.rows for cell in row.cells]
+    gains = any(cell.gain is not None for cell in cells)
     # With something next to the numbers these are centred, as in the paper.
-    number = "c" if any(cell.gain is not None or cell.uncertainty for cell in cells) else "r"
-    types = ["".join(_types(pieces, piece, number)) for piece in pieces]
-    lines = [rf"\begin{{tabular}}{{{max(types, key=len)}}}", r"\toprule"]
-    for place, piece in enumerate(pieces):
+    number = "c" if gains or any(cell.uncertainty for cell in cells) else "r"
+    left = [any(i < len(p.columns) and p.is_text(i) for p in pieces) for i in range(leading + room)]
+    types = ["l" if is_left else number if i >= leading else "r" for i, is_left in enumerate(left)]
+    packages = r"\usepackage{booktabs}"
+    if gains or any(row.highlighted or row.floor for row in table.rows):
+        packages += r" \usepackage[table]{xcolor}"
+    comments = [table.title, *(note for note in table.notes if note not in table.legend)]
+    lines = [f"% {line}" for line in (f"needs {packages}", *map(plain, comments))]
+    lines += [rf"\begin{{tabular}}{{{''.join(types)}}}", r"\toprule"]
+    for piece in pieces:
         own = len(piece.columns) - leading
         span = room // own if own and room % own == 0 else 1
         unused = [""] * (room - own * span)
-        lines += [r"\midrule"] * bool(place)
+        lines += [r"\midrule"] * (piece is not pieces[0])
         lines += [*_titles(piece, span, unused), r"\midrule", *_body(piece, span, unused)]
     lines += [r"\bottomrule", *_legend(table, pieces, leading + room), r"\end{tabular}"]
     return "\n".join(lines) + "\n"
 
 
-def _types(pieces: Sequence[Table], piece: Table, number: str) -> list[str]:
-    """Return the type of each column; one that is a whole group with a wide title is centred."""
-    groups = [column.group for column in piece.columns]
-    lone = [c for c in piece.columns if c.group and groups.count(c.group) == 1]
-    is_wide = any(len(column.group) > len(column.heading) for column in lone)
-    types = []
-    for index, column in enumerate(piece.columns):
-        if any(one.is_text(index) for one in pieces if index < len(one.columns)):
-            types.append("l")
-        elif index < piece.leading_columns:
-            types.append("r")
-        else:
-            types.append("c" if is_wide and column in lone else number)
-    return types
-
-
 def _titles(piece: Table, span: int, unused: list[str]) -> list[str]:
     leading = piece.leading_columns
-    titles, rules, at = [""] * leading, [], leading + 1
+    groups, rules, at = [""] * leading, "", leading + 1
     for group, members in groupby(piece.columns[leading:], key=lambda column: column.group):
         width = len(list(members)) * span
-        titles += [_spanned(_bold(escape(group)), width)] if group else [""] * width
-        rules += [rf"\cmidrule(lr){{{at}-{at + width - 1}}}"] if group else []
+        groups += [_spanned(_bold(escape(group)), width)] if group else [""] * width
+        rules += rf"\cmidrule(lr){{{at}-{at + width - 1}}}" if group else ""
         at += width
-    shown = []
+    titles = []
     for index, column in enumerate(piece.columns):
-        suffix = escape(column.title_suffix)
+        suffix = escape(column.heading.removeprefix(column.title))
         text = _bold(escape(column.title)) + f" {suffix}" * bool(suffix)
-        shown.append(_spanned(text, span) if index >= leading and span > 1 else text)
-    above = [_line([*titles, *unused]), "".join(rules)] if piece.has_groups else []
-    return [*above, _line([*shown, *unused])]
+        titles.append(_spanned(text, span) if index >= leading and span > 1 else text)
+    above = [_line([*groups, *unused]), rules] if piece.has_groups else []
+    return [*above, _line([*titles, *unused])]
 
 
 def _body(piece: Table, span: int, unused: list[str]) -> list[str]:
-    lines = []
+    lines, leading = [], piece.leading_columns
     for above, row in zip((None, *piece.rows), piece.rows, strict=False):
         lines += [r"\midrule"] * row.is_apart(above)
         lines += [r"\rowcolor{yellow!25}"] * row.highlighted
         texts = [_cell(*pair, row) for pair in zip(row.cells, piece.columns, strict=True)]
-        cite = row.cells[0].cite
-        texts[0] += rf"~\cite{{{cite}}}" * bool(cite) + escape("†") * bool(row.reported)
+        texts[0] += rf"~\cite{{{row.cite}}}" * bool(row.cite) + escape("†") * bool(row.reported)
         if span > 1:
-            leading = piece.leading_columns
             texts[leading:] = [_spanned(text, span) for text in texts[leading:]]
         lines.append(_line([*texts, *unused]))
     return lines
@@ -149,14 +134,6 @@ def _cell(cell: Cell, column: Column, row: Row) -> str:
         else:
             parts += map(_escape_number, text.split())
     return " ".join(parts)
-
-
-def _spanned(text: str, span: int) -> str:
-    return rf"\multicolumn{{{span}}}{{c}}{{{text}}}"
-
-
-def _line(cells: list[str]) -> str:
-    return " & ".join(cells).rstrip() + r" \\"
 
 
 def _legend(table: Table, pieces: Sequence[Table], width: int) -> list[str]:
@@ -175,6 +152,7 @@ def _legend(table: Table, pieces: Sequence[Table], width: int) -> list[str]:
 
 def _letters(table: Table) -> int:
     """Estimate how many letters of a footnote are as wide as a table."""
-    widest = table.text_widths()
-    widest[0] += len("[12]") * any(row.cells[0].cite for row in table.rows)
-    return round(_PER_LETTER * sum(widest) + _PER_GAP * (len(widest) - 1))
+    columns = zip([column.heading for column in table.columns], *table.texts(), strict=True)
+    letters = sum(max(map(len, texts)) for texts in columns)
+    letters += len("[12]") * any(row.cite for row in table.rows)
+    return round(_PER_LETTER * letters + _PER_GAP * (len(table.columns) - 1))

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import nearest, read_toml
-from airzoo_bench.tables.model import Cell, Column, Row, Table
-
-_KEYS = re.compile(r"[A-Za-z0-9][A-Za-z0-9:._/+-]*(,[A-Za-z0-9][A-Za-z0-9:._/+-]*)*")
+from airzoo_bench.tables.model import Cell, Column, Table
 
 
 def mark_best(table: Table, *, second: bool = False) -> Table:
@@ -29,11 +26,11 @@ def mark_best(table: Table, *, second: bool = False) -> Table:
             for i, cell in zip(racing, cells, strict=True):
                 rows[i][index] = cell
     marked = [replace(row, cells=tuple(new)) for row, new in zip(table.rows, rows, strict=True)]
-    rule = []
+    made = replace(table, rows=tuple(marked))
     if own and any(row.reported for row in table.rows):
-        rule = ["the best of each score is that of the rows that were scored here"]
-    notes, legend = (*rule, *table.notes), (*rule, *table.legend)
-    return replace(table, rows=tuple(marked), notes=notes, legend=legend)
+        rule = "the best of each score is that of the rows that were scored here"
+        return made.with_notes(rule, first=True)
+    return made
 
 
 def mark_cells(column: Column, cells: Sequence[Cell], *, second: bool = False) -> list[Cell]:
@@ -67,67 +64,50 @@ def with_decimals(table: Table, decimals: int) -> Table:
 
 def highlight(table: Table, methods: Sequence[str]) -> Table:
     """Set rows on a coloured ground."""
-    chosen = {find_row(table, name, "--highlight") for name in methods}
+    chosen = {_find_row(table, name, "--highlight") for name in methods}
     rows = (replace(row, highlighted=i in chosen) for i, row in enumerate(table.rows))
     return replace(table, rows=tuple(rows))
 
 
-def find_row(table: Table, name: str, option: str) -> int:
+def _find_row(table: Table, name: str, option: str) -> int:
     """Return the row of a method; one that was scored here goes before a reported one."""
     found = [i for i, row in enumerate(table.rows) if row.name == name]
-    own = [i for i in found if not table.rows[i].reported] or found
-    if len(own) != 1:
+    found.sort(key=lambda i: bool(table.rows[i].reported))
+    if not found:
         names = [row.name for row in table.rows]
-        near = "" if own else nearest(name[:80], names)
         raise UsageError(
-            f"{len(own) or 'no'} row{'s are' if own else ' is'} called {name[:80]!r}{near}",
+            f"no row is called {name[:80]!r}{nearest(name[:80], names)}",
             where=option,
             expected="one of " + ", ".join(names[:20]),
-            fix="give methods different names with --rename OLD=NEW" if own else None,
         )
-    return own[0]
+    return found[0]
 
 
-def parse_baselines(table: Table, names: Sequence[str]) -> dict[int, int]:
-    """Return the row of each method's baseline, by the method's row."""
-    found: dict[int, int] = {}
-    for text in names:
-        for row, baseline in _baseline_pairs(table, text):
-            if found.setdefault(row, baseline) != baseline:
-                name = table.rows[row].name
-                raise UsageError(f"{name} has two baselines", where=f"--baseline {text[:80]}")
-    return found
+def add_gains(table: Table, baselines: Sequence[str]) -> Table:
+    """Write gains over baselines next to the values.
 
-
-def _baseline_pairs(table: Table, text: str) -> list[tuple[int, int]]:
-    """Return the rows of METHOD=NAME, or all that are compared with the row of NAME."""
-    names = {row.name for row in table.rows}
-    # A name may itself hold an equals sign.
-    splits = [(text[:i], text[i + 1 :]) for i, c in enumerate(text) if c == "="]
-    for pair in splits:
-        if text not in names and names.issuperset(pair):
-            method, baseline = (find_row(table, name, "--baseline") for name in pair)
-            return [(method, baseline)]
-    baseline = find_row(table, text, "--baseline")
-    chosen = [i for i, row in enumerate(table.rows) if row.highlighted]
-    own = [i for i, row in enumerate(table.rows) if row.is_own]
-    return [(row, baseline) for row in chosen or own or range(len(table.rows)) if row != baseline]
-
-
-def add_gains(table: Table, baselines: Mapping[int, int]) -> Table:
-    """Write the gains of rows over their baselines next to the values."""
+    A baseline is the NAME of a row, for all highlighted rows or else for all that were scored here,
+    or METHOD=NAME.
+    """
     rows, notes = list(table.rows), dict[str, None]()
-    for number, place in baselines.items():
+    for text in baselines:
+        method, _, name = text.rpartition("=")
+        if text in {row.name for row in rows}:
+            method, name = "", text
+        place = _find_row(table, name, "--baseline")
+        chosen = [_find_row(table, method, "--baseline")] if method else []
+        for kind in ("highlighted", "is_own", "cells"):
+            chosen = chosen or [i for i, row in enumerate(rows) if getattr(row, kind)]
         baseline = table.rows[place]
-        pairs = zip(table.columns, rows[number].cells, baseline.cells, strict=True)
-        cells = tuple(replace(cell, gain=_gain(c, cell, other)) for c, cell, other in pairs)
-        rows[number] = replace(rows[number], cells=cells)
+        for number in chosen:
+            if number != place:
+                triples = zip(table.columns, rows[number].cells, baseline.cells, strict=True)
+                cells = tuple(replace(cell, gain=_gain(c, cell, b)) for c, cell, b in triples)
+                rows[number] = replace(rows[number], cells=cells)
         reported = ", whose numbers are reported, not re-scored" * bool(baseline.reported)
         note = f"difference from {baseline.name}{reported}, of the values as printed"
         notes[f"in brackets: {note}"] = None
-    return replace(
-        table, rows=tuple(rows), notes=(*table.notes, *notes), legend=(*table.legend, *notes)
-    )
+    return replace(table, rows=tuple(rows)).with_notes(*notes)
 
 
 def _gain(column: Column, cell: Cell, baseline: Cell) -> float | None:
@@ -142,38 +122,23 @@ def _gain(column: Column, cell: Cell, baseline: Cell) -> float | None:
 def add_citations(table: Table, texts: Sequence[str], sources: Mapping[str, Path]) -> Table:
     """Attach citations: METHOD=KEY, a TOML file of such, or the name of a source of numbers."""
     keys: dict[str, str] = {}
-    named: dict[str, str] = {}
     for text in texts:
         method, _, key = text.rpartition("=")
         path = sources.get(text, Path(text))
         if path.suffix == ".toml":
             content = read_toml(path, UsageError, "file of citations")
-            keys |= content.get("citations", content)
+            keys = content.get("citations", content) | keys
         elif method:
-            named[method] = key
-            find_row(table, method, "--cite")
+            keys[table.rows[_find_row(table, method, "--cite")].name] = key
         else:
             raise UsageError(
                 f"--cite {text[:80]!r} is no citation",
                 expected="METHOD=KEY, a .toml file, or one of " + ", ".join(sources),
             )
-    return cite(table, keys | named)
+    return cite(table, keys)
 
 
 def cite(table: Table, keys: Mapping[str, str]) -> Table:
     """Attach citations to the rows of methods; LaTeX prints them."""
-    rows = []
-    for row in table.rows:
-        key = str(keys.get(row.name, ""))
-        if row.name in keys and not _KEYS.fullmatch(key):
-            raise UsageError(
-                f"{key[:80]!r} is no citation key",
-                where=f"--cite, {row.name[:80]}",
-                expected="letters a to z, digits, and behind the first any of : . _ / + -",
-            )
-        rows.append(_cited(row, key))
+    rows = (replace(row, cite=str(keys.get(row.name, ""))) for row in table.rows)
     return replace(table, rows=tuple(rows))
-
-
-def _cited(row: Row, key: str) -> Row:
-    return replace(row, cells=(replace(row.cells[0], cite=key), *row.cells[1:]))

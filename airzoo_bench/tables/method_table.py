@@ -2,20 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
 from airzoo_bench.results.comparable import check_comparable, version_notes
-from airzoo_bench.results.comparison import FLOOR_MARK, floor_note, notes_of
+from airzoo_bench.results.comparison import FLOOR_MARK, floor_note
 from airzoo_bench.results.files import method_names
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.tables.model import Between, Cell, Column, share_to_percent
-from airzoo_bench.tables.published import OVERALL, PublishedTable, shipped_fingerprints
+from airzoo_bench.tables.published import OVERALL, PrintedValue
 
 UNITS = {"share": "%", "m": "m", "deg": "deg"}
 """What tables show for the unit of a score."""
+
+
+def as_shown(score: ScoreColumn, value: float) -> float:
+    """Turn a result's value into what tables show: percent for a share."""
+    return share_to_percent(value) if score.unit == "share" else value
+
+
+def score_column(score: ScoreColumn, group: str = "") -> Column:
+    """Return a score's column."""
+    unit = UNITS[score.unit]
+    return Column(score.title, unit, score.higher_is_better, group=group)
+
+
+def identity(result: Result) -> str:
+    """Return what a result's numbers depend on, in one line."""
+    return (
+        f"protocol {result.protocol.fingerprint[:12]}, truth {result.truth.fingerprint[:12]}, "
+        f"airzoo-bench {result.versions['airzoo-bench']}"
+    )
+
+
+def share_notes(notes: Iterable[tuple[str, str]], everyone: int = 0) -> list[str]:
+    """Return each note once, after the names that have it, if these are not all."""
+    users: dict[str, dict[str, None]] = {}
+    for name, note in notes:
+        users.setdefault(note, {})[name] = None
+    return [
+        note if len(who) == everyone else f"{', '.join(who)}: {note}" for note, who in users.items()
+    ]
+
+
+def values_by_scene(
+    scores: Sequence[ScoreColumn], numbers: Result | Reference
+) -> dict[str, dict[str, float]]:
+    """Return scores as tables show them, by scene, with `OVERALL` for the average, then by key."""
+    by_key = {score.key: score for score in scores}
+    parts = {OVERALL: numbers.overall} | numbers.scenes
+    return {
+        scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
+        for scene, part in parts.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -50,9 +91,8 @@ class MethodRow:
 class MethodTable:
     """Methods of one protocol and truth, or reported for them.
 
-    `scenes` are titles by scene. A method note names its methods. LaTeX prints the notes in
-    `legend` and `about_intervals` under the table, since numbers mislead without them. The numbers
-    depend on `identity`.
+    `scenes` are titles by scene. LaTeX prints the notes in `legend`, since numbers mislead without
+    them.
     """
 
     title: str
@@ -61,26 +101,13 @@ class MethodTable:
     scores: tuple[ScoreColumn, ...]
     scenes: Mapping[str, str]
     rows: tuple[MethodRow, ...] = ()
-    method_notes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     legend: tuple[str, ...] = ()
-    about_intervals: tuple[str, ...] = ()
-    identity: str = ""
 
-    @property
-    def all_notes(self) -> tuple[str, ...]:
-        """The notes of all and of methods, and last what the numbers depend on."""
-        return (*self.notes, *self.method_notes, *filter(None, [self.identity]))
-
-    @property
-    def whole_legend(self) -> tuple[str, ...]:
-        """The notes that LaTeX prints under the table."""
-        return (*self.legend, *self.about_intervals)
-
-    def noted(self, *notes: str, legend: bool = True) -> MethodTable:
+    def with_notes(self, *notes: str, legend: bool = True) -> MethodTable:
         """Return the table with further notes, which may be of the legend."""
         more = notes if legend else ()
-        return replace(self, notes=(*self.notes, *notes), legend=(*self.legend, *more))
+        return replace(self, notes=(*notes, *self.notes), legend=(*self.legend, *more))
 
 
 def method_table(
@@ -93,15 +120,13 @@ def method_table(
         called = [f"{name} ({path})" for name, path in zip(names, paths, strict=True)]
         names = method_names(paths, results)
     check_comparable(called, results)
-    first = results[0]
+    first, named = results[0], list(zip(names, results, strict=True))
     # One that a method has no score for stays empty.
     scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
-    users: dict[str, list[str]] = {}
-    for name, result in zip(names, results, strict=True):
-        for note in dict.fromkeys(notes_of(result)):
-            users.setdefault(note, []).append(name)
-    noted = {note: f"{', '.join(who)}: {note}" for note, who in users.items()}
-    floors = [floor_note(result) for result in results]
+    floors = {name: floor_note(result) for name, result in named}
+    notes = share_notes(((name, note) for name, r in named for note in r.notes), len(names))
+    alone = len(names) == 1
+    legend = share_notes(((name, note) for name, note in floors.items() if note), alone)
     return MethodTable(
         f"{first.protocol.name} v{first.protocol.version}",
         first.truth.benchmark,
@@ -109,13 +134,11 @@ def method_table(
         tuple(scores.values()),
         first.truth.scene_titles,
         tuple(
-            MethodRow(name, values_by_scene(result.columns, result), mark=FLOOR_MARK * bool(floor))
-            for name, result, floor in zip(names, results, floors, strict=True)
+            MethodRow(name, values_by_scene(r.columns, r), mark=FLOOR_MARK * bool(floors[name]))
+            for name, r in named
         ),
-        method_notes=tuple(noted.values()),
-        notes=tuple(version_notes(names, results)),
-        legend=tuple(noted[floor] for floor in dict.fromkeys(floors) if floor),
-        identity=identity(first),
+        notes=(*version_notes(names, results), *notes, *legend, identity(first)),
+        legend=tuple(legend),
     )
 
 
@@ -126,86 +149,44 @@ def empty_table(protocol: Protocol, scores: Sequence[ScoreColumn]) -> MethodTabl
     return MethodTable(title, protocol.benchmark, protocol.track, tuple(scores), scenes)
 
 
-def values_by_scene(
-    scores: Sequence[ScoreColumn], numbers: Result | Reference
-) -> dict[str, dict[str, float]]:
-    """Return scores as tables show them, by scene, with `OVERALL` for the average, then by key."""
-    by_key = {score.key: score for score in scores}
-    parts = {OVERALL: numbers.overall} | numbers.scenes
-    return {
-        scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
-        for scene, part in parts.items()
-    }
-
-
-def as_shown(score: ScoreColumn, value: float) -> float:
-    """Turn a result's value into what tables show: percent for a share."""
-    return share_to_percent(value) if score.unit == "share" else value
-
-
-def score_column(score: ScoreColumn, group: str = "", block: str = "") -> Column:
-    """Return a score's column."""
-    unit = UNITS[score.unit]
-    return Column(score.title, unit, score.higher_is_better, group=group, block=block)
-
-
-def identity(result: Result) -> str:
-    """Return what a result's numbers depend on, in one line."""
-    return (
-        f"protocol {result.protocol.fingerprint[:12]}, truth {result.truth.fingerprint[:12]}, "
-        f"airzoo-bench {result.versions['airzoo-bench']}"
-    )
-
-
 def with_published(
     methods: MethodTable,
-    tables: Sequence[PublishedTable],
+    printed: Sequence[PrintedValue],
     *,
     by_scene: bool,
     average: bool = True,
     fingerprint: str = "",
 ) -> MethodTable:
-    """Put the rows of published tables before the methods scored here by some protocol."""
-    scenic = [table for table in tables if table.has_scenes]
-    plain = [table for table in tables if not table.has_scenes]
-    chosen = scenic if by_scene else plain or scenic
-    if fingerprint and tables:
-        shipped = shipped_fingerprints(methods.benchmark, methods.track)
-        note = f"{methods.title} is not the shipped protocol: reported numbers may measure "
-        methods = methods if fingerprint in shipped else methods.noted(note + "something else")
-    if not chosen:
-        what = "by scene " if by_scene else ""
-        note = f"nothing is published {what}on {methods.benchmark} ({methods.track})"
-        return methods.noted(note, legend=False)
-    rows = [row for table in chosen for row in _reported(methods, table)]
-    if by_scene and average:
-        averages: dict[str, MethodRow] = {}
-        for row in (row for table in plain for row in _reported(methods, table)):
-            averages.setdefault(row.method, row)
-        rows = [_with_average(row, averages.get(row.method)) for row in rows]
-    return replace(methods, rows=(*rows, *methods.rows))
+    """Put the rows of papers before the methods scored here by the protocol of a fingerprint.
 
-
-def _with_average(row: MethodRow, other: MethodRow | None) -> MethodRow:
-    """Fill in an average that the tables by scene do not print, and say from where it is."""
-    if OVERALL in row.values or other is None:
-        return row
-    values = {**row.values, OVERALL: other.values[OVERALL]}
-    return replace(row, values=values, reported=f"{row.reported}; average: {other.reported}")
-
-
-def _reported(methods: MethodTable, table: PublishedTable) -> list[MethodRow]:
+    A number that two tables print is that of the one by scene where these are shown, else of the
+    other.
+    """
+    if fingerprint and printed:
+        shipped = [load_protocol(path) for path in shipped_protocols().values()]
+        if fingerprint not in {protocol.fingerprint for protocol in shipped}:
+            note = f"{methods.title} is not the shipped protocol: reported numbers may measure "
+            methods = methods.with_notes(note + "something else")
     keys = {title: key for key, title in methods.scenes.items()} | {OVERALL: OVERALL}
     known = {score.key for score in methods.scores}
-    rows = []
-    for method, scenes in table.values.items():
-        values = {
-            keys[title]: {key: value for key, value in part.items() if key in known}
-            for title, part in scenes.items()
-            if title in keys
-        }
-        rows.append(MethodRow(method, values, reported=f"{table.source}, {table.label}"))
-    return rows
+    scenic = {cell.table for cell in printed if cell.scene != OVERALL}
+    rows: dict[str, dict[str, dict[str, float]]] = {}
+    sources: dict[str, dict[str, None]] = {}
+    for cell in sorted(printed, key=lambda cell: (cell.table in scenic) != by_scene):
+        is_shown = average if cell.scene == OVERALL else by_scene
+        if by_scene and cell.table not in scenic and cell.method not in rows:
+            is_shown = False
+        if is_shown and cell.scene in keys and cell.metric in known:
+            part = rows.setdefault(cell.method, {}).setdefault(keys[cell.scene], {})
+            if cell.metric not in part:
+                part[cell.metric] = float(cell.value)
+                sources.setdefault(cell.method, {})[cell.table] = None
+    if not rows:
+        what = "by scene " if by_scene else ""
+        note = f"nothing is published {what}on {methods.benchmark} ({methods.track})"
+        return methods.with_notes(note, legend=False)
+    reported = (MethodRow(m, v, reported="; ".join(sources[m])) for m, v in rows.items())
+    return replace(methods, rows=(*reported, *methods.rows))
 
 
 def with_floors(methods: MethodTable, results: Sequence[Result]) -> MethodTable:
@@ -217,7 +198,7 @@ def with_floors(methods: MethodTable, results: Sequence[Result]) -> MethodTable:
         for name, found in references.items()
     )
     meanings = [f"{name}: {found.meaning}" for name, found in references.items()]
-    noted = methods.noted(*notes, legend=False).noted(*meanings)
+    noted = methods.with_notes(*notes, legend=False).with_notes(*meanings)
     return replace(noted, rows=(*methods.rows, *rows))
 
 
@@ -225,7 +206,6 @@ def shared_references(results: Sequence[Result]) -> tuple[dict[str, Reference], 
     """Return the references of results by name, the first of each name, and a note without any."""
     found: dict[str, Reference] = {}
     for result in results:
-        for name, reference in result.references.items():
-            found.setdefault(name, reference)
+        found = result.references | found
     none = ["no floors: these results hold none, as those of older versions"]
     return found, [] if found else none

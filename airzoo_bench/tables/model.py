@@ -1,4 +1,4 @@
-"""The one table model: values apart from how they are shown, and wide tables in pieces."""
+"""The one model of tables, which keeps values apart from how they are shown."""
 
 from __future__ import annotations
 
@@ -11,15 +11,9 @@ from typing import Literal, NamedTuple
 REPORTED = "reported, not re-scored"
 """The mark of rows with numbers that somebody else has printed."""
 
-FLOOR = "what scores without a method"
-"""The mark of rows without a method."""
-
 _DAGGER = "†"
 _LARGEST = 1e9  # shown with all its digits
-_WIDEST = 12  # columns of scores
-_PAPERS = 2  # groups abreast that a paper shrinks to its page
-_PAGE = 50.0  # width of a page of two columns, in em
-_LETTER, _GAP = 0.5, 1.2  # of a table on it
+_WIDEST = 10  # columns of scores side by side on a page
 
 
 def share_to_percent(value: float) -> float:
@@ -53,8 +47,7 @@ class Column:
     """A column's title and how its numbers are shown.
 
     `higher_is_better` is None for what is not a score. `group` stands above neighbouring columns,
-    such as a scene. Columns of different blocks, such as tracks, never stand side by side where a
-    format breaks a table.
+    such as a scene.
     """
 
     title: str
@@ -62,27 +55,20 @@ class Column:
     higher_is_better: bool | None = None
     decimals: int = 2
     group: str = ""
-    block: str = ""
-
-    @property
-    def title_suffix(self) -> str:
-        """The unit and direction behind the title; a note has the unit of grouped columns."""
-        unit = f" [{self.unit}]" if self.unit and not self.group else ""
-        return unit + {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
 
     @property
     def heading(self) -> str:
-        """Title, unit and direction, such as ``R@1 [%] ↑``."""
-        return f"{self.title}{self.title_suffix}"
+        """Title, unit and direction, such as ``R@1 [%] ↑``; a note has units of grouped columns."""
+        unit = f" [{self.unit}]" if self.unit and not self.group else ""
+        return self.title + unit + {None: "", True: " ↑", False: " ↓"}[self.higher_is_better]
 
 
 @dataclass(frozen=True)
 class Cell:
     """A value, its rank in the column, and what follows it.
 
-    `gain` is the difference from the baseline's printed value; a note says what `mark` means;
-    `cite` are keys of a bibliography, for LaTeX. A number below `least` is shown as less than it: a
-    p-value is never 0.0000.
+    `gain` is the difference from the baseline's printed value; a note says what `mark` means. A
+    number below `least` is shown as less than it: a p-value is never 0.0000.
     """
 
     value: float | int | str | None
@@ -91,7 +77,6 @@ class Cell:
     gain: float | None = None
     uncertainty: Between | None = None
     mark: str = ""
-    cite: str = ""
     least: float = 0.0
 
     @property
@@ -125,8 +110,8 @@ class Row:
     """A row's cells.
 
     A `summary` is set apart from the rows above it. `reported` says where the numbers were printed,
-    if they were not scored here; such a row is marked with a dagger. A `floor` is what scores
-    without a method, such as chance: set apart, and never the best.
+    if they were not scored here. A `floor` is what scores without a method, such as chance: set
+    apart, and never the best. `cite` are keys of a bibliography, for LaTeX.
     """
 
     cells: tuple[Cell, ...]
@@ -134,6 +119,7 @@ class Row:
     highlighted: bool = False
     reported: str = ""
     floor: bool = False
+    cite: str = ""
 
     @property
     def is_own(self) -> bool:
@@ -143,7 +129,8 @@ class Row:
     @property
     def standing(self) -> str:
         """The mark of reported rows and floors; empty for methods scored here."""
-        return FLOOR if self.floor else f"{REPORTED}: {self.reported}" if self.reported else ""
+        reported = f"{REPORTED}: {self.reported}" if self.reported else ""
+        return "what scores without a method" if self.floor else reported
 
     @property
     def name(self) -> str:
@@ -160,17 +147,15 @@ class Row:
 class Table:
     """A title, columns, rows, and notes that belong to the numbers.
 
-    A format that breaks a wide table puts `groups_per_block` groups of columns side by side, fewer
-    where they are too wide, or all where it is None. Every piece repeats the `leading` columns, by
-    default all before the first score. LaTeX prints the notes in `legend` under the table, since
-    numbers mislead without them, and the others as comments.
+    The `leading` columns, by default all before the first score, say what a row is. LaTeX prints
+    the notes in `legend` under the table, since numbers mislead without them, and the others as
+    comments.
     """
 
     title: str
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
-    groups_per_block: int | None = 2
     leading: int | None = None
     legend: tuple[str, ...] = ()
 
@@ -184,11 +169,6 @@ class Table:
             ]
             for row in self.rows
         ]
-
-    def text_widths(self) -> list[int]:
-        """Return how many letters the widest text of each column has."""
-        titles = [column.heading for column in self.columns]
-        return [max(map(len, texts)) for texts in zip(titles, *self.texts(), strict=True)]
 
     @property
     def dagger_note(self) -> tuple[str, ...]:
@@ -219,6 +199,13 @@ class Table:
         """Whether a column holds words, aligned to the left, and not numbers."""
         return column == 0 or any(isinstance(row.cells[column].value, str) for row in self.rows)
 
+    def with_notes(self, *notes: str, first: bool = False, legend: bool = True) -> Table:
+        """Return the table with further notes, which may be of the legend."""
+        shown = notes if legend else ()
+        if first:
+            return replace(self, notes=(*notes, *self.notes), legend=(*shown, *self.legend))
+        return replace(self, notes=(*self.notes, *notes), legend=(*self.legend, *shown))
+
     def units(self) -> list[list[int]]:
         """Return the columns that stay together: neighbours of one group, else each by itself."""
         rest = range(self.leading_columns, len(self.columns))
@@ -228,53 +215,29 @@ class Table:
             for unit in ([list(indices)] if group else [[index] for index in indices])
         ]
 
+    def take(self, chosen: Sequence[int]) -> Table:
+        """Return the table of the leading columns and some others.
 
-def take_columns(table: Table, pieces: Sequence[Sequence[list[int]]]) -> list[Table]:
-    """Return a table of each piece's columns, the leading ones before them.
+        Methods that have nothing in groups of columns are left out of them.
+        """
+        leading = self.leading_columns
+        kept = [*range(leading), *chosen]
+        rows = (
+            replace(row, cells=tuple(row.cells[i] for i in kept))
+            for row in self.rows
+            if not self.has_groups or any(row.cells[i].value is not None for i in chosen)
+        )
+        columns = tuple(self.columns[i] for i in kept)
+        return replace(self, columns=columns, rows=tuple(rows), leading=leading)
 
-    Methods that have nothing in a piece of groups are left out of it.
-    """
-    if len(pieces) < 2:
-        return [table]
-    leading = table.leading_columns
-
-    def is_filled(row: Row) -> bool:
-        return any(cell.value is not None for cell in row.cells[leading:])
-
-    made = []
-    for piece in pieces:
-        indices = [*range(leading), *(i for unit in piece for i in unit)]
-        rows = [replace(row, cells=tuple(row.cells[i] for i in indices)) for row in table.rows]
-        filled = [
-            row
-            for whole, row in zip(table.rows, rows, strict=True)
-            if not table.has_groups or is_filled(row) or not is_filled(whole)
-        ]
-        columns = tuple(table.columns[i] for i in indices)
-        made.append(replace(table, columns=columns, rows=tuple(filled or rows)))
-    return made
-
-
-def by_block(table: Table) -> list[Table]:
-    """Split a table between columns of different blocks; leave any other whole."""
-    runs = groupby(table.units(), key=lambda unit: table.columns[unit[0]].block)
-    return take_columns(table, [list(members) for _, members in runs])
-
-
-def by_count(table: Table) -> list[Table]:
-    """Split a table with groups of columns into pieces that fit a page."""
-    return [piece for part in by_block(table) for piece in _counted(part)]
-
-
-def _counted(table: Table) -> list[Table]:
-    units, most = table.units(), table.groups_per_block
-    if not table.has_groups or most is None:
-        return [table]
-    step = max(1, min(most, _WIDEST // max(map(len, units))))
-    while True:
-        starts = range(0, len(units), step)
-        pieces = take_columns(table, [units[at : at + step] for at in starts])
-        widths = [sum(_LETTER * n + _GAP for n in piece.text_widths()) for piece in pieces]
-        if step <= _PAPERS or max(widths) <= _PAGE:
-            return pieces
-        step -= 1
+    def pieces(self) -> list[Table]:
+        """Split a table with groups of columns into what fits a page."""
+        if not self.has_groups:
+            return [self]
+        parts: list[list[int]] = []
+        for unit in self.units():
+            if parts and len(parts[-1]) + len(unit) <= _WIDEST:
+                parts[-1] += unit
+            else:
+                parts.append(unit)
+        return [self.take(part) for part in parts]

@@ -8,18 +8,18 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 
 from airzoo_bench.tables.latex import latex
-from airzoo_bench.tables.model import Cell, Column, Row, Table, by_count, plain, show_number
-from airzoo_bench.tables.terminal import TERMINAL_WIDTH, terminal
+from airzoo_bench.tables.model import Cell, Column, Row, Table, plain, show_number
+from airzoo_bench.tables.terminal import terminal
 
-# Scores are called such as "@5m,10°": there is no operator in it and no function, thus no formula.
+# Scores have titles such as "@5m,10°": there is no operator in it and no function, thus no formula.
 _HARMLESS = re.compile(r"-?[0-9]+(\.[0-9]+)?(e\+[0-9]+)?|-inf|@[0-9][\w.,° ±]*")
 
 
-def render(table: Table, form: str, *, width: int = TERMINAL_WIDTH, styled: bool = False) -> str:
+def render(table: Table, form: str, *, width: int = 80, styled: bool = False) -> str:
     """Render a table as text that ends with a newline."""
     if form == "terminal":
         return terminal(table, width=width, styled=styled)
@@ -28,10 +28,12 @@ def render(table: Table, form: str, *, width: int = TERMINAL_WIDTH, styled: bool
 
 def _csv(table: Table) -> str:
     """Write a value a field: limits and gains have columns of their own."""
-    marked = not all(row.is_own for row in table.rows)
-    columns = [_csv_column(table, index) for index in range(len(table.columns))]
-    fields = [field for column in columns for field in column]
-    if marked:
+    fields = [
+        field
+        for column, cells in zip(table.columns, _columns(table), strict=True)
+        for field in _csv_fields(column, cells)
+    ]
+    if not all(row.is_own for row in table.rows):
         fields.append(["Marked", *(plain(row.standing) for row in table.rows)])
     out = io.StringIO()
     lines = zip(*fields, strict=True)
@@ -39,22 +41,21 @@ def _csv(table: Table) -> str:
     return out.getvalue()
 
 
-def _csv_column(table: Table, index: int) -> list[list[str]]:
-    """Return the fields of a column, each from its title down: values, limits, gains."""
-    column, cells = table.columns[index], [row.cells[index] for row in table.rows]
-    title = f"{column.group} {column.title}"
-    values = [repr(c.value) if c.is_too_small else c.text(column.decimals) for c in cells]
-    fields = [[plain(title), *values]]
-    beside: dict[str, list[float | None]] = {}
-    if any(cell.uncertainty for cell in cells):
-        beside[" from"] = [cell.uncertainty and cell.uncertainty.low for cell in cells]
-        beside[" to"] = [cell.uncertainty and cell.uncertainty.high for cell in cells]
-    if any(cell.gain is not None for cell in cells):
-        beside[" gain"] = [cell.gain for cell in cells]
+def _columns(table: Table) -> list[list[Cell]]:
+    return [[row.cells[index] for row in table.rows] for index in range(len(table.columns))]
+
+
+def _csv_fields(column: Column, cells: Sequence[Cell]) -> Iterator[list[str]]:
+    """Yield the fields of a column, each from its title down: values, limits, gains."""
+    title, digits = plain(f"{column.group} {column.title}"), column.decimals
+    yield [title, *(repr(c.value) if c.is_too_small else c.text(digits) for c in cells)]
+    spans, gains = [cell.uncertainty for cell in cells], [cell.gain for cell in cells]
+    beside = {"from": [span and span.low for span in spans]} if any(spans) else {}
+    beside |= {"to": [span and span.high for span in spans]} if any(spans) else {}
+    beside |= {"gain": gains} if any(gain is not None for gain in gains) else {}
     for kind, numbers in beside.items():
-        texts = ["" if n is None else show_number(n, column.decimals) for n in numbers]
-        fields.append([plain(title + kind), *texts])
-    return fields
+        texts = ("" if n is None else show_number(n, digits) for n in numbers)
+        yield [f"{title} {kind}", *texts]
 
 
 def _without_formula(text: str) -> str:
@@ -67,7 +68,7 @@ def _values_apart(table: Table) -> list[list[tuple[Cell, str, str]]]:
     """Return each cell with its value and what follows it, as shown."""
     return [
         [
-            (cell, value, text.removeprefix(value))
+            (cell, value, text.removeprefix(value).strip())
             for cell, column, text in zip(row.cells, table.columns, texts, strict=True)
             for value in [cell.text(column.decimals)]
         ]
@@ -77,25 +78,22 @@ def _values_apart(table: Table) -> list[list[tuple[Cell, str, str]]]:
 
 def _markdown(table: Table) -> str:
     # Tables here have one line of titles: each says its group.
-    blocks = "\n".join(map(_markdown_block, by_count(table)))
+    blocks = "\n".join(map(_markdown_block, table.pieces()))
     return blocks + "".join(f"\n{_escape_markdown(plain(note))}\n" for note in table.all_notes)
 
 
 def _markdown_block(table: Table) -> str:
     rule = ["---" if table.is_text(i) else "---:" for i in range(len(table.columns))]
-    titles = [_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns]
-    rows = [
-        [_markdown_cell(*cell, row) for cell in cells]
-        for row, cells in zip(table.rows, _values_apart(table), strict=True)
-    ]
-    return "".join("| " + " | ".join(line) + " |\n" for line in [titles, rule, *rows])
-
-
-def _markdown_cell(cell: Cell, value: str, suffix: str, row: Row) -> str:
-    value = _escape_markdown(value)
-    shown = f"**{value}**" if cell.best else f"<u>{value}</u>" if cell.second else value
-    shown = f"*{value}*" if row.floor else shown
-    return f"{shown} {_escape_markdown(suffix)}".rstrip()
+    lines = [[_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns], rule]
+    for row, cells in zip(table.rows, _values_apart(table), strict=True):
+        line = []
+        for cell, value, suffix in cells:
+            text = _escape_markdown(value)
+            marked = f"**{text}**" if cell.best else f"<u>{text}</u>" if cell.second else text
+            shown = f"*{text}*" if row.floor else marked
+            line.append(f"{shown} {_escape_markdown(suffix)}".rstrip())
+        lines.append(line)
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
 def _escape_markdown(text: str) -> str:
@@ -104,64 +102,68 @@ def _escape_markdown(text: str) -> str:
 
 
 def _html(table: Table) -> str:
-    blocks = [_html_block(piece) for piece in by_count(table)]
-    caption = f"<table>\n<caption>{html.escape(plain(table.title))}</caption>\n"
-    blocks[0] = blocks[0].replace("<table>\n", caption, 1)
-    notes = [f"<p>{html.escape(plain(note))}</p>" for note in table.all_notes]
-    return "".join([*blocks, *notes]) + "\n"
+    blocks = "".join(map(_html_block, table.pieces()))
+    caption = f"<table>\n<caption>{_escape(table.title)}</caption>\n"
+    notes = [f"<p>{_escape(note)}</p>" for note in table.all_notes]
+    return blocks.replace("<table>\n", caption, 1) + "".join(notes) + "\n"
+
+
+def _escape(text: str) -> str:
+    return html.escape(plain(text))
 
 
 def _html_block(table: Table) -> str:
     # Attributes, since pages and sites that take in a table may allow no styles.
     sides = ["left" if table.is_text(i) else "right" for i in range(len(table.columns))]
-    titles = [
-        f'<th scope="col" align="{side}">{html.escape(plain(column.heading))}</th>'
+    head = "".join(
+        f'<th scope="col" align="{side}">{_escape(column.heading)}</th>'
         for column, side in zip(table.columns, sides, strict=True)
-    ]
-    head = f"<tr>{''.join(titles)}</tr>"
-    if table.has_groups:
-        head = f"<tr>{''.join(_html_groups(table))}</tr>{head}"
+    )
+    above = ""
+    for group, members in groupby(table.columns, key=lambda column: column.group):
+        span = f'colspan="{len(list(members))}"'
+        above += (
+            f'<th {span} scope="colgroup">{_escape(group)}</th>' if group else f"<td {span}></td>"
+        )
+    heads = f"<tr>{above}</tr>" * table.has_groups + f"<tr>{head}</tr>"
     rows = zip(table.rows, _values_apart(table), strict=True)
     body = "".join(_html_row(row, cells, sides) for row, cells in rows)
-    return f"<table>\n<thead>{head}</thead>\n<tbody>\n{body}</tbody>\n</table>\n"
-
-
-def _html_groups(table: Table) -> list[str]:
-    cells = []
-    for group, members in groupby(table.columns, key=lambda column: column.group):
-        span, title = len(list(members)), html.escape(plain(group))
-        named = f'<th colspan="{span}" scope="colgroup">{title}</th>'
-        cells.append(named if group else f'<td colspan="{span}"></td>')
-    return cells
+    return f"<table>\n<thead>{heads}</thead>\n<tbody>\n{body}</tbody>\n</table>\n"
 
 
 def _html_row(row: Row, cells: list[tuple[Cell, str, str]], sides: list[str]) -> str:
-    texts = []
+    texts = ""
     for (cell, text, suffix), side in zip(cells, sides, strict=True):
         value = html.escape(text)
         for tag in ["u"] * cell.second + ["strong"] * cell.best + ["em"] * (not row.is_own):
             value = f"<{tag}>{value}</{tag}>"
-        small = f" <small>{html.escape(suffix.strip())}</small>" if suffix else ""
-        texts.append(f'<td align="{side}">{value}{small}</td>')
-    kinds = {"highlighted": row.highlighted, "reported": row.reported, "floor": row.floor}
-    named = " ".join(kind for kind, has in kinds.items() if has)
-    attributes = (f' class="{named}"' if named else "") + ' bgcolor="#fff3bf"' * row.highlighted
-    return f"<tr{attributes}>{''.join(texts)}</tr>\n"
+        small = f" <small>{html.escape(suffix)}</small>" if suffix else ""
+        texts += f'<td align="{side}">{value}{small}</td>'
+    ground = ' bgcolor="#fff3bf"' * row.highlighted
+    return f"<tr{ground}>{texts}</tr>\n"
 
 
 def _json(table: Table) -> str:
     """Write values in the shape of the rows; limits and gains in the same shape."""
-    content: dict[str, object] = {
-        "title": table.title,
-        "columns": [_json_column(column) for column in table.columns],
-        "rows": _json_rows(table, lambda cell: _json_value(cell.value)),
-        "notes": list(table.all_notes),
-    }
+
+    def rows(shown: Callable[[Cell], object]) -> list[list[object]]:
+        return [[shown(cell) for cell in row.cells] for row in table.rows]
+
+    def limits(cell: Cell) -> object:
+        return cell.uncertainty and {k: _number(v) for k, v in cell.uncertainty._asdict().items()}
+
+    columns = [
+        {"title": c.title, "unit": c.unit, "higher_is_better": c.higher_is_better}
+        | ({"group": c.group} if c.group else {})
+        for c in table.columns
+    ]
+    content = {"title": table.title, "columns": columns, "rows": rows(lambda c: _number(c.value))}
+    content["notes"] = list(table.all_notes)
     cells = [cell for row in table.rows for cell in row.cells]
     if any(cell.gain is not None for cell in cells):
-        content["gains"] = _json_rows(table, lambda cell: cell.gain)
+        content["gains"] = rows(lambda cell: cell.gain)
     if any(cell.uncertainty for cell in cells):
-        content["uncertainties"] = _json_rows(table, _json_limits)
+        content["uncertainties"] = rows(limits)
     if any(row.reported for row in table.rows):
         content["reported"] = [row.standing if row.reported else None for row in table.rows]
     if any(row.floor for row in table.rows):
@@ -169,22 +171,7 @@ def _json(table: Table) -> str:
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
-def _json_rows(table: Table, shown: Callable[[Cell], object]) -> list[list[object]]:
-    return [[shown(cell) for cell in row.cells] for row in table.rows]
-
-
-def _json_limits(cell: Cell) -> object:
-    span = cell.uncertainty
-    return span and {name: _json_value(limit) for name, limit in span._asdict().items()}
-
-
-def _json_column(column: Column) -> dict[str, object]:
-    group = {"group": column.group} if column.group else {}
-    own = {"title": column.title, "unit": column.unit, "higher_is_better": column.higher_is_better}
-    return {**own, **group}
-
-
-def _json_value(value: float | int | str | None) -> object:
+def _number(value: float | int | str | None) -> object:
     if isinstance(value, float) and math.isinf(value):
         return "Infinity" if value > 0 else "-Infinity"
     return value

@@ -6,27 +6,10 @@ import csv
 import io
 from pathlib import Path
 
-from airzoo_bench.audit.audit import audit
-from airzoo_bench.audit.findings import Audit
-from airzoo_bench.tables.published import Published, read_published
+from airzoo_bench.audit.audit import Audit, audit
+from airzoo_bench.tables.published import PrintedValue, read_published
 
 Rows = list[dict[str, object]]
-
-
-def rows_of(values: dict[str, dict[str, dict[str, str]]], **extra: object) -> Rows:
-    """Return rows from method -> scene -> score -> value."""
-    return [
-        {"method": method, "scene": scene, "metric": score, "value": value} | extra
-        for method, scenes in values.items()
-        for scene, scores in scenes.items()
-        for score, value in scores.items()
-    ]
-
-
-def row(**scores: str) -> Rows:
-    """Return one method's row on one scene; `R_1` stands for R@1."""
-    named = {name.replace("_", "@"): value for name, value in scores.items()}
-    return rows_of({"A": {"East": named}})
 
 
 def rows_of_wide(text: str) -> Rows:
@@ -52,7 +35,7 @@ def csv_text(rows: Rows) -> str:
     return out.getvalue()
 
 
-def published(folder: Path, rows: Rows) -> Published:
+def published(folder: Path, rows: Rows) -> list[PrintedValue]:
     path = folder / "table.csv"
     path.write_text(csv_text(rows), encoding="utf-8")
     return read_published(path)
@@ -69,12 +52,3 @@ def told(found: Audit, check: str | None = None) -> list[tuple[str, str, str, st
         for f in found.findings
         if check in (None, f.check)
     ]
-
-
-SCENES = (817, 1071, 768, 738, 473, 338, 26, 1033, 444, 144, 590)
-COUNTS = ",".join(
-    [
-        *(f"Scene {i}={n}" for i, n in enumerate(SCENES, 1)),
-        "City=161,Rural=190,AerialExtreMatch/overall=264",
-    ]
-)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.audit.findings import Grade
+from airzoo_bench.audit.values import Grade
 from tests.audit.honest import METHODS, Manner, honest
 from tests.audit.support import Rows, published
 

@@ -10,6 +10,7 @@ import csv
 import hashlib
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -25,11 +26,11 @@ from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
-from airzoo_bench.tables.marks import add_gains, cite, highlight, mark_best, parse_baselines
+from airzoo_bench.tables.marks import add_gains, cite, highlight, mark_best
 from airzoo_bench.tables.method_table import MethodTable, with_published
-from airzoo_bench.tables.model import Cell, Table, by_count
+from airzoo_bench.tables.model import Cell, Table
 from airzoo_bench.tables.published import (
-    PublishedTable,
+    PrintedValue,
     published_sources,
     read_source,
     read_source_file,
@@ -141,22 +142,25 @@ def scores_of(track: str) -> tuple[ScoreColumn, ...]:
     return score_columns([Score("f1_10m", "F1", "share", True, "mean", True)])
 
 
-def board_of(table: PublishedTable) -> MethodTable:
+def board_of(label: str, values: Sequence[PrintedValue]) -> MethodTable:
     """Return the board of a printed table, its rows as if they were of the paper's authors."""
-    first = next(iter(table.values.values()))
-    printed = {key for scores in first.values() for key in scores}
-    scores = tuple(score for score in scores_of(table.track) if score.key in printed)
-    scenes = {scene: scene for scene in first if scene}
-    empty = MethodTable(table.label, table.benchmark, table.track, scores, scenes)
-    board = with_published(empty, [table], by_scene=table.has_scenes)
-    assert all(entry.reported == f"airzoo-paper, {table.label}" for entry in board.rows)
+    first, printed = values[0], {value.metric for value in values}
+    scores = tuple(score for score in scores_of(first.track) if score.key in printed)
+    scenes = {value.scene: value.scene for value in values if value.scene}
+    empty = MethodTable(label, first.benchmark, first.track, scores, scenes)
+    board = with_published(empty, values, by_scene=bool(scenes))
+    assert all(entry.reported == f"airzoo-paper, {label}" for entry in board.rows)
     return replace(board, rows=tuple(replace(e, reported="") for e in board.rows))
 
 
 @cache
 def rebuilt(label: str) -> Table:
     how = PRINTED[label]
-    boards = [board_of(table) for table in read_source(SOURCE) if table.label == label]
+    values = [value for value in read_source(SOURCE) if value.table == f"airzoo-paper, {label}"]
+    boards = [
+        board_of(label, [value for value in values if value.benchmark == name])
+        for name in dict.fromkeys(value.benchmark for value in values)
+    ]
     if how.layout == "benchmarks":
         made = benchmarks_layout(boards)
     elif how.layout == "scenes":
@@ -164,7 +168,7 @@ def rebuilt(label: str) -> Table:
     else:
         made = methods_layout(boards[0])
     made = highlight(mark_best(made), how.highlighted)
-    made = add_gains(made, parse_baselines(made, how.baselines))
+    made = add_gains(made, how.baselines)
     return cite(made, read_source_file(SOURCE).citations)
 
 
@@ -209,9 +213,9 @@ def test_a_real_latex_prints_every_cell(label: str, tmp_path: Path) -> None:
     table = rebuilt(label)
     text = typeset(document(latex(table)), tmp_path)
     lines = [line.split() for line in text.splitlines()]
-    for piece in by_count(table):
+    for piece in table.pieces():
         for row, texts in zip(piece.rows, piece.texts(), strict=True):
-            key = row.cells[0].cite
+            key = row.cite
             expected = " ".join([texts[0], *[f"[{key}]"] * bool(key), *texts[1:]])
             assert expected.replace("-", MINUS).split() in [
                 " ".join(line).replace("-", MINUS).split() for line in lines

@@ -102,8 +102,7 @@ def test_equal_averages_are_equal_whatever_their_rounding():
     table = comparison_table(comparison)
     assert table.texts()[0][2] == "unclear"
     assert table.texts()[0][5].startswith("0.00")
-    said = "b and a cannot be told apart on R@1: both have the same value (95 % interval"
-    assert table.notes[0].startswith(said)
+    assert table.notes[0].startswith("b and a cannot be told apart on R@1")
 
 
 def test_ties_with_the_best_are_those_of_compare() -> None:

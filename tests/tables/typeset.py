@@ -71,14 +71,6 @@ def bold_words(folder: Path) -> list[str]:
     return [word for text in words for word in text.split()]
 
 
-def words(folder: Path) -> list[tuple[str, float]]:
-    """Return the words of the document that was typeset last, with where they begin, in points."""
-    page = _run("pdftotext", "-bbox", folder / "table.pdf", "-")
-    tree = ElementTree.fromstring(page[page.index("<html") :])
-    found = tree.iter("{http://www.w3.org/1999/xhtml}word")
-    return [(word.text or "", float(word.get("xMin", "nan"))) for word in found]
-
-
 def _is_bold(family: str) -> bool:
     return "BX" in family or family.endswith("IB10")
 
