@@ -50,7 +50,7 @@ def check_averages(
         if not value.cell.is_summary:
             by_scene = scenes.setdefault(value.of_score, {}).setdefault(value.cell.scene, {})
             by_scene.setdefault(value.cell.method, value)
-    findings, conclusions, tested = [], [], 0
+    findings, conclusions, tested = list[Finding](), list[str](), 0
     summaries = [value for value in values if value.cell.is_summary]
     for place, cells in grouped(summaries, lambda v: (v.cell.table, *v.in_scene)).items():
         made = [_average(v, scenes.get(v.of_score, {}), queries, precise) for v in cells]
@@ -155,7 +155,7 @@ class _Gain(NamedTuple):
 
 def check_gains(values: Sequence[Value]) -> Outcome:
     """Find printed gains that are not the difference of the printed values."""
-    findings, conclusions, tested = [], [], 0
+    findings, conclusions, tested = list[Finding](), list[str](), 0
     columns = grouped(values, lambda value: value.column)
     printed = [value for value in values if value.cell.gain is not None]
     for place, gained in grouped(printed, lambda v: (v.cell.table, v.cell.method)).items():

@@ -77,7 +77,7 @@ def _choose_layout(asked: Any, parts: Sequence[_Part]) -> Layout:
     among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
     compares = any(getattr(asked, name) for name in among_methods)
     several = sum(len(part.results) for part in parts) > 1
-    layout: Layout = asked.layout
+    layout: Layout | None = asked.layout
     if layout is None:  # one result has nothing to be compared with, unless that is asked for
         layout = Layout.METHODS if compares or several else Layout.RESULT
         layout = Layout.BENCHMARKS if len(parts) > 1 else layout

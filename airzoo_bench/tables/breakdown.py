@@ -63,10 +63,11 @@ def is_condition(name: str, track: str) -> bool:
 
 def condition_names(method: Scored) -> list[str]:
     """Return the columns of the records that are conditions, and not all of one value."""
-    scores = {column.key for column in method.result.columns}
+    scores, records = {column.key for column in method.result.columns}, method.records
     return [
         name
-        for name, column in method.records.items()
+        for name in map(str, records)
+        for column in [records[name]]
         if is_condition(name, method.result.track)
         and name not in scores
         and column.nunique(dropna=False) > 1
@@ -126,7 +127,11 @@ def group_records(
         kept = len(labels) if keep_empty and bins is not None else 0
     else:
         # Who writes "unknown" means what an empty field does.
-        known = column if is_number else column.astype("string").replace(UNKNOWN, pd.NA)
+        known = (
+            column
+            if is_number
+            else column.astype("string").where(column.astype("string") != UNKNOWN)
+        )
         codes, found = pd.factorize(known, sort=True)
         if len(found) > _MOST_GROUPS:
             many = f"--by {by}: {len(found)} different values are no groups"

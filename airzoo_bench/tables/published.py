@@ -123,8 +123,9 @@ def read_published(path: Path) -> list[PrintedValue]:
                 )
             found[key] = cell
     except (csv.Error, ValidationError) as error:
-        is_csv = isinstance(error, csv.Error)
-        said = f"not valid CSV: {error}" if is_csv else validation_message(error, PrintedValue)
+        said = f"not valid CSV: {error}"
+        if isinstance(error, ValidationError):
+            said = validation_message(error, PrintedValue)
         where = f"{path}, line {reader.line_num}"
         raise ResultError(said, where=where, fix="docs/audit.md lists the columns") from None
     if not found:

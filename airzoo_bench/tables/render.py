@@ -157,8 +157,8 @@ def _json(table: Table) -> str:
         | ({"group": c.group} if c.group else {})
         for c in table.columns
     ]
-    content = {"title": table.title, "columns": columns, "rows": rows(lambda c: _number(c.value))}
-    content["notes"] = list(table.all_notes)
+    content: dict[str, object] = {"title": table.title, "columns": columns}
+    content |= {"rows": rows(lambda c: _number(c.value)), "notes": list(table.all_notes)}
     cells = [cell for row in table.rows for cell in row.cells]
     if any(cell.gain is not None for cell in cells):
         content["gains"] = rows(lambda cell: cell.gain)

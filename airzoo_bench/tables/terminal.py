@@ -74,8 +74,8 @@ def _grid(table: Table) -> Grid:
         if table.has_groups:  # above the first of its columns
             title = f"{plain(column.group) if column.group != group else ''}\n{title}"
             group = column.group
-        justify = "left" if table.is_text(index) and not column.group else "right"
-        grid.add_column(Text(title), justify=justify, no_wrap=True)
+        is_left = table.is_text(index) and not column.group
+        grid.add_column(Text(title), justify="left" if is_left else "right", no_wrap=True)
     for above, row, texts in zip((None, *table.rows), table.rows, table.texts(), strict=False):
         if above and row.is_apart(above):
             grid.add_section()
