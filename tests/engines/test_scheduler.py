@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +72,7 @@ def test_its_workers_outlive_a_run(address: str) -> None:
     assert caught.value.where == "row 3"
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> None:
     with scheduler(tmp_path) as (address, process):
 
@@ -89,7 +90,10 @@ def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> N
     assert "--resume" in str(caught.value.fix)
 
 
-@pytest.mark.parametrize("fault", ["no workers", "paused workers", "other versions"])
+NIGHTLY = [pytest.param(one, marks=pytest.mark.slow) for one in ("no workers", "paused workers")]
+
+
+@pytest.mark.parametrize("fault", [*NIGHTLY, "other versions"])
 def test_a_cluster_that_cannot_work_is_one_message(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
 ) -> None:
@@ -102,17 +106,18 @@ def test_a_cluster_that_cannot_work_is_one_message(
         return found
 
     monkeypatch.setattr(dask, "PATIENCE_S", 1.0)
-    with scheduler(tmp_path, workers=False) as (own, _):
-        if fault == "paused workers":
-            paused = {"workers": {"tcp://a": {"status": "paused"}}}
-            monkeypatch.setattr(dask.Client, "scheduler_info", lambda client, n_workers: paused)
-        if fault == "other versions":
-            monkeypatch.setattr(dask.Client, "get_versions", other)
-        own = own if fault == "no workers" else address
-        with pytest.raises(UserError, match="workers") as caught, connect(own) as place:
+    if fault == "paused workers":
+        paused = {"workers": {"tcp://a": {"status": "paused"}}}
+        monkeypatch.setattr(dask.Client, "scheduler_info", lambda client, n_workers: paused)
+    if fault == "other versions":
+        monkeypatch.setattr(dask.Client, "get_versions", other)
+    with ExitStack() as stack:
+        if fault == "no workers":
+            address, _ = stack.enter_context(scheduler(tmp_path, workers=False))
+        with pytest.raises(UserError, match="worker") as caught, connect(address) as place:
             list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=str))
     assert ("airzoo-bench None" in str(caught.value)) == (fault == "other versions")
-    assert own in str(caught.value)
+    assert address in str(caught.value)
 
 
 @pytest.mark.parametrize("place", ["silent", "tls://127.0.0.1:8786", "tpc://10.0.0.5:8786", "dsak"])

@@ -64,7 +64,8 @@ def here(
 
 
 @pytest.fixture(
-    scope="module", params=["threads", 2, pytest.param(8, marks=pytest.mark.slow), "dask"]
+    scope="module",
+    params=["threads", 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (8, "dask"))],
 )
 def run(request: pytest.FixtureRequest) -> Iterator[Run]:
     if request.param == "dask":
