@@ -9,11 +9,12 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import examples, put, say, working
+from airzoo_bench.cli.common import Text, examples, option, put, say, working
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, data_root
 from airzoo_bench.core.sandbox import Limits, check_limits
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard.answers import now
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board, write_starter
 from airzoo_bench.leaderboard.build import build_board, serve_folder
 from airzoo_bench.leaderboard.comment import Found, comment_on, read_found, write_found
@@ -22,7 +23,6 @@ from airzoo_bench.leaderboard.git import RefusedError
 from airzoo_bench.leaderboard.pull_request import read_event
 from airzoo_bench.leaderboard.scoring import (
     Rules,
-    answer_path,
     score_against_truth,
     score_merged,
     score_pull_request,
@@ -34,12 +34,12 @@ app = typer.Typer(
 )
 
 RemoteOption = Annotated[
-    str, typer.Option(help="URL or folder of the repository; $GIT_TOKEN is sent to it.")
+    str, option("URL or folder of the repository; $GIT_TOKEN is sent to it.", "--remote")
 ]
 RootOption = Annotated[
-    Path, typer.Option(help="A checkout of the board's own branch, with leaderboard.toml.")
+    Path, option("A checkout of the board's own branch, with leaderboard.toml.", "--root")
 ]
-OutOption = Annotated[Path, typer.Option("--out", "-o", help="The file or folder to write.")]
+OutOption = Annotated[Path, option("The file or folder to write.", "--out", "-o")]
 
 _MEMORY_BYTES = 4 << 30
 _SITE = Path("site")
@@ -53,10 +53,7 @@ def _group() -> None:
 @app.command(epilog=examples("leaderboard init board", "leaderboard init . --repository lab/board"))
 def init(
     folder: Annotated[Path, typer.Argument(help="A repository, or a folder to become one.")],
-    repository: Annotated[
-        str | None,
-        typer.Option(help="Its name where it is hosted, such as lab/board.", show_default=False),
-    ] = None,
+    repository: Annotated[Text, option("Its name where it is hosted, such as lab/board.")] = None,
 ) -> None:
     """Write the files of a board: leaderboard.toml, workflows, folders, a page for submitters.
 
@@ -79,20 +76,16 @@ def score(
     remote: RemoteOption = ".",
     event: Annotated[
         Path | None,
-        typer.Option(
-            help="The event of a pull request as GitHub writes it (default: score all merged).",
-            show_default=False,
-        ),
+        option("The event of a pull request as GitHub writes it (default: score all merged)."),
     ] = None,
     sealed: Annotated[
         Path | None,
-        typer.Option(
-            help="Findings on a sealed submission, to be scored with the key in "
-            "$AIRZOO_BENCH_KEY, without network.",
-            show_default=False,
+        option(
+            "Findings on a sealed submission, to be scored with the key in $AIRZOO_BENCH_KEY, "
+            "without network."
         ),
     ] = None,
-    work: Annotated[Path, typer.Option(help="A folder to work in.")] = Path("work"),
+    work: Annotated[Path, option("A folder to work in.")] = Path("work"),
     root: RootOption = Path(),
 ) -> None:
     """Score a pull request, a sealed submission, or all merged submissions without a score.
@@ -144,11 +137,9 @@ def keep(
     ],
     remote: RemoteOption,
     started: Annotated[
-        bool, typer.Option("--started", help="Take a try, before the truth is opened.")
+        bool, option("Take a try, before the truth is opened.", "--started")
     ] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The file of findings to write.")
-    ] = None,
+    out: Annotated[Path | None, option("The file of findings to write.", "--out", "-o")] = None,
     root: RootOption = Path(),
 ) -> None:
     """Put runs, tries and answers of sealed truths onto the branch of the board's data.
@@ -161,14 +152,12 @@ def keep(
         if found.is_dir():
             branch.add_runs(found)
             return
-        finding, files = read_found(found), {}
+        finding = read_found(found)
         outcome = "started" if started else "scored" if finding.opened else "failed"
-        if finding.answer is not None:
-            answer = finding.answer.model_dump_json(by_alias=True).encode()
-            files[answer_path(finding.tree)] = answer
-        line = Try.now(finding.account, finding.place.benchmark, finding.head, outcome)
+        benchmark = finding.place.benchmark if finding.place else ""
+        line = Try(str(finding.account), benchmark, finding.head, outcome, now())
         try:
-            branch.add_try(line, read_board(root / BOARD_FILE).limits, files)
+            branch.add_try(line, read_board(root / BOARD_FILE).limits, finding.answer)
         except RefusedError as error:
             changes = {"kind": "refused", "problems": (str(error),)}
             finding = finding.model_copy(update=changes)
@@ -178,17 +167,17 @@ def keep(
 @app.command(epilog=examples("leaderboard build --runs board-data --out site"))
 def build(
     runs: Annotated[
-        Path, typer.Option(help="Scored submissions, as `leaderboard score` wrote them: its --out.")
+        Path, option("Scored submissions, as `leaderboard score` wrote them: its --out.")
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="The site's folder; an earlier board is replaced.")
+        Path, option("The site's folder; an earlier board is replaced.", "--out", "-o")
     ] = _SITE,
     root: RootOption = Path(),
 ) -> None:
     """Make the static site of a board: board.json, tables, pages. See docs/leaderboard.md.
 
     A submission that cannot be shown is a grey row with the reason. The board there
-    is replaced in one step; a second build measures only changed results, by
+    is replaced in one step; a second build compares only changed results, by
     SITE.cache, which is safe to delete.
     """
     if not (runs / "runs").is_dir():
@@ -205,7 +194,7 @@ def build(
 @app.command(epilog=examples("leaderboard serve site"))
 def serve(
     site: Annotated[Path, typer.Argument(help="The folder that `leaderboard build` made.")] = _SITE,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any free port.")] = 8000,
+    port: Annotated[int, option("0: any free port.", min=0, max=65535)] = 8000,
 ) -> None:
     """Serve a built site to this machine only, until Ctrl-C."""
     serve_folder(site, port, put)

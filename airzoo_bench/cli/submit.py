@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, examples, progress, put, say, show
+from airzoo_bench.cli.common import Format, Text, Texts, examples, option, progress, put, say, show
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.evaluation.opening import ReadBy, open_predictions
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard import submitting
 from airzoo_bench.leaderboard.board import BOARD_FILE, board_root, known_submissions, read_board
 from airzoo_bench.leaderboard.checks import FETCHING_S, check_submission
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
-from airzoo_bench.leaderboard.submitting import (
-    ask_missing,
-    find_place,
-    gh_account,
-    open_pull_request,
-    write_submission,
-)
 from airzoo_bench.tables.layouts import scenes_table
 
 PANELS = {
@@ -35,41 +29,29 @@ PANELS = {
 app = typer.Typer(help="Check a submission to a board.", no_args_is_help=True)
 
 
-def _option(help_: str, *flags: str) -> Any:
-    return typer.Option(*flags, help=help_, show_default=False)
-
-
-Text = str | None
-Texts = list[str] | None
-
-
 def submit(
     predictions: Annotated[Path, typer.Argument(help="A prediction file or folder.")],
-    protocol: Annotated[Text, _option("The protocol (default: from the file).")] = None,
-    method: Annotated[Text, _option("The method's name in tables.")] = None,
-    team: Annotated[Text, _option("Who submits.")] = None,
-    contact: Annotated[Text, _option("For the maintainers; not shown on pages.")] = None,
-    author: Annotated[Texts, _option("Author of the method; repeatable.")] = None,
-    licence: Annotated[Text, _option("Licence of the predictions, by SPDX.")] = None,
-    training_data: Annotated[Texts, _option("Id of a dataset, or 'none'; repeatable.")] = None,
-    stages: Annotated[Text, _option("single-stage or re-ranked.")] = None,
+    protocol: Annotated[Text, option("The protocol (default: from the file).")] = None,
+    method: Annotated[Text, option("The method's name in tables.")] = None,
+    team: Annotated[Text, option("Who submits.")] = None,
+    contact: Annotated[Text, option("For the maintainers; not shown on pages.")] = None,
+    author: Annotated[Texts, option("Author of the method; repeatable.")] = None,
+    licence: Annotated[Text, option("Licence of the predictions, by SPDX.")] = None,
+    training_data: Annotated[Texts, option("Id of a dataset, or 'none'; repeatable.")] = None,
+    stages: Annotated[Text, option("single-stage or re-ranked.")] = None,
     more: Annotated[
         Texts,
-        _option("Another key of submission.toml, such as paper=https://...; repeatable.", "--set"),
+        option("Another key of submission.toml, such as paper=https://...; repeatable.", "--set"),
     ] = None,
     url: Annotated[
-        Text, _option("Where CI fetches the predictions; then they are not copied.")
+        Text, option("Where CI fetches the predictions; then they are not copied.")
     ] = None,
-    reader: Annotated[Text, _option("The reader of a method's own files.")] = None,
+    reader: Annotated[Text, option("The reader of a method's own files.")] = None,
     board: Annotated[
-        Path, _option("The board's repository (default: where leaderboard.toml is, above).")
+        Path, option("A folder in the board's repository.", show_default=False)
     ] = Path(),
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace an earlier version in the same folder.")
-    ] = False,
-    commit: Annotated[
-        bool, typer.Option("--commit/--no-commit", help="Make a branch and a pull request.")
-    ] = True,
+    force: Annotated[bool, option("Replace an earlier version.", "--force")] = False,
+    commit: Annotated[bool, option("Make a branch and a pull request.")] = True,
 ) -> None:
     """Submit predictions to the board in this repository.
 
@@ -95,19 +77,21 @@ def submit(
         "training_data": training_data,
         "stages": stages,
     }
-    values = ask_missing(given, more or (), rules.protocols)
-    account = gh_account() if commit else None
+    values = submitting.ask_missing(given, more or (), rules.protocols)
+    account = submitting.gh_account() if commit else None
     values = ({} if account is None else {"account": account}) | values
-    place = find_place(values["protocol"], values["method"], rules, data)
+    place = submitting.find_place(values["protocol"], values["method"], rules, data)
     folder = root / place.path
-    write_submission(folder, values, predictions, url, reader, rules.limits, replace=force)
+    submitting.write_submission(
+        folder, values, predictions, url, reader, rules.limits, replace=force
+    )
     put(f"{folder}\n")
     if not _passes(folder, root, fetch=False):
         say(f"mend {folder / SUBMISSION_FILE}, or submit again with --force; nothing was sent")
         raise typer.Exit(1)
     if commit:
         title = f"{values['method']} on {place.benchmark}, {place.track}"
-        for step in open_pull_request(root, place, title):
+        for step in submitting.open_pull_request(root, place, title):
             put(f"{step}\n")
 
 
@@ -127,9 +111,7 @@ def _group() -> None:
 @app.command(epilog=examples("submission check submissions/airzoo-mini/matching/sift"))
 def check(
     folder: Annotated[Path, typer.Argument(help="The folder with submission.toml.")],
-    fetch: Annotated[
-        bool, typer.Option("--fetch", help="Fetch predictions at an address, to check them too.")
-    ] = False,
+    fetch: Annotated[bool, option("Fetch predictions at an address, to check them too.")] = False,
 ) -> None:
     """Check a submission as CI will, without using a try.
 

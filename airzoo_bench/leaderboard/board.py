@@ -24,9 +24,11 @@ BOARD_FILE = "leaderboard.toml"
 
 Title = Annotated[str, Field(min_length=1, max_length=120)]
 
-_PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,119}")
-# Windows takes these for a device, also with an ending: no clone there could have such a file.
-_DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+# No device of Windows, also with an ending: no clone there could have such a file.
+_PLAIN_NAME = re.compile(
+    r"(?!(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|\Z))[a-z0-9_][a-z0-9._-]{0,119}(?<!\.)",
+    re.IGNORECASE | re.ASCII,
+)
 
 
 class Limits(Strict):
@@ -92,9 +94,9 @@ def board_root(start: Path) -> Path:
 class Place(NamedTuple):
     """The place of a submission: ``submissions/<benchmark>/<track>/<folder>``."""
 
-    benchmark: str
-    track: str
-    folder: str
+    benchmark: Name
+    track: Name
+    folder: Name
 
     @classmethod
     def of_folder(cls, folder: Path) -> Place:
@@ -119,7 +121,7 @@ class Place(NamedTuple):
 
 def plain_name(name: str) -> bool:
     """Whether every disk takes a name for a file, and no program for an option."""
-    return bool(_PLAIN_NAME.fullmatch(name)) and not (_DEVICE.fullmatch(name) or name[-1] == ".")
+    return bool(_PLAIN_NAME.fullmatch(name))
 
 
 def known_submissions(root: Path) -> dict[Place, Submission]:
@@ -137,40 +139,22 @@ def known_submissions(root: Path) -> dict[Place, Submission]:
 
 # --- a new board ---
 
-_STARTER = {
-    "leaderboard.toml": BOARD_FILE,
-    "get-data": ".ci/get-data",
-    "gitattributes": ".gitattributes",
-    "gitignore": ".gitignore",
-    "README.md": "README.md",
-    "SUBMITTING.md": "submissions/README.md",
-    "leaderboard.yml": ".github/workflows/leaderboard.yml",
-    "board.yml": ".github/workflows/board.yml",
-    "zizmor.yml": ".github/zizmor.yml",
-    "CODEOWNERS": ".github/CODEOWNERS",
-}
-
 
 def write_starter(folder: Path, repository: str | None) -> list[Path]:
     """Write the files of a new board, into a folder where none of them is yet."""
-    if repository is not None and not re.fullmatch(r"[A-Za-z0-9._-]+/[A-Za-z0-9._-]+", repository):
-        what = f"--repository {repository!r} is no name of a repository"
-        raise UsageError(what, expected="such as lab/board")
-    home = files("airzoo_bench.leaderboard") / "starter"
-    content = {path: (home / name).read_text("utf-8") for name, path in _STARTER.items()}
+    home = Path(str(files("airzoo_bench.leaderboard") / "starter"))
     owner, _, name = (repository or "OWNER/REPOSITORY").partition("/")
     off = "# " if repository is None else ""
     host = f'{off}url = "https://{owner}.github.io/{name}/"\n{off}repository = "{owner}/{name}"'
-    content[BOARD_FILE] = content[BOARD_FILE].replace("@HOST@", host)
-    content[".ci/requirements.txt"] = (
-        "# What scores submissions. Pin all of it: pip freeze > .ci/requirements.txt\n"
-        f"airzoo-bench[leaderboard]=={__version__}\n"
-    )
-    if there := [path for path in content if (folder / path).exists()]:
+    # "_ci" is ".ci": packages leave hidden files out.
+    found = {path: re.sub("(^|/)_", r"\1.", path.relative_to(home).as_posix())
+             for path in sorted(home.rglob("*")) if path.is_file()}  # fmt: skip
+    if there := [path for path in found.values() if (folder / path).exists()]:
         what = f"these files are there already, and none is replaced: {first_of(there)}"
         raise UsageError(what, where=folder, fix="name another folder, or move them away")
-    for path, text in content.items():
-        with atomic_write(folder / path, "w") as stream:
+    for path, name in found.items():
+        text = path.read_text("utf-8").replace("@HOST@", host).replace("@VERSION@", __version__)
+        with atomic_write(folder / name, "w") as stream:
             stream.write(text)
     (folder / ".ci/get-data").chmod(0o755)
-    return [folder / path for path in content]
+    return [folder / name for name in found.values()]

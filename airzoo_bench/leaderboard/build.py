@@ -7,17 +7,17 @@ import io
 import json
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_folder, check_new_folder
 from airzoo_bench.core.version import __version__
+from airzoo_bench.leaderboard.answers import read_entries
 from airzoo_bench.leaderboard.board import Board
-from airzoo_bench.leaderboard.measured import entries_of, read_entries
 from airzoo_bench.leaderboard.pages import render_pages
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
@@ -26,17 +26,8 @@ BOARD_JSON = "board.json"
 """The file by which the folder of a site is known."""
 
 _ADDRESS = "127.0.0.1"
-_SCHEMA = 3
 _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored", "code", "paper")
 _PARTS = ("value", "low", "high", "standard_error")
-# An entry of a work whose commands are accents, letters and escaped signs, none of which acts.
-_WORK = re.compile(r"@(?!comment|preamble|string)[a-z]+\s*\{", re.IGNORECASE)
-_ACTS = re.compile(r"\\([A-Za-z]*@|[A-Za-z]{3})|\\\Z|\^\^")
-_TEX = {
-    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
-    **{letter: f"\\{letter}" for letter in "{}#$%&_"},
-    **{'"': "''", "@": "{@}"},
-}
 
 
 def build_board(runs: Path, submissions: Path, board: Board, data: Path, out: Path) -> list[str]:
@@ -44,10 +35,8 @@ def build_board(runs: Path, submissions: Path, board: Board, data: Path, out: Pa
 
     Folders of runs and submissions may be missing.
     """
-    cache = out.with_name(f"{out.name}.cache")
     check_new_folder(out, replace=True, mark=BOARD_JSON)
-    cache.mkdir(parents=True, exist_ok=True)
-    content = board_json(runs, submissions, board, data, cache)
+    content = board_json(runs, submissions, board, data, out.with_name(f"{out.name}.cache"))
     tables = content["tables"].values()
     files = {f"tables/{table['id']}/table.csv": table_csv(table) for table in tables}
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
@@ -65,17 +54,16 @@ def board_json(
     runs: Path, submissions: Path, board: Board, data: Path, cache: Path
 ) -> dict[str, Any]:
     """Return all that the pages show, tables in the order of leaderboard.toml."""
-    entries, tables = read_entries(runs, submissions, cache), {}
+    entries, tables = read_entries(runs, submissions), {}
     for benchmark in board.benchmarks:
         for name in benchmark.protocols:
-            protocol = find_protocol(name, data)
-            made, _ = make_table(protocol, benchmark.title, entries_of(entries, protocol), cache)
+            made = make_table(find_protocol(name, data), benchmark.title, entries, cache)
             tables[name] = json.loads(made.model_dump_json())
             for row in tables[name]["rows"]:
-                row["bibtex"] = bibtex(row, board.title)
+                row["bibtex"] = row["bibtex"] or bibtex(row, board.title)
     dates = [row["rescored"] for table in tables.values() for row in table["rows"]]
     return {
-        "schema": _SCHEMA,
+        "schema": 3,
         "title": board.title,
         "url": board.url,
         "repository": board.repository,
@@ -98,37 +86,31 @@ def table_csv(table: Mapping[str, Any]) -> str:
     writer.writerow([*_FACTS, *(f"{key} {end}" for key in keys for end in ends)])
     for row in table["rows"]:
         # No spreadsheet may take a text for a formula.
-        texts = [row[name] or "" for name in _FACTS]
-        cells = [f"'{text}" if text[:1] in tuple("=+-@") else text for text in texts]
+        cells = [re.sub("^([=+@-])", r"'\1", row[name] or "") for name in _FACTS]
         for key in keys:
             score = row["scores"].get(key, {})
             cells += [score.get(name) for name in _PARTS] + [*(score.get("rank") or ("", ""))]
-        writer.writerow(["" if cell is None else cell for cell in cells])
+        writer.writerow(cells)
     return out.getvalue()
 
 
 def bibtex(row: Mapping[str, Any], board: str) -> str:
-    """Return a BibTeX entry: the authors' own if it is valid, else one from the metadata."""
-    own = row["bibtex"].strip()
-    # Braces are open from the first to the last letter, where they close.
-    depths = [*accumulate((c == "{") - (c == "}") for c in own[own.find("{") :])] or [0]
-    closes = depths[-1] == 0 and min(depths[:-1], default=0) > 0
-    if closes and _WORK.match(own) and not _ACTS.search(own):
-        return f"{own}\n"
+    """Return a BibTeX entry made from what a row states."""
+
+    def escaped(text: str) -> str:
+        return re.sub("([#$%&_])", r"\\\1", re.sub(r'[{}\\~^@"]', "", text))
+
     address = re.sub(r"[{}\\%#]", "", row["paper"] or row["code"] or "")
     fields = {
-        "title": f"{{{_escaped(row['method'])}}}",
-        "author": " and ".join(f"{{{_escaped(name)}}}" for name in row["authors"]),
+        "title": f"{{{escaped(row['method'])}}}",
+        "author": " and ".join(f"{{{escaped(name)}}}" for name in row["authors"]),
         "year": (row["date"] or "")[:4],
         "howpublished": f"\\url{{{address}}}" if address else "",
-        "note": _escaped(f"{row['source'] or row['team']}; {board}".strip("; ")),
+        "note": escaped(f"{row['source'] or row['team']}; {board}".strip("; ")),
     }
     lines = [f"  {key} = {{{value}}}" for key, value in fields.items() if value]
-    return f"@misc{{{row['id']},\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _escaped(text: str) -> str:
-    return "".join(_TEX.get(letter, letter) for letter in text)
+    key = row["id"].replace("~", "-")
+    return f"@misc{{{key},\n" + ",\n".join(lines) + "\n}\n"
 
 
 def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
@@ -142,9 +124,6 @@ def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
     except OSError as error:
         what = f"port {port} cannot be used: {error.strerror}"
         raise UsageError(what, fix="name another by --port, or 0") from error
-    with server:
+    with server, suppress(KeyboardInterrupt):
         show(f"http://{_ADDRESS}:{server.server_address[1]}/ (Ctrl-C ends it)\n")
-        try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            show("\n")
+        server.serve_forever()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping
@@ -41,7 +40,7 @@ FETCHED = "fetched-predictions"
 """The folder in the data root that keeps predictions at an address, by their hash."""
 FETCHING_S = 3600.0
 
-_DEPTH = 12  # parts of a path in the repository
+_DEPTH = 8  # parts of a path in the folder
 _NEAR_PRIOR = 0.01
 
 
@@ -62,9 +61,9 @@ class CheckedSubmission:
 
     def score(self, data: Path, run: Run) -> Evaluation:
         """Score a sound submission; an error of its pipeline shows only then."""
-        given, fix = self.submission, "mend the errors of `airzoo-bench submission check`"
+        given = self.submission
         if given is None or self.predictions is None:
-            raise SubmissionError("no predictions to score", where=self.folder, fix=fix)
+            raise SubmissionError("no predictions to score", where=self.folder)
         scored = evaluate(
             self.predictions, data=data, protocol=given.protocol, method=given.method, run=run,
             read_by=ReadBy(given.predictions.reader),
@@ -87,12 +86,25 @@ def check_submission(
     Predictions at an address are fetched within `seconds`, and not where these are 0.
     """
     found = CheckedSubmission(folder)
+    place = Place.of_folder(folder)
     try:
-        for one in _find_faults(found, board, data, known, seconds, run):
+        refuse_files(folder, board.limits)
+        found.submission = given = read_submission(folder / SUBMISSION_FILE)
+        names = _check_names(given, place, known), _check_claims(given, place, known)
+        for one in (*names[0], *names[1], *_check_stated(folder, given)):
             if isinstance(one, UserError):
                 found.errors.append(one)
             else:
                 found.warnings.append(one)
+        _check_protocol(place, given, board, data)
+        path = _find_predictions(folder, given, board.limits, data, seconds)
+        if path is not None and path.exists():
+            _check_announced(path, given)
+            found.predictions = path
+            read_by = ReadBy(given.predictions.reader)
+            checked = check(path, data=data, protocol=given.protocol, run=run, read_by=read_by)
+            found.errors += checked.errors
+            found.warnings += checked.notes
     except BenchmarkError as error:
         found.warnings.append(f"predictions were not compared with the benchmark: {error.what}")
     except UserError as error:
@@ -100,85 +112,52 @@ def check_submission(
     return found
 
 
-def _find_faults(
-    found: CheckedSubmission,
-    board: Board,
-    data: Path,
-    known: Mapping[Place, Submission],
-    seconds: float,
-    run: Run,
-) -> Iterator[UserError | str]:
-    """Yield errors and warnings, and raise an error that hides what would come after it."""
-    folder, place = found.folder, Place.of_folder(found.folder)
-    refuse_files(folder, board.limits)
-    found.submission = given = read_submission(folder / SUBMISSION_FILE)
-    yield from _check_names(given, place, known)
-    yield from _check_stated(folder, given)
-    _check_protocol(place, given, board, data)
-    path = _find_predictions(folder, given, board.limits, data, seconds)
-    if path is not None and path.exists():
-        _check_announced(path, given)
-        found.predictions = path
-        read_by = ReadBy(given.predictions.reader)
-        checked = check(path, data=data, protocol=given.protocol, run=run, read_by=read_by)
-        yield from checked.errors
-        yield from checked.notes
-
-
 # --- files ---
 
 
 def refuse_files(folder: Path, limits: Limits) -> None:
     """Refuse links and whatever else is no plain file, before any is opened."""
-    for fault in check_listing(_listing(folder), folder, limits):
-        raise fault
+    check_listing(_listing(folder, folder), folder, limits)
 
 
-def _listing(folder: Path) -> Iterator[tuple[str, int, int]]:
+def _listing(folder: Path, root: Path) -> Iterator[tuple[str, int, int]]:
     """Yield path, mode and size of all files and folders; none is opened."""
-    pending = [folder]
-    while pending:
-        for entry in sorted(os.scandir(pending.pop()), key=lambda one: one.name):
-            found = entry.stat(follow_symlinks=False)
-            size = found.st_size * stat.S_ISREG(found.st_mode)
-            yield Path(entry.path).relative_to(folder).as_posix(), found.st_mode, size
-            if stat.S_ISDIR(found.st_mode):
-                pending.append(Path(entry.path))
+    for entry in sorted(os.scandir(folder), key=lambda one: one.name):
+        found, path = entry.stat(follow_symlinks=False), Path(entry.path)
+        yield path.relative_to(root).as_posix(), found.st_mode, found.st_size
+        if stat.S_ISDIR(found.st_mode):
+            yield from _listing(path, root)
 
 
-def check_listing(
-    listing: Iterable[tuple[str, int, int]], where: object, limits: Limits
-) -> Iterator[UserError]:
-    """Yield the first fault of the files, by path in the folder, mode and size."""
+def check_listing(listing: Iterable[tuple[str, int, int]], where: object, limits: Limits) -> None:
+    """Refuse the first fault of the files, by path in the folder, mode and size."""
     names: set[str] = set()
     total = 0
     for path, mode, size in listing:
-        total += size
-        if fault := _fault_of_file(path, mode, names):
+        total += size * stat.S_ISREG(mode)
+        fault = _fault_of_file(path, mode)
+        fault = "differs from another name only in case" if path.casefold() in names else fault
+        if fault:
             fix = "copy there the file itself, with a name of A-Z, a-z, 0-9, _, . and -"
-            place = f"{where}/{printable(path)}"
-            yield SubmissionError(fault, where=place, expected="plain files", fix=fix)
-            return
+            raise SubmissionError(fault, where=f"{where}/{printable(path)}", fix=fix)
         names.add(path.casefold())
         if len(names) > MOST_FILES:
             fix = "put the predictions into one archive, such as predictions.zip"
-            what = f"more than {MOST_FILES:,} files and folders"
-            yield SubmissionError(what, where=where, fix=fix)
-            return
+            raise SubmissionError(
+                f"more than {MOST_FILES:,} files and folders", where=where, fix=fix
+            )
     if total > limits.committed_bytes:
         expected = f"at most {limits.committed_bytes:,} bytes in the repository of this board"
         fix = "publish the predictions, such as on Zenodo, and name them by `submit --url`"
         what = f"its files take {total:,} bytes"
-        yield SubmissionError(what, where=where, expected=expected, fix=fix)
+        raise SubmissionError(what, where=where, expected=expected, fix=fix)
 
 
-def _fault_of_file(path: str, mode: int, names: set[str]) -> str:
+def _fault_of_file(path: str, mode: int) -> str:
     parts = path.split("/")
-    if path.casefold() in names:
-        return "differs from another name only in case"
     if not all(map(plain_name, parts)):
         return "the name is not plain"
-    if len(parts) + 4 > _DEPTH:  # submissions, the benchmark, the track and the folder come before
+    if len(parts) > _DEPTH:
         return f"lies in more than {_DEPTH} folders"
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         return "is no file: a link, a submodule, a pipe or a device"
@@ -206,82 +185,68 @@ def _wrong(what: str, fix: str) -> SubmissionError:
 def _check_names(
     given: Submission, place: Place, known: Mapping[Place, Submission]
 ) -> Iterator[UserError | str]:
-    """Yield names that readers would take for another's."""
-    others = {at: one for at, one in known.items() if at != place}
-    strangers = [one for one in others.values() if one.team != given.team]
-    for key, name, taken in (
-        ("team", given.team, [one.team for one in others.values()]),
-        ("method", given.method, [one.method for one in strangers]),
-    ):
-        for other in taken:
-            if name != other and skeleton(name) == skeleton(other):
-                what = f"key '{key}' is {name!r}, which looks like {other!r} on this board"
+    """Yield names that readers would take for another's; look-alikes are told to the reviewer."""
+    for at, one in known.items():
+        if at == place:
+            continue
+        whose = f"of team {one.team!r}, in {at.path}"
+        for key in ("team", "method"):
+            name, other = getattr(given, key), getattr(one, key)
+            if name != other and name.casefold() == other.casefold():
+                what = f"key '{key}' is {name!r}, which differs from {other!r} only in case"
                 yield _wrong(what, f"{key} = {other!r} if it is the same, else another name")
-                break
-    team = [at for at, one in others.items() if one.team == given.team]
-    if team and given.account not in {others[at].account for at in team}:  # anybody can write it
-        yield f"team {given.team!r} is on the board with {team[0].folder}, by another account"
-    if "official" in given.method.casefold() and strangers:
+            elif name != other and skeleton(name) == skeleton(other):
+                yield f"{key} {name!r} looks like {other!r} {whose}"
+        if at[:2] == place[:2]:
+            if at.folder.casefold() == place.folder.casefold():
+                what = f"differs from the folder {at.folder} of the board only in case"
+                yield SubmissionError(what, where=place.path, fix="choose another name")
+            if one.method == given.method:
+                yield f"{one.method!r} is on this board already, {whose}"
+            if one.team != given.team and one.predictions.sha256 == given.predictions.sha256:
+                yield f"the predictions are to the last byte those of {one.method!r} {whose}"
+
+
+def _check_claims(
+    given: Submission, place: Place, known: Mapping[Place, Submission]
+) -> Iterator[str]:
+    """Yield what anybody can write: a team's name, and that a method is official."""
+    others = [one for at, one in known.items() if at != place]
+    accounts = {one.account for one in others if one.team == given.team}
+    if accounts and given.account not in accounts:
+        yield f"team {given.team!r} is on the board already, by another account"
+    if "official" in given.method.casefold() and {one.team for one in others} - {given.team}:
         yield f"method {given.method!r} says that it is official: see whether it is"
-    beside = {at: one for at, one in others.items() if at[:2] == place[:2]}
-    yield from _check_table(given, place.folder, beside)
-
-
-def _check_table(
-    given: Submission, folder: str, others: Mapping[Place, Submission]
-) -> Iterator[UserError | str]:
-    """Yield folders, methods and predictions that are in the same table already."""
-    for at, one in others.items():
-        if at.folder.casefold() == folder.casefold():
-            what = f"differs from the folder {at.folder} of the board only in case"
-            yield SubmissionError(what, where=folder, fix="choose another name")
-        by, same_team = f"of team {one.team!r}, in {at.folder}", one.team == given.team
-        if not same_team and one.predictions.sha256 == given.predictions.sha256:
-            yield f"the predictions are to the last byte those of {one.method!r} {by}"
-        if same_team and skeleton(one.method) == skeleton(given.method):
-            fix = f"put the new version into {at.folder}, or name it otherwise"
-            yield _wrong(f"your team has a method {one.method!r} here already, in {at.folder}", fix)
-        elif one.method == given.method:
-            yield f"{one.method!r} is on this board already, {by}"
 
 
 def _check_stated(folder: Path, given: Submission) -> Iterator[UserError | str]:
-    """Yield faults of submission.toml against the day and against the files next to it."""
-    yield from (
-        f"key '{key}' is ignored" for key in EARLIER_KEYS if getattr(given, key) is not None
-    )
-    today = datetime.datetime.now(datetime.UTC).date()
-    if given.date > today + datetime.timedelta(days=1):  # it may be tomorrow elsewhere
-        yield _wrong(f"key 'date' is {given.date}, which is to come", f"such as {today}")
+    """Yield faults of submission.toml against the files next to it, and keys of earlier ones."""
     stated, file = {SUBMISSION_FILE, CLAIMED_FILE, given.predictions.file}, given.predictions.file
-    strange = sorted(entry.name for entry in folder.iterdir() if entry.name not in stated)
-    if strange:
-        what = f"holds files that submission.toml does not name: {first_of(strange, noun='entry')}"
+    there = {entry.name for entry in folder.iterdir()}
+    if there - stated:
+        strange = first_of(sorted(there - stated), noun="entry")
+        what = f"holds files that submission.toml does not name: {strange}"
         yield SubmissionError(what, where=folder, fix="remove them")
-    if file is not None and not (folder / file).exists():
-        what = f"key 'predictions.file' is {file!r}, which is not there"
-        raise SubmissionError(what, where=folder, fix="copy it there, or correct the key")
+    if file is not None and file not in there:
+        yield _wrong(f"key 'predictions.file' is {file!r}, which is not there", "copy it there")
+    yield from (f"key '{key}' is ignored" for key in EARLIER_KEYS if key in given.model_fields_set)
 
 
 def _check_protocol(place: Place, given: Submission, board: Board, data: Path) -> None:
     """Refuse a protocol that is none of the folder's place."""
-    benchmarks = {one.name: one for one in board.benchmarks}
+    benchmarks = {one.name: one.protocols for one in board.benchmarks}
     if place.benchmark not in benchmarks or not place.is_plain:
         what = f"no place for a submission{nearest(place.benchmark, [*benchmarks])}"
         expected = f"submissions/BENCHMARK/TRACK/FOLDER, BENCHMARK of {', '.join(benchmarks)}"
         raise SubmissionError(what, where=place.path, expected=expected)
-    protocols, named = benchmarks[place.benchmark].protocols, given.protocol
-    if named not in protocols:
+    named, scored_by = given.protocol, benchmarks[place.benchmark]
+    if named not in scored_by:
         what = f"key 'protocol' is {named!r}, by which this board does not score {place.benchmark}"
-        near = nearest(named, [*protocols])
-        raise _wrong(f"{what}{near}", f"one of {', '.join(protocols)}")
+        raise _wrong(f"{what}{nearest(named, [*scored_by])}", f"one of {', '.join(scored_by)}")
     protocol = find_protocol(named, data)
     if (protocol.benchmark, protocol.track) != place[:2]:
-        raise _wrong(
-            f"key 'protocol' is {named!r}, of the {protocol.track} track of {protocol.benchmark}; "
-            f"the folder is of {place.track} of {place.benchmark}",
-            "move the folder, or correct the key",
-        )
+        what = f"key 'protocol' is {named!r}, which is of {protocol.track}"
+        raise _wrong(f"{what}; the folder is of {place.track}", "move it, or correct the key")
 
 
 # --- predictions ---
@@ -307,15 +272,13 @@ def _find_predictions(
 
 def _check_announced(path: Path, given: Submission) -> None:
     """Refuse predictions that are not the announced ones."""
-    for key, announced, measure in (
-        ("bytes", given.predictions.size, size_of_tree),
-        ("sha256", given.predictions.sha256, sha256_of_tree),
+    for key, announced, there in (
+        ("bytes", given.predictions.size, size_of_tree(path)),
+        ("sha256", given.predictions.sha256, sha256_of_tree(path)),
     ):
-        if (there := measure(path)) != announced:
-            raise _wrong(
-                f"key 'predictions.{key}' is {announced}, but that of {path.name} is {there}",
-                f"write {key} = {there}, or put the right predictions there",
-            )
+        if there != announced:
+            what = f"key 'predictions.{key}' is {announced}, but that of {path.name} is {there}"
+            raise _wrong(what, f"write {key} = {there}, or put the right predictions there")
 
 
 def check_pipeline(given: Submission, result: Result) -> None:

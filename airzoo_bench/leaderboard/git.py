@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import os
-import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +14,6 @@ from airzoo_bench.leaderboard.checks import MOST_FILES
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
 
-_KEPT = ("PATH", "HOME", "SSL_CERT_FILE", "GIT_SSL_CAINFO", "HTTPS_PROXY", "https_proxy", "TMPDIR")
 _SETTINGS = {
     "GIT_CONFIG_NOSYSTEM": "1",
     "GIT_CONFIG_GLOBAL": os.devnull,
@@ -25,13 +23,11 @@ _SETTINGS = {
     "GIT_ALLOW_PROTOCOL": "https:ssh:file",
     "LC_ALL": "C",
 }
-_SETTINGS |= {f"GIT_{role}_NAME": "leaderboard" for role in ("AUTHOR", "COMMITTER")}
-_SETTINGS |= {
-    f"GIT_{role}_EMAIL": "leaderboard@users.noreply.github.com" for role in ("AUTHOR", "COMMITTER")
-}
+for _role in ("AUTHOR", "COMMITTER"):
+    _SETTINGS[f"GIT_{_role}_NAME"] = "leaderboard"
+    _SETTINGS[f"GIT_{_role}_EMAIL"] = "leaderboard@users.noreply.github.com"
 _SAFE = ("-c", "core.hooksPath=/dev/null", "-c", "transfer.fsckObjects=true")
 _FETCH = ("fetch", "--quiet", "--no-tags", "--no-recurse-submodules", "--no-write-fetch-head")
-_OBJECT_ID = re.compile(r"[0-9a-f]{40}(?:[0-9a-f]{24})?")
 _LISTING_BYTES = (MOST_FILES + 1) * 512  # of an entry's line; paths are some thousand bytes at most
 _EMPTY_TREE = "4b825dc642cb6eb9a060e54bf8d69288fbee4904"
 _MOST_CHANGES = 100
@@ -65,13 +61,8 @@ class Repository:
 
     def call(self, *arguments: str, stdin: bytes = b"") -> subprocess.CompletedProcess[bytes]:
         """Run a command that may fail."""
-        line, environment = ["git", *_SAFE, "-C", str(self.folder), *arguments], self._environment()
-        try:
-            return subprocess.run(
-                line, input=stdin, env=environment, capture_output=True, check=False
-            )
-        except FileNotFoundError as error:
-            raise BoardError("git is not installed", fix="install git 2.36 or later") from error
+        line, own = ["git", *_SAFE, "-C", str(self.folder), *arguments], self._environment()
+        return subprocess.run(line, input=stdin, env=own, capture_output=True, check=False)
 
     def fetch(self, refs: Mapping[str, str], *options: str) -> None:
         """Fetch refs of the remote under names of our own."""
@@ -90,8 +81,7 @@ class Repository:
         The name is made of our own words; a path in it has been checked.
         """
         done = self.call("rev-parse", "--verify", "--quiet", "--end-of-options", name)
-        found = done.stdout.decode("ascii", "replace").strip()
-        return found if done.returncode == 0 and _OBJECT_ID.fullmatch(found) else None
+        return None if done.returncode else done.stdout.decode("ascii").strip()
 
     def changes(self, old: str, new: str, depth: int) -> list[tuple[str, bool]]:
         """Return which files and folders differ between two commits, and whether each is a folder.
@@ -117,13 +107,12 @@ class Repository:
 
     def entries(self, commit: str, folder: str) -> list[tuple[str, int, str]]:
         """Return path, mode and id of all files and folders below a folder of a commit."""
-        text = self._listed("ls-tree", "-r", "-t", "-z", "--full-tree", commit, "--", f"{folder}/")
+        text = self._listed("ls-tree", "-r", "-t", "-z", "--full-tree", f"{commit}:{folder}")
         found = []
         for line in text.split(b"\0")[:-1]:
             head, path = line.split(b"\t", 1)
             mode, _, object_id = head.decode("ascii").split(" ")
-            if path.startswith(f"{folder}/".encode()):
-                found.append((os.fsdecode(path), int(mode, 8), object_id))
+            found.append((os.fsdecode(path), int(mode, 8), object_id))
         return found
 
     def fetch_sizes(self, object_ids: Sequence[str]) -> list[int]:
@@ -151,13 +140,10 @@ class Repository:
         return text
 
     def _environment(self) -> dict[str, str]:
-        kept = {name: os.environ[name] for name in _KEPT if name in os.environ} | _SETTINGS
+        kept = {key: text for key, text in os.environ.items() if not key.startswith("GIT_")}
         token = os.environ.get(TOKEN_VARIABLE)
-        if not token or not self.remote.startswith("https://"):
-            return kept
-        basic = base64.b64encode(f"x-access-token:{token}".encode()).decode("ascii")
-        return kept | {
-            "GIT_CONFIG_COUNT": "1",
-            "GIT_CONFIG_KEY_0": f"http.{self.remote}.extraHeader",
-            "GIT_CONFIG_VALUE_0": f"Authorization: Basic {basic}",
-        }
+        if token and self.remote.startswith("https://"):
+            basic = base64.b64encode(f"x-access-token:{token}".encode()).decode("ascii")
+            kept |= {"GIT_CONFIG_COUNT": "1", "GIT_CONFIG_KEY_0": f"http.{self.remote}.extraHeader"}
+            kept["GIT_CONFIG_VALUE_0"] = f"Authorization: Basic {basic}"
+        return kept | _SETTINGS

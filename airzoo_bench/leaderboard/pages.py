@@ -27,18 +27,31 @@ FEW = 20
 
 _SCORED = ("re-scored", "sealed")
 _LEADING = 3
+_UNITS = {"share": "%", "m": "m", "deg": "°"}
 
 
 def render_pages(board: Json) -> dict[str, str]:
     """Return the HTML of every page by its path from the site's root."""
     tables = list(board["tables"].values())
-    env, found = _environment(board), {}
+    found = {}
+    env = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_read),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=_visible,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        auto_reload=False,
+    )
+    env.filters["number"] = _number
+    env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
+    style = _read("style.css", "airzoo_bench.report") + _read("board.css")
 
     def page(path: str, template: str, script: str = "", data: Any = None, **values: Any) -> None:
         code = f'(function () {{\n"use strict";\n{_read(script)}}})();\n' if script else ""
         found[path] = env.get_template(template).render(
-            policy=content_policy(code, _style()),
-            style=Markup(_style()),
+            policy=content_policy(code, style),
+            style=Markup(style),
             script=Markup(code),
             data=None if data is None else Markup(page_json(data)),
             root="../" * path.count("/"),
@@ -51,13 +64,10 @@ def render_pages(board: Json) -> dict[str, str]:
     for table in tables:
         home, lead = f"tables/{table['id']}", _lead(table)
         values = [*_values(table["rows"], lead, "value", "low", "high")] or [0.0]
-        ends = min(values), max(values)
-        views = {
-            "views": _views(table),
-            "ends": ends if ends[0] < ends[1] else None,
-            "curve": _timeline(table, lead),
-        }
-        data = {"parts": _parts(table)}
+        parts, ends = _parts(table), (min(values), max(values))
+        views = {"views": parts, "ends": ends if ends[0] < ends[1] else None}
+        views["curve"] = _timeline(table, lead)
+        data = {"parts": [numbers for _, group in parts for *_, numbers in group]}
         page(f"{home}/index.html", "table.html", "board.js", data, table=table, lead=lead, **views)
         ranked: list[str] = next(iter(table["pairs"].values()), {"ids": []})["ids"]
         if ranked:
@@ -73,27 +83,6 @@ def render_pages(board: Json) -> dict[str, str]:
 @lru_cache
 def _read(name: str, package: str = "airzoo_bench.leaderboard") -> str:
     return (resources.files(package) / "html" / name).read_text(encoding="utf-8")
-
-
-@lru_cache
-def _style() -> str:
-    """Return the stylesheet of the report, and the board's own additions."""
-    return _read("style.css", "airzoo_bench.report") + _read("board.css")
-
-
-def _environment(board: Json) -> jinja2.Environment:
-    env = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_read),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=_visible,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        auto_reload=False,
-    )
-    env.filters["number"] = _number
-    env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
-    return env
 
 
 def _visible(value: Any) -> Any:
@@ -124,10 +113,9 @@ def _text(column: Json, value: Any) -> str:
 def _values(rows: Sequence[Json], lead: Json, *keys: str) -> Iterator[float]:
     """Yield the finite numbers of a score."""
     for row in rows:
-        for key in keys:
-            value = _number(row["scores"].get(lead["key"], {}).get(key))
-            if value is not None and math.isfinite(value):
-                yield value
+        score = row["scores"].get(lead["key"], {})
+        numbers = (_number(score.get(key)) for key in keys)
+        yield from (value for value in numbers if value is not None and math.isfinite(value))
 
 
 def _lead(table: Json) -> Json:
@@ -170,44 +158,41 @@ def _timeline(table: Json, lead: Json) -> list[tuple[Any, ...]]:
 # --- parts of a benchmark, and two methods ---
 
 
-def _views(table: Json) -> list[tuple[str, list[tuple[int, str, bool]]]]:
-    """Return the parts of a benchmark that a table can show, by kind: place, title, whether few."""
-    found, place = [], 0
-    kinds = [("Scenes", [(s["title"], s["queries"]) for s in table["scenes"]])]
+def _parts(table: Json) -> list[tuple[str, list[tuple[str, bool, list[list[list[Any]]]]]]]:
+    """Return the scenes and the groups of conditions that a table can show, by kind.
+
+    Each has a title, whether it has few queries, and numbers: a list a row, in it one a score.
+    """
+    factors = {c["key"]: 100 if c["unit"] == "share" else 1 for c in table["scores"]}
+
+    def part(label: str, count: int | None, values: Sequence[Json]) -> tuple[str, bool, Any]:
+        said = "" if count is None else f" ({count:,} {'query' if count == 1 else 'queries'})"
+        few = count is not None and count < FEW and table["unit"] == "query"
+        rows = [
+            [_rounded(row.get(key, ()), factor) for key, factor in factors.items()]
+            for row in values
+        ]
+        return f"{label}{said}", few, rows
+
+    scenes = [
+        part(s["title"], s["queries"], [row["scenes"].get(s["id"], {}) for row in table["rows"]])
+        for s in table["scenes"]
+    ]
+    found = [("Scenes", scenes)]
     for one in table["conditions"]:
-        groups = list(zip(one["labels"], one["counts"], strict=True))
-        kinds.append((one["title"].capitalize(), groups))
-    for title, groups in kinds:
-        options = []
-        for label, count in groups:
-            said = "" if count is None else f" ({count:,} {'query' if count == 1 else 'queries'})"
-            few = count is not None and count < FEW and table["unit"] == "query"
-            options.append((place, f"{label}{said}", few))
-            place += 1
-        found.append((title, options))
+        rows = [row["conditions"].get(one["by"], {}) for row in table["rows"]]
+        groups = enumerate(zip(one["labels"], one["counts"], strict=True))
+        parts = [
+            part(label, count, [{key: v[n : n + 1] for key, v in row.items()} for row in rows])
+            for n, (label, count) in groups
+        ]
+        found.append((one["title"].capitalize(), parts))
     return found
 
 
-def _parts(table: Json) -> list[list[list[list[Any]]]]:
-    """Return the numbers of scenes and conditions: a list a part, in it a row, in it a score."""
-    factors = {c["key"]: 100 if c["unit"] == "share" else 1 for c in table["scores"]}
-
-    def rounded(part: Json) -> list[list[Any]]:
-        rows = [(factor, map(_number, part.get(key, ()))) for key, factor in factors.items()]
-        return [
-            [n if n is None or math.isinf(n) else round(n * factor, 2) for n in numbers]
-            for factor, numbers in rows
-        ]
-
-    parts = [
-        [rounded(row["scenes"].get(scene["id"], {})) for row in table["rows"]]
-        for scene in table["scenes"]
-    ]
-    for condition in table["conditions"]:
-        found = [row["conditions"].get(condition["by"], {}) for row in table["rows"]]
-        for n in range(len(condition["labels"])):
-            parts.append([rounded({key: v[n : n + 1] for key, v in one.items()}) for one in found])
-    return parts
+def _rounded(numbers: Sequence[Any], factor: int) -> list[float | None]:
+    found = map(_number, numbers)
+    return [n if n is None or math.isinf(n) else round(n * factor, 2) for n in found]
 
 
 def _compared(table: Json, ids: Sequence[str]) -> dict[str, Any]:
@@ -224,7 +209,7 @@ def _compared(table: Json, ids: Sequence[str]) -> dict[str, Any]:
             {
                 "id": row["id"],
                 "name": f"{name} ({row['team']})" if names.count(name) > 1 else name,
-                "run": row["history"][0]["files"] if row["history"] else None,
+                "run": row["history"][0]["files"],
             }
             for row, name in zip(rows, names, strict=True)
         ],
@@ -234,7 +219,7 @@ def _compared(table: Json, ids: Sequence[str]) -> dict[str, Any]:
         "scores": [
             {
                 "title": column["title"],
-                "unit": {"share": "%", "m": "m", "deg": "°"}[column["unit"]],
+                "unit": _UNITS[column["unit"]],
                 "share": column["unit"] == "share",
                 "higher": column["higher_is_better"],
                 "values": [_number(row["scores"][key]["value"]) for row in rows],

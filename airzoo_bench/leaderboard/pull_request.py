@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import stat
 import tomllib
 from collections.abc import Callable, Sequence
@@ -39,14 +40,13 @@ def read_event(path: Path) -> PullRequest:
     """Read the event of a pull request, as GitHub writes it."""
     try:
         pull = json.loads(read_text(path, SubmissionError, "event"))["pull_request"]
-        head, base = str(pull["head"]["sha"]), str(pull["base"]["ref"])
-        found = PullRequest(int(pull["number"]), head, base, int(pull["user"]["id"]))
-        if set(head) - set("0123456789abcdef") or len(head) not in (40, 64):
-            raise ValueError("head.sha is no commit")
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        [head] = re.findall("^(?:[0-9a-f]{40}|[0-9a-f]{64})$", pull["head"]["sha"])
+        return PullRequest(
+            int(pull["number"]), head, str(pull["base"]["ref"]), int(pull["user"]["id"])
+        )
+    except (ValueError, KeyError, TypeError) as error:
         what = f"not the event of a pull request: {error!r}"[:200]
         raise SubmissionError(what, where=path, expected="$GITHUB_EVENT_PATH") from error
-    return found
 
 
 def fetch_changed(
@@ -68,8 +68,7 @@ def fetch_changed(
     bases = repository.call("merge-base", "--all", _BASE, pull.head).stdout.decode().split()
     if len(bases) != 1:
         fix = f"start your branch anew from {pull.base}"
-        what = f"has {len(bases)} merge bases with the branch, not one"
-        raise RefusedError(what, where=pull.base, fix=fix)
+        raise RefusedError(f"has {len(bases)} merge bases with {pull.base}, not one", fix=fix)
     [base] = bases
     if len({repository.resolve(f"{commit}:submissions") for commit in (pull.head, base)}) == 1:
         return None  # its other changes are none of a board's business
@@ -91,28 +90,26 @@ def fetch_changed(
 def _find_place(changes: Sequence[tuple[str, bool]], board: Board) -> Place:
     """Return the one folder that holds all changes."""
     if outside := [path for path, _ in changes if path.split("/")[0] != "submissions"]:
-        shown = first_of(map(printable, outside))
-        what = f"changes other files than those of a submission: {shown}"
+        what = (
+            f"changes other files than those of a submission: {first_of(map(printable, outside))}"
+        )
         raise RefusedError(what, fix="put the other changes into a pull request of their own")
-    folders = [path for path, _ in changes]
     for path, is_folder in changes:
         if not is_folder or path.count("/") < 3 or not all(map(plain_name, path.split("/"))):
-            raise RefusedError(
+            expected = "submissions/<benchmark>/<track>/<folder>/..., with plain names"
+            what, fix = (
                 "not the folder of a submission",
-                where=printable(path),
-                expected="submissions/<benchmark>/<track>/<folder>/..., with plain names",
-                fix="`airzoo-bench submit` makes the right folder",
+                "`airzoo-bench submit` makes the right one",
             )
-    if len(folders) > 1:
-        what = f"changes more than one folder: {first_of(folders)}"
+            raise RefusedError(what, where=printable(path), expected=expected, fix=fix)
+    if len(changes) > 1:
+        what = f"changes more than one folder: {first_of(path for path, _ in changes)}"
         raise RefusedError(what, fix="make a pull request for each; a rename counts as two")
-    place = Place(*folders[0].split("/")[1:])
-    for kind, name, names in (
-        ("benchmark", place.benchmark, [one.name for one in board.benchmarks]),
-        ("track", place.track, [*TRACKS.names()]),
-    ):
+    place = Place(*changes[0][0].split("/")[1:])
+    benchmarks = [one.name for one in board.benchmarks]
+    for name, names in ((place.benchmark, benchmarks), (place.track, [*TRACKS.names()])):
         if name not in names:
-            what = f"this board has no {kind} {name!r}{nearest(name, names)}"
+            what = f"this board has no {name!r}{nearest(name, names)}"
             raise RefusedError(what, where=place.path, fix="move the folder")
     return place
 
@@ -131,19 +128,12 @@ def write_files(
     repository: Repository, commit: str, place: Place, board: Board, into: Path
 ) -> None:
     """Write the files of a submission into a fresh folder, if names, kinds and sizes are right."""
-    cut = len(place.path) + 1
-    found = repository.entries(commit, place.path)
-    entries = [(path[cut:], mode, object_id) for path, mode, object_id in found]
-    if not entries:
-        raise RefusedError("not the folder of a submission: it has no files", where=place.path)
-    for fault in check_listing([(p, mode, 0) for p, mode, _ in entries], place.path, board.limits):
-        raise fault
-    files, total = [(path, of) for path, mode, of in entries if stat.S_ISREG(mode)], 0
+    entries, total = repository.entries(commit, place.path), 0
+    check_listing([(path, mode, 0) for path, mode, _ in entries], place.path, board.limits)
+    files = [(path, of) for path, mode, of in entries if stat.S_ISREG(mode)]
     for start in range(0, len(files), _BATCH):  # the rest is not fetched where this is too much
-        batch = files[start : start + _BATCH]
-        total += sum(repository.fetch_sizes([of for _, of in batch]))
-        for fault in check_listing([("all", 0o100644, total)], place.path, board.limits):
-            raise fault
+        total += sum(repository.fetch_sizes([of for _, of in files[start : start + _BATCH]]))
+        check_listing([("all", stat.S_IFREG, total)], place.path, board.limits)
     for path, of in files:
         target = into / place.path / path
         target.parent.mkdir(parents=True, exist_ok=True)

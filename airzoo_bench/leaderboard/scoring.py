@@ -6,7 +6,7 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,33 +24,34 @@ from airzoo_bench.evaluation.evaluate import truth_fingerprint
 from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard.answers import (
+    FAULT_FILE,
+    RUN_FILE,
+    Answer,
+    Head,
+    measure,
+    next_run,
+    read_answer,
+    read_entries,
+    run_folders,
+    write_run,
+)
 from airzoo_bench.leaderboard.board import Board, Place, known_submissions
 from airzoo_bench.leaderboard.checks import (
     FETCHED,
     FETCHING_S,
     CheckedSubmission,
-    check_pipeline,
     check_submission,
     refuse_files,
 )
 from airzoo_bench.leaderboard.comment import Found
-from airzoo_bench.leaderboard.data_branch import (
-    ANSWER_FILE,
-    FAULT_FILE,
-    RESULT_FILE,
-    DataBranch,
-    read_facts,
-    run_folders,
-    write_facts,
-)
+from airzoo_bench.leaderboard.data_branch import DataBranch, answer_path
 from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
-from airzoo_bench.leaderboard.measured import Head, entries_of, head_of, read_answer, read_entries
 from airzoo_bench.leaderboard.pull_request import PullRequest, fetch_changed, write_files
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, commitment_of, score_sealed
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.leaderboard.tables import make_table
-from airzoo_bench.protocol.model import Protocol, find_protocol
-from airzoo_bench.results.result import read_result
+from airzoo_bench.protocol.model import find_protocol
 
 _OF_BOARD = (BoardError, BenchmarkError, ProtocolError)  # no submitter can put these right
 _SAME = 0.99  # of all records: few methods agree in so many
@@ -67,11 +68,30 @@ class Rules:
     root: Path
     data: Path
     run: Run
+    truths: dict[str, str] = field(default_factory=dict)
 
+    def is_current(self, head: Head) -> bool:
+        """Whether an answer is by the present protocol and truth."""
+        protocol, name = find_protocol(head.protocol, self.data), head.protocol
+        stated = (head.protocol_version, head.protocol_fingerprint, head.sealed)
+        is_sealed = self.board.archive(head.benchmark) is not None
+        if stated != (protocol.version, protocol.fingerprint, is_sealed):
+            return False
+        if name not in self.truths:
+            self.truths[name] = (
+                commitment_of(find_benchmark(head.benchmark, self.data, sealed=True))
+                if is_sealed
+                else truth_fingerprint(read_truths(protocol, self.data)[1])
+            )
+        return head.truth == self.truths[name]
 
-def answer_path(tree: str) -> str:
-    """Return where the data branch keeps the answer to a sealed submission until it is merged."""
-    return f"answers/{tree}.json"
+    def check(
+        self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
+    ) -> CheckedSubmission:
+        """Check a submission as the command line does."""
+        return check_submission(
+            folder, self.board, self.data, known=known, seconds=seconds, run=self.run
+        )
 
 
 # --- a pull request ---
@@ -79,10 +99,10 @@ def answer_path(tree: str) -> str:
 
 def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Found:
     """Check a pull request, and score it where the truth is public."""
-    about: dict[str, Any] = {"pull_request": pull.number, "account": pull.account}
-    about["head"] = pull.head
+    found = Found(pull_request=pull.number, account=pull.account, head=pull.head)
+    about: dict[str, Any] = {}
     if pull.base != rules.board.branch:
-        return Found(**about)
+        return found
     repository, branch = Repository(work / "pull", remote), DataBranch(work / "data", remote)
 
     def former_owner(place: Place) -> int | None:
@@ -92,14 +112,13 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
         return read_submission(runs[0] / SUBMISSION_FILE, public=True).account or 0
 
     try:
-        found = fetch_changed(repository, pull, rules.board, former_owner)
-        if found is None:
-            return Found(**about)
-        about |= found[0]._asdict()
-        if not found[1]:
-            return Found(kind="withdrawn", **about)
-        write_files(repository, pull.head, found[0], rules.board, work)
-        about |= _score_written(found[0], pull, branch, rules, work)
+        changed = fetch_changed(repository, pull, rules.board, former_owner)
+        if changed is None:
+            return found
+        about = {"place": changed[0], "kind": "withdrawn"}
+        if changed[1]:
+            write_files(repository, pull.head, changed[0], rules.board, work)
+            about |= _score_written(changed[0], pull, branch, rules, work)
     except _OF_BOARD:
         raise
     except UserError as error:
@@ -107,7 +126,7 @@ def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path)
     for key in ("problems", "warnings"):  # no path of the folder that CI works in
         texts = [str(text).replace(f"{work}/", "") for text in about.get(key, ())]
         about[key] = tuple(text.replace(str(work), "") for text in texts)
-    return Found(**about)
+    return found.model_copy(update=about)
 
 
 def _score_written(
@@ -115,9 +134,7 @@ def _score_written(
 ) -> dict[str, Any]:
     """Check and score the one submission that a pull request changes; return its findings."""
     known, folder = known_submissions(rules.root), work / place.path
-    checked = check_submission(
-        folder, rules.board, rules.data, known=known, seconds=FETCHING_S, run=rules.run
-    )
+    checked = rules.check(folder, known, FETCHING_S)
     given, predictions = checked.submission, checked.predictions
     if given is not None:
         checked.errors += _account_errors(given, pull, place, known, rules.board)
@@ -126,27 +143,26 @@ def _score_written(
             raise error
     if checked.errors or given is None or predictions is None:
         return {"kind": "refused", "problems": checked.errors}
-    tree, warnings = sha256_of_tree(folder), checked.warnings
+    tree = sha256_of_tree(folder)
     facts: dict[str, Any] = {"method": given.method, "team": given.team, "tree": tree}
     if rules.board.archive(place.benchmark):
         if predictions.is_relative_to(rules.data / FETCHED):
             # The job that has no network finds them here.
             shutil.copytree(predictions.parent, work / FETCHED / predictions.parent.name)
-        return facts | {"kind": "sealed", "warnings": warnings}
-    scored, home = checked.score(rules.data, rules.run), work / "board"
+        return facts | {"kind": "sealed", "warnings": checked.warnings}
+    home = work / "board"
     branch.copy_runs({place, *known}, home)
-    run = _next_run(home / place.runs)  # among the runs of the others, as a merge would place it
-    save(scored, run)
-    write_facts(run, given, tree, None)
-    # Warnings about others come first: a comment may be cut at its end.
-    facts["warnings"] = [*_copies(run, given, place, known, home), *warnings]
+    run = next_run(home / place.runs)  # among the runs of the others, as a merge would place it
+    save(checked.score(rules.data, rules.run), run)
+    answer = measure(run, tree)
+    write_run(run, given, answer)
     protocol = find_protocol(given.protocol, rules.data)
-    return facts | find_standing(place, protocol, home / "runs", work / "cache")
-
-
-def _next_run(folder: Path) -> Path:
-    runs = run_folders(folder)
-    return folder / (str(int(runs[0].name) + 1) if runs else "1")
+    table = make_table(protocol, "", read_entries(home / "runs", home / "none"), work / "cache")
+    update = {"row": next(row for row in table.rows if row.id == place.folder), "values": ""}
+    # Warnings about others come first: a comment may be cut at its end.
+    facts["warnings"] = [*_copies(run, given, place, known, home), *checked.warnings]
+    facts["ranked"] = sum(bool(row.history) for row in table.rows)
+    return facts | {"kind": "scored", "answer": answer.model_copy(update=update)}
 
 
 def _account_errors(
@@ -187,28 +203,6 @@ def _copies(
                 yield f"{100 * same:.4g} % of the records are those of {who}"
 
 
-def find_standing(place: Place, protocol: Protocol, runs: Path, cache: Path) -> dict[str, Any]:
-    """Return the row of a method as a build would show it, and methods too near to tell apart."""
-    cache.mkdir(parents=True, exist_ok=True)
-    entries = entries_of(read_entries(runs, runs / "none", cache), protocol)
-    table, ranks = make_table(protocol, "", entries, cache)
-    row = next((one for one in table.rows if one.id == place.folder), None)
-    if row is None or row.kind != "re-scored":
-        raise BoardError(f"no run of {place.path} that can be read: {row.reason if row else ''}")
-    methods = {one.id: one.method for one in table.rows}
-    first = ranks[table.scores[0].key]
-    own = first.ids.index(place.folder)
-    near = [name for n, name in enumerate(first.ids) if n != own and not first.apart[own, n]]
-    return {
-        "kind": "scored",
-        "columns": table.scores,
-        "scenes": table.scenes,
-        "row": row,
-        "ranked": len(first.ids),
-        "alike": tuple(sorted(methods[name] for name in near)),
-    }
-
-
 # --- a sealed truth ---
 
 
@@ -219,34 +213,26 @@ def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Fou
         what = f"a sealed truth is not opened while there is a network ({', '.join(others)})"
         raise UsageError(what, fix="run it by `unshare --net`, as the workflow does")
     place = found.place
-    archive = rules.board.archive(place.benchmark)
-    if found.kind != "sealed" or archive is None:
-        raise SubmissionError("the truth of this benchmark is not sealed", where=place.path)
+    archive = rules.board.archive(place.benchmark) if place else None
+    if found.kind != "sealed" or place is None or archive is None:
+        raise SubmissionError("the truth of this benchmark is not sealed")
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
-    checked = _check(work / place.path, rules, {}, 0.0)
+    checked = _sound(rules.check(work / place.path, {}))
     if sha256_of_tree(checked.folder) != found.tree:
         raise SubmissionError("not the files that the first job has checked", where=place.path)
     try:
-        answer = score_sealed(checked, rules.root / archive, key, rules.data, rules.run)
+        opened = score_sealed(checked, found.tree, rules.root / archive, key, rules.data, rules.run)
     except OpenedTruthError as error:
-        error.where = place.path
-        update: dict[str, Any] = {"kind": "refused", "problems": (str(error),), "opened": True}
+        update = {"kind": "refused", "problems": (str(error.inside(place.path)),), "opened": True}
         return found.model_copy(update=update)
-    update = {"answer": answer, "opened": True, "row": answer.row}
-    update |= {"columns": answer.columns, "scenes": answer.head.scenes}
-    return found.model_copy(update=update)
+    return found.model_copy(update={"answer": opened, "opened": True})
 
 
-def _check(
-    folder: Path, rules: Rules, known: Mapping[Place, Submission], seconds: float
-) -> CheckedSubmission:
-    """Check a submission once more, and raise its first error."""
-    checked = check_submission(
-        folder, rules.board, rules.data, known=known, seconds=seconds, run=rules.run
-    )
+def _sound(checked: CheckedSubmission) -> CheckedSubmission:
+    """Return a checked submission, or raise its first error."""
     for error in checked.errors:
-        raise type(error)(error.what, where=Place.of_folder(folder).path, fix=error.fix)
+        raise type(error)(error.what, where=Place.of_folder(checked.folder).path, fix=error.fix)
     return checked
 
 
@@ -265,16 +251,15 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
     places = [
         place
         for place, path in ((Place.of_folder(path), path) for path in folders)
-        if place.benchmark in names and path.is_dir() and path.resolve() == path  # and no link
+        if place.benchmark in names and place.is_plain and path.is_dir() and path.resolve() == path
     ]
-    truths: dict[str, str] = {}
     with tempfile.TemporaryDirectory() as folder:
         branch = DataBranch(Path(folder), remote)
         (out / "runs").mkdir(parents=True, exist_ok=True)
         branch.copy_runs(places, out)
         for place in places:
             try:
-                if said := _score_place(place, branch, rules, out, truths):
+                if said := _score_place(place, branch, rules, out):
                     yield place, said
             except _OF_BOARD:
                 raise
@@ -285,79 +270,58 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
                 yield place, fault
 
 
-def _score_place(
-    place: Place, branch: DataBranch, rules: Rules, out: Path, truths: dict[str, str]
-) -> str:
+def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> str:
     """Score a merged submission where no run of it counts, and say what was done."""
     folder, last = rules.root / place.path, next(iter(run_folders(out / place.runs)), None)
-    if not place.is_plain or not (folder / SUBMISSION_FILE).is_file():
-        return "no submission, and skipped"
+    before = None if last is None else _read_last(last)
+    refuse_files(folder, rules.board.limits)  # or a hash would follow its links
+    sealed = rules.board.archive(place.benchmark) is not None
+    tree, counts = sha256_of_tree(folder), before is not None and rules.is_current(before.head)
+    if before is not None and before.tree == tree and (sealed or counts):
+        return "" if counts else "not scored again by another truth: commit it again to try"
     # Which of two alike came first: the one that has a run.
     known = {
         at: one
         for at, one in known_submissions(rules.root).items()
         if at == place or run_folders(out / at.runs)
     }
-    refuse_files(folder, rules.board.limits)  # or a hash would follow its links
-    sealed = rules.board.archive(place.benchmark) is not None
-    tree, counts = sha256_of_tree(folder), last is not None and _counts(last, rules, truths)
-    if last is not None and read_facts(last).tree == tree and (sealed or counts):
-        return "" if counts else "not scored again by another truth: commit it again to try"
-    given = (checked := _check(folder, rules, known, 0.0)).submission
+    checked = _sound(rules.check(folder, known))
+    given, run = checked.submission, next_run(out / place.runs)
     assert given is not None  # without errors it was read
-    run = _next_run(out / place.runs)
     if sealed:
-        answer = branch.folder / answer_path(tree)
-        if not answer.is_file():
+        path = branch.folder / answer_path(tree)
+        if not path.is_file():
             what = "these files were not scored against the sealed truth before they were merged"
             fix = "revert the merge, and merge as the comment says once it has the scores"
             raise SubmissionError(what, where=place.path, fix=fix)
-        if not _is_current(read_answer(answer).head, rules, truths):
+        answer = read_answer(path)
+        if not rules.is_current(answer.head):
             what = "these files were scored against an earlier truth, not the one sealed now"
             raise SubmissionError(what, where=place.path, fix="let a new commit of it be scored")
-        run.mkdir(parents=True)
-        shutil.copyfile(answer, run / ANSWER_FILE)
-    elif last is not None and counts and _has_same_predictions(last, given):
-        check_pipeline(given, read_result(last / RESULT_FILE))
-        write_facts(last, given, tree, read_facts(last).scored)
+    elif last and before and counts and _has_same_predictions(last, given):
+        write_run(last, given, before.model_copy(update={"tree": tree}))
         return "new words, the same scores"
     else:
-        if checked.predictions is None:
-            checked = _check(folder, rules, known, FETCHING_S)
+        checked = checked if checked.predictions else _sound(rules.check(folder, known, FETCHING_S))
         save(checked.score(rules.data, rules.run), run)
-    write_facts(run, given, tree, None)
-    return "scored" if last is None or counts else "scored again: another protocol or truth"
+        answer = measure(run, tree)
+    write_run(run, given, answer)
+    return "scored" if before is None or counts else "scored again: another protocol or truth"
 
 
-def _counts(run: Path, rules: Rules, truths: dict[str, str]) -> bool:
-    """Whether a run has the present protocol and truth."""
-    answer = run / ANSWER_FILE
-    found = (
-        read_answer(answer).head if answer.is_file() else head_of(read_result(run / RESULT_FILE))
-    )
-    return _is_current(found, rules, truths)
-
-
-def _is_current(head: Head, rules: Rules, truths: dict[str, str]) -> bool:
-    protocol, sealed = find_protocol(head.protocol, rules.data), head.sealed
-    stated = (head.protocol_version, head.protocol_fingerprint)
-    is_sealed = rules.board.archive(head.benchmark) is not None
-    if stated != (protocol.version, protocol.fingerprint) or sealed != is_sealed:
-        return False
-    if head.protocol not in truths:
-        truths[head.protocol] = (
-            commitment_of(find_benchmark(head.benchmark, rules.data, sealed=True))
-            if sealed
-            else truth_fingerprint(read_truths(protocol, rules.data)[1])
-        )
-    return head.truth == truths[head.protocol]
+def _read_last(run: Path) -> Answer | None:
+    """Return the answer of a run; one that cannot be read does not count."""
+    try:
+        return read_answer(run / RUN_FILE)
+    except UserError:
+        return None
 
 
 def _has_same_predictions(run: Path, given: Submission) -> bool:
     """Whether a run has the scores of a submission: the same predictions, read alike."""
     before = read_submission(run / SUBMISSION_FILE, public=True)
     one, other = (
-        (said.protocol, said.predictions.sha256, said.predictions.reader)
+        (said.protocol, said.predictions.sha256, said.predictions.reader, said.pipeline)
         for said in (before, given)
     )
     return one == other

@@ -39,8 +39,8 @@ from airzoo_bench.core.files import sha256_of, temporary_folder
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.leaderboard.answers import Answer, Row, Score, head_of, now
 from airzoo_bench.leaderboard.checks import CheckedSubmission
-from airzoo_bench.leaderboard.measured import Measured, Row, Score, head_of
 from airzoo_bench.leaderboard.sealing import MANIFEST, Contents, commitment, load_pyrage
 from airzoo_bench.results.result import ScoreColumn
 
@@ -51,7 +51,6 @@ _Z95 = 1.959964
 _LEAST_SHARE_OF_VALUE = 0.01
 _ONE_UP, _TWO_UP = (Context(prec=digits, rounding=ROUND_CEILING) for digits in (1, 2))
 _MEMORY = Path("/dev/shm")  # files in memory, on Linux
-_INTERVALS = "95 % intervals: the rounded score and 1.96 rounded standard errors to each side."
 
 
 class OpenedTruthError(SubmissionError):
@@ -59,14 +58,10 @@ class OpenedTruthError(SubmissionError):
 
 
 def score_sealed(
-    checked: CheckedSubmission, archive: Path, key: Any, data: Path, run: Run
-) -> Measured:
+    checked: CheckedSubmission, tree: str, archive: Path, key: Any, data: Path, run: Run
+) -> Answer:
     """Score a checked submission, and tell of it what does not tell the truth."""
-    given = checked.submission
-    if given is None or checked.predictions is None:
-        raise SubmissionError("there are no predictions to score", where=checked.folder)
-    name = checked.folder.resolve().parts[-3]
-    public = find_benchmark(name, data, sealed=True)
+    public = find_benchmark(checked.folder.resolve().parts[-3], data, sealed=True)
     with opened_truth(public.folder, archive, key) as truth:
         try:
             evaluation = checked.score(truth, run)
@@ -82,12 +77,14 @@ def score_sealed(
     columns = tuple(column for column in result.columns if column.headline)
     scores = {column.key: _round_column(evaluation, column) for column in columns}
     truth_of = {"benchmark_version": None, "truth": commitment_of(public), "sealed": True}
-    return Measured(
+    return Answer(
+        tree=tree,
+        scored=now(),
+        version=result.versions["airzoo-bench"],
         head=head_of(result).model_copy(update=truth_of | {"unit": "query"}),
-        made_with=result.versions["airzoo-bench"],
         columns=columns,
-        row=Row(kind="sealed", method=given.method, scores=scores),
-        about_intervals=_INTERVALS,
+        row=Row(kind="sealed", method=result.predictions.method, scores=scores),
+        about_intervals="95 % intervals: the rounded score and 1.96 rounded standard errors.",
     )
 
 
@@ -102,8 +99,7 @@ def commitment_of(public: Benchmark) -> str:
 def _round_column(evaluation: Evaluation, column: ScoreColumn) -> Score:
     """Return a rounded score over all scenes, with the interval of its standard error."""
     records, result = evaluation.records, evaluation.result
-    values = records[column.key].to_numpy(np.float64)
-    of_scene = records["scene"].to_numpy(str)
+    values, of_scene = records[column.key].to_numpy(np.float64), records["scene"].to_numpy(str)
     scenes = [values[of_scene == scene] for scene in result.scenes]
     value, error, _ = round_score(result.overall[column.key], scenes, column, result.unit)
     if error is None or math.isinf(value):
@@ -160,10 +156,10 @@ def _spread(values: Floats, column: ScoreColumn) -> tuple[float | None, float]:
         if math.isinf(high):
             return None, max((value - low) / _Z95, least)
         error = max((high - low) / (2 * _Z95), least)
-        return error, error
-    if count < 2:
+    elif count < 2:
         return None, abs(value)
-    error = max(float(values.std(ddof=1)) / math.sqrt(count), least)
+    else:
+        error = max(float(values.std(ddof=1)) / math.sqrt(count), least)
     return error, error
 
 
@@ -186,31 +182,22 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
     """
     home = _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
     committed = commitment_of(Benchmark.open(public, sealed=True))
-    try:
-        with temporary_folder(home, "airzoo-truth") as folder:
-            for name in _extract(archive, key, committed, folder):
-                if not (public / name).is_file():
-                    what = "a file of the public folder is missing"
-                    raise BenchmarkError(what, where=public / name, fix="copy the folder again")
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (folder / name).symlink_to((public / name).resolve())
-            yield folder
-    except OSError as error:
-        if not str(error.filename or home).startswith(str(home)):
-            raise
-        what = f"the truth cannot be opened: {error.strerror or error}"
-        raise UserError(what, where=home, fix="make room there") from error
+    with temporary_folder(home, "airzoo-truth") as folder:
+        for name in _extract(archive, key, committed, folder):
+            if not (public / name).is_file():
+                what = "a file of the public folder is missing"
+                raise BenchmarkError(what, where=public / name, fix="copy the folder again")
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).symlink_to((public / name).resolve())
+        yield folder
 
 
 def _extract(archive: Path, key: Any, committed: str, target: Path) -> list[str]:
     """Write the sealed files of an archive, each held to its checksum; return the public ones."""
-    pyrage = load_pyrage()
-    if not archive.is_file():
-        raise _wrong_archive(archive, "no such archive")
+    pyrage, plain = load_pyrage(), tempfile.TemporaryFile(dir=target)  # noqa: SIM115
     try:
-        with tempfile.TemporaryFile(dir=target) as plain:
-            with archive.open("rb") as stream:
-                pyrage.decrypt_io(stream, plain, [key])
+        with plain, archive.open("rb") as stream:
+            pyrage.decrypt_io(stream, plain, [key])
             plain.seek(0)
             with tarfile.open(fileobj=plain, mode="r:") as tar:
                 member = tar.extractfile(MANIFEST)
@@ -221,22 +208,16 @@ def _extract(archive: Path, key: Any, committed: str, target: Path) -> list[str]
                     if file.how == "sealed":  # the manifest keeps its name inside the folder
                         member, path = tar.extractfile(f"files/{name}"), target / name
                         path.parent.mkdir(parents=True, exist_ok=True)
-                        with path.open("wb") as stream:
-                            shutil.copyfileobj(member or io.BytesIO(), stream)
+                        with path.open("wb") as out:
+                            shutil.copyfileobj(member or io.BytesIO(), out)
                         if sha256_of(path) != file.sha256:
-                            what = f"holds {name} otherwise than it was sealed"
-                            raise _wrong_archive(archive, what)
-    except pyrage.DecryptError as error:
-        other = "No matching keys" in str(error)
-        what = "is damaged, cut off, or no archive of age"
-        what = "was sealed to another key, or its head is damaged" if other else what
-        raise _wrong_archive(archive, what) from None
-    except (tarfile.TarError, KeyError, ValidationError) as error:
-        raise _wrong_archive(archive, f"is of another version, or lacks files: {error}") from None
-    except OSError as error:
-        if error.errno:  # the disk, or there is no archive
-            raise
-        raise _wrong_archive(archive, "is damaged, cut off, or no archive of age") from None
+                            raise _wrong_archive(archive, f"holds {name} otherwise than sealed")
+    except (pyrage.DecryptError, tarfile.TarError, KeyError, ValidationError, OSError) as error:
+        # Of a damaged archive, pyrage raises an OSError without a number.
+        if isinstance(error, OSError) and error.errno:
+            raise UserError(f"the truth cannot be opened: {error}", where=archive) from error
+        said = "was sealed to another key" if "No matching keys" in str(error) else "is damaged"
+        raise _wrong_archive(archive, said) from None
     return [name for name, file in contents.files.items() if file.how == "public"]
 
 

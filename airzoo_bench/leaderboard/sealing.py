@@ -43,10 +43,8 @@ from airzoo_bench.core.files import (
 )
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.validation import Strict
-from airzoo_bench.evaluation.opening import read_truths
 from airzoo_bench.geometry.raster_files import raster_files
 from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
-from airzoo_bench.protocol.model import load_protocol
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS
 
 KEY_VARIABLE = "AIRZOO_BENCH_KEY"
@@ -72,7 +70,7 @@ _TABLES = {
     "reconstruction/photos.csv": IDENTITY_COLUMNS,
 }
 """By name below a scene's folder, their public columns."""
-_PICTURES = {"retrieval/tiles": (".png",), "matching/crops": ("_dom.tif", "_dsm.tif")}
+_PICTURES = ("retrieval/tiles/**/*.png", "matching/crops/**/*_d[os]m.tif", "matching/map.json")
 _COPY: tuple[str, ...] = ()
 _PHOTO = ("photo",)
 _TIME = 315_532_800  # 1980-01-01: that of files on the host's disk tells when a photo was taken
@@ -95,16 +93,17 @@ def load_pyrage() -> Any:
 
 def read_key() -> Any:
     """Read the key that opens an archive from the environment."""
-    lines = os.environ.get(KEY_VARIABLE, "").splitlines()
-    found, pyrage = [line.strip() for line in lines if line.startswith(_SECRET)], load_pyrage()
+    found, pyrage = (
+        re.findall(rf"(?m)^{_SECRET}.*$", os.environ.get(KEY_VARIABLE, "")),
+        load_pyrage(),
+    )
     try:
         [line] = found
-        return pyrage.x25519.Identity.from_str(line)
+        return pyrage.x25519.Identity.from_str(line.strip())
     except (ValueError, pyrage.IdentityError):
         # Neither the key nor the library's words on it are repeated.
-        what = "holds a key that is damaged" if len(found) == 1 else f"holds {len(found)} keys"
         expected = f"one line that begins with {_SECRET}, as age-keygen writes it"
-        raise UsageError(what, where=f"${KEY_VARIABLE}", expected=expected) from None
+        raise UsageError("holds no key", where=f"${KEY_VARIABLE}", expected=expected) from None
 
 
 def recipient(text: str) -> Any:
@@ -112,12 +111,9 @@ def recipient(text: str) -> Any:
     pyrage = load_pyrage()
     try:
         return pyrage.x25519.Recipient.from_str(text.strip())
-    except pyrage.RecipientError:
-        what = f"no recipient: {text[:80]!r}"
-        if text.strip().upper().startswith(_SECRET):
-            what = "this is the secret key, which is now in the shell's history: make another"
+    except pyrage.RecipientError:  # the text may be the secret key
         expected = "a public key as age-keygen prints it, which begins with age1"
-        raise UsageError(what, where="--to", expected=expected) from None
+        raise UsageError("no public key", where="--to", expected=expected) from None
 
 
 # --- the archive ---
@@ -159,18 +155,21 @@ def seal(
     to: Any,
     *,
     replace: bool = False,
-    salt: str = "",
     progress: Progress = silent,
 ) -> tuple[str, Counter[str]]:
     """Write the public folder and the archive, both or neither.
 
     Return the commitment, and how many files are public, sealed and cut.
     """
-    _check_places(folder, public, archive, replace=replace)
-    benchmark = Benchmark.open(folder, sealed=True)
-    if benchmark.is_sealed:
-        fix = "seal the folder that it was made of"
-        raise UsageError("is sealed already", where=folder, fix=fix)
+    source, out = folder.resolve(), public.resolve()
+    if out.parent != archive.resolve().parent or out.is_relative_to(source):
+        expected = "both in one folder, which is not the one that is sealed"
+        raise UsageError("a wrong place", where="--out, --archive", expected=expected)
+    check_new_folder(public, replace=replace)
+    check_output_file(archive)
+    if archive.exists() and not replace:
+        raise UsageError("exists already", where=archive, fix="name another, or --force")
+    benchmark = Benchmark.open(folder)
     _refuse_known_truth(benchmark)
     given = public_files(benchmark)
     names = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir())
@@ -180,34 +179,17 @@ def seal(
             name: _publish(folder / name, target / name, given.get(name))
             for name in progress(names, "files", len(names))
         }
-        contents = Contents(format=1, salt=salt or secrets.token_hex(32), files=files)
-        tracks = tuple(benchmark.file.tracks)
+        contents = Contents(format=1, salt=secrets.token_hex(32), files=files)
         update = {
-            "scenes": tuple(_public_entry(scene, tracks) for scene in benchmark.file.scenes),
+            "scenes": tuple(_public_entry(scene, benchmark) for scene in benchmark.file.scenes),
             "checksums": {},
             "sealed": SealedTruth(commitment=commitment(contents)),
         }
         write_benchmark_file(target, benchmark.file.model_copy(update=update))
-        for path in sorted((target / "protocols").glob("*.toml")):  # as submitters read it
-            read_truths(load_protocol(path), target, sealed=True)
         _write_archive(folder, contents, staged / archive.name, to)
         for path in (*target.rglob("*"), target):
             os.utime(path, (_TIME, _TIME))
     return commitment(contents), Counter(file.how for file in files.values())
-
-
-def _check_places(folder: Path, public: Path, archive: Path, *, replace: bool) -> None:
-    source, out, file = (path.resolve() for path in (folder, public, archive))
-    if out.parent != file.parent:  # they could not appear in one step
-        what = f"{public} and {archive} lie in two folders"
-        raise UsageError(what, where="--out, --archive", expected="both in one folder")
-    if source in (out, *out.parents) or out in source.parents:
-        raise UsageError("lies in the folder that is sealed, or around it", where=public)
-    check_new_folder(public, replace=replace)
-    check_output_file(archive)
-    if archive.exists() and not replace:
-        fix = "name another, or --force"
-        raise UsageError("the archive exists already", where=archive, fix=fix)
 
 
 def _refuse_known_truth(benchmark: Benchmark) -> None:
@@ -244,20 +226,17 @@ def public_files(benchmark: Benchmark) -> dict[str, tuple[str, ...]]:
             _below(folder, benchmark.resolve(place or "."))
         home = benchmark.scene_folder(scene.id)
         found |= {home / name: columns for name, columns in _TABLES.items()}
-        found[home / "matching/map.json"] = _COPY
-        for name, endings in _PICTURES.items():
-            pictures = sorted((home / name).rglob("*"))
-            found |= {path: _COPY for path in pictures if path.name.endswith(endings)}
+        found |= {path: _COPY for pattern in _PICTURES for path in sorted(home.glob(pattern))}
         found |= dict(_data_files(benchmark, scene, home))
     return {_below(folder, path): how for path, how in found.items() if path.is_file()}
 
 
-def _public_entry(scene: SceneFile, tracks: Sequence[str]) -> SceneFile:
+def _public_entry(scene: SceneFile, benchmark: Benchmark) -> SceneFile:
     """Return what benchmark.toml says of a scene in public."""
-    sealed: dict[str, None] = dict.fromkeys(("cloud", "cloud_sha256", "truth_accuracy_m"))
-    if "matching" not in tracks:  # whose methods are given the surface model
-        sealed |= dict.fromkeys(("dsm", "dsm_sha256", "plane_height_m", "maps"))
-    return scene.model_copy(update=sealed)
+    sealed = ["cloud", "cloud_sha256", "truth_accuracy_m"]
+    if "matching" not in benchmark.file.tracks:  # whose methods are given the surface model
+        sealed += ["dsm", "dsm_sha256", "plane_height_m", "maps"]
+    return scene.model_copy(update=dict.fromkeys(sealed))
 
 
 def _data_files(
@@ -267,7 +246,7 @@ def _data_files(
     photos = read_table(home / "queries.csv", IDENTITY_COLUMNS)
     for name in photos["image"]:
         yield benchmark.resolve(scene.images) / name, _PHOTO
-    given = _public_entry(scene, tuple(benchmark.file.tracks))
+    given = _public_entry(scene, benchmark)
     rasters = [benchmark.resolve(named) for named in (given.dom, given.dsm) if named is not None]
     gallery = None if given.gallery is None else benchmark.resolve(given.gallery)
     if gallery is not None and gallery.is_file():
@@ -297,8 +276,6 @@ def _below(folder: Path, path: Path) -> str:
 
 def _publish(source: Path, place: Path, how: tuple[str, ...] | None) -> SealedFile:
     """Write the public version of a file, if it has one, and say where the original is."""
-    if not source.is_file():
-        raise BenchmarkError("no file, and so not to be sealed", where=source, fix="remove it")
     size, digest = source.stat().st_size, sha256_of(source)
     if how is None:
         return SealedFile(sha256=digest, size=size, how="sealed")
@@ -308,46 +285,45 @@ def _publish(source: Path, place: Path, how: tuple[str, ...] | None) -> SealedFi
     elif how == _COPY:
         shutil.copyfile(source, place)
     else:
-        place.write_bytes(_public_table(source, how))
+        _write_public_table(source, place, how)
     same = sha256_of(place) == digest
-    kind: Any = "public" if same else "cut" if how == _PHOTO else "sealed"
-    return SealedFile(sha256=digest, size=size, how=kind)
+    return SealedFile(
+        sha256=digest, size=size, how="public" if same else "cut" if how == _PHOTO else "sealed"
+    )
 
 
-def _public_table(path: Path, columns: Sequence[str]) -> bytes:
-    """Return a table with its public columns alone, in the order of its ids, digits as they are."""
-    table, out = read_table(path, ("id",)), io.BytesIO()
-    if path.suffix == ".csv":
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
+def _write_public_table(source: Path, place: Path, columns: Sequence[str]) -> None:
+    """Write a table's public columns alone, in the order of its ids, digits as they are."""
+    table, is_csv = read_table(source, ("id",)), source.suffix == ".csv"
+    if is_csv:
+        table = pd.read_csv(source, dtype=str, keep_default_na=False, encoding="utf-8-sig")
     public = table[[name for name in table.columns if name in columns]]
     public = public.sort_values("id", kind="stable")
     public.attrs = {}
-    if path.suffix == ".csv":
-        public.to_csv(out, index=False, lineterminator="\n")
+    if is_csv:
+        public.to_csv(place, index=False, lineterminator="\n")
     else:
-        public.to_parquet(out, index=False)
-    return out.getvalue()
+        public.to_parquet(place, index=False)
 
 
 def _write_archive(folder: Path, contents: Contents, archive: Path, to: Any) -> None:
     """Write the sealed files into a tar that tells neither times nor owners, and encrypt it."""
-    with tempfile.TemporaryFile() as plain:
+
+    def member(name: str, size: int) -> tarfile.TarInfo:
+        found = tarfile.TarInfo(name)
+        found.size = size
+        return found
+
+    with tempfile.TemporaryFile() as plain, archive.open("wb") as stream:
         with tarfile.open(fileobj=plain, mode="w", format=tarfile.PAX_FORMAT) as tar:
             text = contents.model_dump_json().encode()
-            tar.addfile(_member(MANIFEST, len(text)), io.BytesIO(text))
+            tar.addfile(member(MANIFEST, len(text)), io.BytesIO(text))
             for name, file in contents.files.items():
                 if file.how == "sealed":
-                    with (folder / name).open("rb") as stream:
-                        tar.addfile(_member(f"files/{name}", file.size), stream)
+                    with (folder / name).open("rb") as source:
+                        tar.addfile(member(f"files/{name}", file.size), source)
         plain.seek(0)
-        with archive.open("wb") as stream:
-            load_pyrage().encrypt_io(plain, stream, [to])
-
-
-def _member(name: str, size: int) -> tarfile.TarInfo:
-    member = tarfile.TarInfo(name)
-    member.size, member.mode = size, 0o644
-    return member
+        load_pyrage().encrypt_io(plain, stream, [to])
 
 
 # --- photos without metadata: cut, not encoded again ---
@@ -364,15 +340,14 @@ _PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
 
 def bare_photo(data: bytes, where: Path) -> bytes:
     """Return the parts of a JPEG or PNG that make the picture."""
-    what = "is neither JPEG nor PNG"
     try:
         for mark, parts in ((_JPEG, _jpeg_parts), (_PNG, _png_parts)):
             if data.startswith(mark):
                 return b"".join(parts(data))
-    except (IndexError, ValueError) as error:
-        what = f"is damaged: {error}"
+    except (IndexError, ValueError):
+        pass
     raise BenchmarkError(
-        f"{what}, so that its metadata cannot be taken out",
+        "its metadata cannot be taken out",
         where=where,
         expected="a complete JPEG or PNG",
         fix="write the photo again as one of these, and prepare the benchmark anew",
@@ -385,14 +360,14 @@ def _jpeg_parts(data: bytes) -> Iterator[bytes]:
     place, code = 2, 0
     while code != _END:
         if data[place] != 0xFF:
-            raise ValueError(f"no marker at byte {place}")
+            raise ValueError("no marker")
         while data[place + 1] == 0xFF:  # fill bytes
             place += 1
         code, end = data[place + 1], place + 2
         if code not in _JPEG_ALONE:
             end += int.from_bytes(data[end : end + 2], "big")
             if end > len(data) or end < place + 4:
-                raise ValueError(f"the segment at byte {place} has no end")
+                raise ValueError("a segment without an end")
         body = data[place + 4 : end]
         # JFIF without a preview, and how the colours are coded.
         plain = len(body) == 14 and body.startswith(b"JFIF\0") and body[12:] == b"\0\0"
@@ -411,7 +386,7 @@ def _png_parts(data: bytes) -> Iterator[bytes]:
         kind = data[place + 4 : place + 8]
         end = place + 12 + int.from_bytes(data[place : place + 4], "big")
         if len(kind) < 4 or end > len(data):
-            raise ValueError(f"the chunk at byte {place} has no end")
+            raise ValueError("a chunk without an end")
         if kind in _PNG_KEPT:
             yield data[place:end]
         place = end

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import re
 import unicodedata
+from itertools import accumulate
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,7 +30,6 @@ _LIMIT_BYTES = 16 << 10
 _BLANK = re.compile(
     "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\u3164\uffa0\ufe00-\ufe0f\U000e0000-\U000e0fff]"
 )
-_MOST_MARKS = 2
 # What a spreadsheet, a page or a comment takes for a formula, for markup or for a link.
 _ACTS = re.compile(r"^[=+@-]|[<>`\\|]|://|^javascript:|^www\.", re.IGNORECASE)
 _EXTRA = frozenset("¹²³⁰⁴⁵⁶⁷⁸⁹₀₁₂₃₄₅₆₇₈₉×·ー")
@@ -52,14 +52,11 @@ _DRAWN_ALIKE = str.maketrans(
 
 def plain_line(text: str) -> str:
     """Refuse a text with invisible characters, or ones that are shown out of order."""
-    for letter in text:
-        if not letter.isprintable() or _BLANK.match(letter):
-            raise ValueError(f"has {_named(letter)}, which is not shown")
+    hidden = [one for one in text if not one.isprintable() or _BLANK.match(one)]
+    if hidden:
+        raise ValueError(f"has {_named(hidden[0])}, which is not shown")
     if unicodedata.normalize("NFC", text) != text:
         raise ValueError("is not in Unicode's normal form NFC: type its letters anew")
-    marks = "".join("m" if unicodedata.combining(letter) else "." for letter in text)
-    if "m" * (_MOST_MARKS + 1) in marks:
-        raise ValueError(f"has more than {_MOST_MARKS} marks on one letter")
     if text != " ".join(text.split()):
         raise ValueError("has a blank at an end, or two in a row")
     return text
@@ -74,19 +71,18 @@ def shown_line(text: str) -> str:
 
 def board_name(text: str) -> str:
     """Refuse, besides the faults of `shown_line`, odd letters, and letters of two alphabets."""
-    alphabets: dict[str, str] = {}
-    for letter in shown_line(text):
-        script = _script_of(letter)
+    scripts = {letter: _script_of(letter) for letter in shown_line(text)}
+    for letter, script in scripts.items():
         if not (script or letter.isascii() or letter in _EXTRA):
             raise ValueError(
                 f"has {_named(letter)}: names have Latin, Greek, Cyrillic, Chinese, Japanese or "
                 "Korean letters, digits and plain punctuation"
             )
-        if script in _ALPHABETS and letter not in "πΔλ":  # as in formulas
-            alphabets.setdefault(script, letter)
-    if len(alphabets) > 1:
-        shown = " and ".join(map(_named, alphabets.values()))
-        raise ValueError(f"has letters of two alphabets, {shown}")
+    # Greek letters stand in formulas.
+    used = {scripts[letter]: letter for letter in scripts if letter not in "πΔλ"}
+    mixed = [_named(used[script]) for script in _ALPHABETS if script in used]
+    if len(mixed) > 1:
+        raise ValueError(f"has letters of two alphabets, {' and '.join(mixed)}")
     if not any(letter.isalnum() for letter in text):
         raise ValueError("has neither letter nor digit")
     return text
@@ -118,29 +114,22 @@ def skeleton(name: str) -> str:
 # --- submission.toml ---
 
 # A host without a user before it, which could pass for one, then what RFC 3986 has but quotes.
-_URL = re.compile(
-    r"https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?"
-)
+_URL = r"^https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?$"
+_CONTACT = r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$"
+# An entry of a work; of its commands, accents, letters and escaped signs do not act.
+_WORK = re.compile(r"@(?!comment|preamble|string)[a-z]+\s*\{", re.IGNORECASE)
+_COMMAND = re.compile(r"\\([A-Za-z]*@|[A-Za-z]{3})|\\\Z|\^\^")
 
 
-def _https(address: str) -> str:
-    if not _URL.fullmatch(address):
-        raise ValueError(
-            "an address begins with https:// and a host, without a user; other characters than "
-            "those of addresses are percent-encoded, in hosts as xn--"
-        )
-    return address
-
-
-def _reachable(contact: str) -> str:
-    if not re.search(r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$", contact):
-        raise ValueError("an e-mail address, an account such as @name, or an https address")
-    return plain_line(contact)
-
-
-def _entry(text: str) -> str:
-    if not all(line.replace("\t", " ").isprintable() for line in text.splitlines()):
+def bibtex_entry(text: str) -> str:
+    """Refuse anything but one entry of a work, without commands that act."""
+    entry = text.strip()
+    if not all(line.replace("\t", " ").isprintable() for line in entry.splitlines()):
         raise ValueError("has characters that are not shown")
+    # Braces are open from the first to the last letter, where they close.
+    depths = [*accumulate((c == "{") - (c == "}") for c in entry[entry.find("{") :])]
+    if not _WORK.match(entry) or depths[-1] or min(depths[:-1]) < 1 or _COMMAND.search(entry):
+        raise ValueError("is not one entry, such as @article{key, title = {Title}}")
     return text
 
 
@@ -148,12 +137,12 @@ Line = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(shown_
 """A line that pages show."""
 BoardName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(board_name)]
 """What a board calls a method or a team."""
-Url = Annotated[str, Field(max_length=500), AfterValidator(_https)]
+Url = Annotated[str, Field(max_length=500, pattern=_URL)]
 Account = Annotated[int, Field(ge=1, lt=1 << 63)]
-Contact = Annotated[str, Field(min_length=3, max_length=200), AfterValidator(_reachable)]
-Bibtex = Annotated[
-    str, Field(pattern=r"^\s*@[A-Za-z]+\s*\{[\s\S]*\}\s*$", max_length=4000), AfterValidator(_entry)
+Contact = Annotated[
+    str, Field(min_length=3, max_length=200, pattern=_CONTACT), AfterValidator(plain_line)
 ]
+Bibtex = Annotated[str, Field(max_length=4000), AfterValidator(bibtex_entry)]
 
 
 def _question(what: str, example: Any, default: Any = ...) -> Any:
@@ -172,10 +161,11 @@ class PredictionsGiven(Strict):
 
     @model_validator(mode="after")
     def _one_place(self) -> PredictionsGiven:
-        if (self.file is None) == (self.url is None):
+        if (self.file is None) == (self.url is None) or self.file in (
+            SUBMISSION_FILE,
+            CLAIMED_FILE,
+        ):
             raise ValueError('either file or url, such as file = "predictions.npz"')
-        if self.file in (SUBMISSION_FILE, CLAIMED_FILE):
-            raise ValueError(f"file is another one than {SUBMISSION_FILE} and {CLAIMED_FILE}")
         return self
 
 
@@ -197,7 +187,7 @@ class Submission(Strict):
     schema_version: Literal[1] = Field(alias="schema")
     protocol: Name = _question("The protocol that scores the predictions.", "airzoo-mini-retrieval")
     method: BoardName = _question("The method's name in tables.", "SALAD")
-    summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] | None = None
+    summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] = ""
     team: BoardName = _question(
         "Who submits; the same words for all submissions of a team.", "Example Lab"
     )

@@ -6,6 +6,7 @@ import datetime
 import hashlib
 import re
 import shutil
+import stat
 import subprocess
 import sys
 import tomllib
@@ -17,8 +18,8 @@ import typer
 from pydantic import TypeAdapter, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, UsageError
-from airzoo_bench.core.files import atomic_entries, atomic_folder, sha256_of_tree
-from airzoo_bench.core.validation import SAFE_NAME, nearest, validation_message
+from airzoo_bench.core.files import atomic_folder, sha256_of_tree
+from airzoo_bench.core.validation import SAFE_NAME, nearest, validated
 from airzoo_bench.leaderboard.board import Board, Limits, Place
 from airzoo_bench.leaderboard.checks import check_listing, size_of_tree
 from airzoo_bench.leaderboard.submission import (
@@ -30,10 +31,7 @@ from airzoo_bench.leaderboard.submission import (
 )
 from airzoo_bench.protocol.model import find_protocol
 
-_OPTIONS = {"authors": "--author", "training_data": "--training-data"}
-
-
-# --- questions ---
+_LISTS = ("authors", "training_data")
 
 
 def ask_missing(
@@ -46,20 +44,17 @@ def ask_missing(
     """
     missing = [key for key, value in given.items() if value is None]
     if missing and not (sys.stdin.isatty() and sys.stderr.isatty()):
-        names = {key: _OPTIONS.get(key, f"--{key}") for key in missing}
-        raise UsageError(
-            f"missing: {', '.join(names.values())}",
-            expected="; ".join(f"{names[key]}: {_field(key).description}" for key in missing),
-            fix="add these options, or call it on a terminal, where it asks",
-        )
+        names = [f"--{key.replace('_', '-').replace('authors', 'author')}" for key in missing]
+        fix = "add these options, or call it on a terminal, where it asks"
+        raise UsageError(f"missing: {', '.join(names)}", fix=fix)
     values = dict(given) | {key: _ask(key, protocols) for key in missing}
-    for key in _OPTIONS:
+    for key in _LISTS:
         values[key] = [] if list(values[key]) == ["none"] else list(values[key])
     values["pipeline"] = {"stages": values.pop("stages")}
     values["date"] = datetime.datetime.now(datetime.UTC).date()
     for text in more:
         name, equals, value = text.partition("=")
-        if not equals or not re.fullmatch(r"[a-z_]+(\.[a-z_]+)?", name):
+        if not equals:
             what = f"--set {text!r} is no key with a value"
             raise UsageError(what, expected="such as code=https://...")
         table, _, key = name.rpartition(".")
@@ -75,50 +70,37 @@ def _toml(text: str) -> Any:
         return text
 
 
-def _field(key: str) -> Any:
-    return (Pipeline if key == "stages" else Submission).model_fields[key]
-
-
 def _ask(key: str, protocols: Sequence[str]) -> Any:
     """Ask until the answer is right."""
-    field = _field(key)
+    field: Any = (Pipeline if key == "stages" else Submission).model_fields[key]
     known = [*protocols] if key == "protocol" else [*get_args(field.annotation)]
     known = [one for one in known if isinstance(one, str)]
-    example = field.examples[0]
+    [example] = field.examples
     shown = ", ".join(example) if isinstance(example, list) else example
     hint = f"one of {', '.join(known)}" if known else f"such as {shown}"
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
 
     def convert(answer: str) -> Any:
         value: Any = answer.strip()
-        if key in _OPTIONS:
+        if key in _LISTS:
             value = tuple(part.strip() for part in answer.split(",") if part.strip())
         if not value or (known and value not in known):
             raise typer.BadParameter(f"{answer!r}{nearest(answer, known)}: {hint}")
         try:
             return adapter.validate_python(value)
         except ValidationError as error:
-            said = error.errors()[0]["msg"].removeprefix("Value error, ")
-            raise typer.BadParameter(f"{answer!r}: {said}") from None
+            raise typer.BadParameter(f"{answer!r}: {error.errors()[0]['msg']}; {hint}") from None
 
     typer.echo(f"\n{field.description} ({hint})", err=True)
-    try:
-        return typer.prompt(key, default="", show_default=False, value_proc=convert, err=True)
-    except typer.Abort:  # Ctrl-C, or the end of the input
-        raise KeyboardInterrupt from None
-
-
-# --- the folder ---
+    return typer.prompt(key, default="", show_default=False, value_proc=convert, err=True)
 
 
 def find_place(protocol: str, method: str, board: Board, data: Path) -> Place:
     """Return the place of a submission on a board, in a folder named after its method."""
     if protocol not in board.protocols:
-        raise UsageError(
-            f"this board does not score by {protocol!r}{nearest(protocol, board.protocols)}",
-            where="--protocol",
-            expected=f"one of {', '.join(board.protocols)}",
-        )
+        what = f"this board does not score by {protocol!r}{nearest(protocol, board.protocols)}"
+        expected = f"one of {', '.join(board.protocols)}"
+        raise UsageError(what, where="--protocol", expected=expected)
     name = re.sub(r"[^a-z0-9]+", "-", method.casefold()).strip("-")[:64]
     name = name or f"method-{hashlib.sha256(method.encode()).hexdigest()[:8]}"
     chosen = find_protocol(protocol, data)
@@ -139,36 +121,27 @@ def write_submission(
     if url is not None and predictions.is_dir():
         fix = "pack it into an archive such as predictions.zip, and publish that"
         raise UsageError("a folder, which has no address", where=predictions, fix=fix)
-    size = size_of_tree(predictions)
-    for fault in check_listing([("predictions", 0o100644, 0 if url else size)], "here", limits):
-        raise fault
+    size, name = size_of_tree(predictions), predictions.resolve().name
+    if not re.match(SAFE_NAME, name) or name in (SUBMISSION_FILE, CLAIMED_FILE):
+        name = f"predictions{re.sub('[^A-Za-z0-9.]', '', predictions.suffix)}"
+    check_listing([(name, stat.S_IFREG, 0 if url else size)], "here", limits)
     given: dict[str, Any] = {"sha256": sha256_of_tree(predictions), "bytes": size}
-    given |= {"url": url} if url else {"file": _plain_name(predictions)}
+    given |= {"url": url} if url else {"file": name}
     given |= {"reader": reader} if reader else {}
-    try:
-        stated = Submission.model_validate({**values, "schema": 1, "predictions": given})
-    except ValidationError as error:
-        raise SubmissionError(
-            validation_message(error, Submission),
-            where="keys of submission.toml",
-            fix="correct the option of that name; docs/submission.md says what each is for",
-        ) from error
-    there = [entry.name for entry in folder.iterdir()] if folder.is_dir() and replace else []
-    with atomic_entries(folder, there) if there else atomic_folder(folder) as staged:
+    stated = validated(
+        {**values, "schema": 1, "predictions": given},
+        Submission,
+        SubmissionError,
+        folder / SUBMISSION_FILE,
+        "option of that name",
+    )
+    with atomic_folder(folder, replace=replace, mark=SUBMISSION_FILE) as staged:
         if url is None and predictions.is_dir():
             # Modes stay behind: on some disks every file is executable, which no board takes.
-            shutil.copytree(predictions, staged / given["file"], copy_function=shutil.copyfile)
+            shutil.copytree(predictions, staged / name, copy_function=shutil.copyfile)
         elif url is None:
-            shutil.copyfile(predictions, staged / given["file"])
+            shutil.copyfile(predictions, staged / name)
         (staged / SUBMISSION_FILE).write_text(submission_text(stated), "utf-8", newline="")
-
-
-def _plain_name(path: Path) -> str:
-    """Return a file's name, or another with its ending where a board takes no such name."""
-    name = path.resolve().name
-    if re.match(SAFE_NAME, name) and name not in (SUBMISSION_FILE, CLAIMED_FILE):
-        return name
-    return f"predictions{path.suffix if re.fullmatch(r'[.][A-Za-z0-9]+', path.suffix) else ''}"
 
 
 # --- git ---
@@ -184,14 +157,10 @@ def open_pull_request(root: Path, place: Place, title: str) -> list[str]:
     """Commit the folder on a branch of its own and open a pull request; return the steps left."""
     branch = f"submit-{place.folder}"
     steps = [f"git push -u origin {branch}", "gh pr create --fill"]
-    for command in (
-        ("git", "switch", "--quiet", "-C", branch),
-        ("git", "add", "--", place.path),
-        ("git", "commit", "--quiet", "-m", title, "--", place.path),
-    ):
-        if _run(root, *command) is None:
-            switch = f"git switch -C {branch} && git add {place.path}"
-            return [f"{switch} && git commit -m {title!r}", *steps]
+    switch, add = ("switch", "--quiet", "-C", branch), ("add", "--", place.path)
+    commit = ("commit", "--quiet", "-m", title, "--", place.path)
+    if any(_run(root, "git", *words) is None for words in (switch, add, commit)):
+        return [f"git switch -C {branch}", f"git add {place.path}", "git commit", *steps]
     if shutil.which("gh") is None or not sys.stdin.isatty():
         return steps
     done = subprocess.run(["gh", "pr", "create", "--fill", "--title", title], cwd=root, check=False)

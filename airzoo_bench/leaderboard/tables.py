@@ -7,30 +7,28 @@ import hashlib
 import re
 import unicodedata
 import zlib
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.about import about_file, about_of
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.leaderboard.measured import (
+from airzoo_bench.leaderboard.answers import (
+    Answer,
+    Conditions,
     Entry,
     Head,
-    Measured,
     Row,
     Scene,
     Score,
-    Table,
-    Version,
-    load_arrays,
-    store_arrays,
+    pack,
 )
 from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import is_share
@@ -42,7 +40,6 @@ from airzoo_bench.statistics.significance import (
     correct_pairs,
     rank_ranges,
     resamples_for,
-    told_apart,
     unpaired_p_values,
 )
 from airzoo_bench.tables.published import (
@@ -52,100 +49,106 @@ from airzoo_bench.tables.published import (
     read_source_file,
 )
 
-_LONGEST = 40
+_OLD = "scored by another protocol or truth, earlier"
 
 
-class Ranks(NamedTuple):
-    """One score of methods, in the order of their folders, the `ids`.
+class Table(Head):
+    """A table of the board.
 
-    `ranges` are rank ranges (V, 2), `apart` which two differ after the correction for all pairs
-    (V, V), `near_best` which cannot be told from the best by a test of these two alone (V,);
-    `pairs` is for board.json, and empty of a sealed table.
+    `pairs` are by score: the ids of the ranked methods, and of every two of them low, high, p and
+    p_holm, the upper triangle as float32 (little endian), deflated, in base64.
     """
 
-    ids: tuple[str, ...]
-    ranges: NDArray[np.int64]
-    apart: Bools
-    near_best: Bools
-    pairs: dict[str, str]
+    id: str
+    title: str
+    summary: str
+    benchmark_title: str
+    scores: tuple[ScoreColumn, ...]
+    conditions: tuple[Conditions, ...] = ()
+    rows: tuple[Row, ...] = ()
+    pairs: dict[str, dict[str, Any]]
+    about_intervals: str = ""
+    notes: tuple[str, ...] = ()
+    data: str | None = None
+    paper: str | None = None
+
+
+class _Member(NamedTuple):
+    """An entry that is ranked."""
+
+    id: str
+    row: Row
+    answer: Answer
 
 
 def make_table(
     protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path
-) -> tuple[Table, dict[str, Ranks]]:
+) -> Table:
     """Rank the entries of a protocol; add numbers of papers, floors and failed submissions.
 
-    The ranks are returned by score too.
+    Ranked are those of the newest protocol and truth, in the order of their folders.
     """
-    members, rows = _members(entries)
-    measured = [_measured(entry) for entry in members]
-    head = measured[0].head if members else _head_of(protocol)
-    columns = _columns(measured, protocol)
-    ranks = {c.key: _rank(members, c, cache) for c in columns if c.headline and members}
-    scored = [_scored_row(entry, n, ranks, measured[0]) for n, entry in enumerate(members)]
+    place = protocol.benchmark, protocol.track
+    mine = [e for e in entries if e.place[:2] == place and e.protocol in ("", protocol.name)]
+    shown = [(entry, entry.answer) for entry in mine if entry.answer is not None]
+    newest = _basis(max((answer for _, answer in shown), key=_age)) if shown else ()
+    members = [_Member(e.place.folder, e.row, a) for e, a in shown if _basis(a) == newest]
+    ranked = {member.id for member in members}
+    first = members[0].answer if members else None
+    head = first.head if first else _head_of(protocol)
+    columns = _columns([member.answer for member in members], protocol)
+    pairs = {c.key: _rank(members, c, cache) for c in columns if c.headline and members}
     reported = [] if head.sealed else _reported(head, columns)
-    if not measured:
+    if not members:
         printed = {key for row in reported for key in row.scores}
         columns = [column for column in columns if column.headline or column.key in printed]
-    known = {key for row in (*scored, *reported) for key in row.scores}
+    shown_rows = [*(member.row for member in members), *reported]
+    known = {key for row in shown_rows for key in row.scores}
     lead = next((column for column in columns if column.key in known), columns[0])
-    floors = {row.method: row for one in reversed(measured) for row in one.floors}
-    shown = sorted((*scored, *reported), key=lambda row: _order(lead, row))
-    notes = [f"scored by airzoo-bench {', '.join(sorted({one.made_with for one in measured}))}"]
+    floors = {row.method: row for one in reversed(members) for row in one.answer.floors}
+    unscored: dict[str, Any] = {"kind": "failed", "scores": {}, "scenes": {}, "conditions": {}}
+    failed = [
+        entry.row.model_copy(update=unscored | {"reason": entry.row.reason or _OLD, "history": ()})
+        for entry in mine
+        if entry.place.folder not in ranked
+    ]
+    notes = []
+    if members:
+        versions = sorted({member.answer.version for member in members})
+        notes.append(f"scored by airzoo-bench {', '.join(versions)}")
     shipped = shipped_protocols().get(head.protocol)
     known_as = "" if shipped is None else load_protocol(shipped).fingerprint
     if reported and head.protocol_fingerprint != known_as:
         notes.append("not the shipped protocol: reported numbers may measure something else")
-    table = Table(
+    return Table(
         **dict(head),
         id=protocol.name,
         title=protocol.title,
         summary=" ".join(protocol.summary.split()),
         benchmark_title=benchmark_title,
         scores=tuple(columns),
-        conditions=measured[0].conditions if measured else (),
-        rows=_with_ids([*shown, *floors.values(), *rows]),
-        pairs={key: {"ids": one.ids} | one.pairs for key, one in ranks.items() if one.pairs},
-        about_intervals=measured[0].about_intervals if measured else "",
-        notes=tuple(notes if measured else notes[1:]),
+        conditions=first.conditions if first else (),
+        rows=_with_ids(
+            [*sorted(shown_rows, key=lambda r: _order(lead, r)), *floors.values(), *failed]
+        ),
+        pairs={key: one for key, one in pairs.items() if one},
+        about_intervals=first.about_intervals if first else "",
+        notes=tuple(notes),
         data=about_of(head.benchmark).page or None
         if about_file(head.benchmark).is_file()
         else None,
         paper=_paper(head.benchmark),
     )
-    return table, ranks
 
 
-def _measured(entry: Entry) -> Measured:
-    assert entry.measured is not None
-    return entry.measured
+def _basis(answer: Answer) -> tuple[Any, ...]:
+    head = answer.head
+    return head.protocol_fingerprint, head.truth, head.sealed
 
 
-def _members(entries: Sequence[Entry]) -> tuple[list[Entry], list[Row]]:
-    """Return the entries of the newest protocol and truth, and a row for every other one.
-
-    Members are in an order that stays when others come or go.
-    """
-
-    def basis(entry: Entry) -> tuple[Any, ...]:
-        head = _measured(entry).head
-        return head.protocol_fingerprint, head.truth, head.sealed
-
-    def age(entry: Entry) -> tuple[Any, ...]:
-        head = _measured(entry).head
-        version = head.benchmark_version or 0
-        return head.protocol_version, version, entry.scored, times[basis(entry)], head.truth
-
-    shown = [entry for entry in entries if entry.measured is not None]
-    times = Counter(map(basis, shown))
-    newest = basis(max(shown, key=age)) if shown else ()
-    members = [entry for entry in shown if basis(entry) == newest]
-    members.sort(key=lambda entry: (_measured(entry).key, entry.place))
-    old = "scored by another protocol or truth, earlier"
-    others = [entry for entry in entries if entry not in members]
-    return members, [
-        _stated_row(one, "failed", old if one.measured else one.reason) for one in others
-    ]
+def _age(answer: Answer) -> tuple[Any, ...]:
+    head = answer.head
+    return head.protocol_version, head.benchmark_version or 0, answer.scored, head.truth
 
 
 def _head_of(protocol: Protocol) -> Head:
@@ -159,11 +162,10 @@ def _head_of(protocol: Protocol) -> Head:
     )
 
 
-def _columns(measured: Sequence[Measured], protocol: Protocol) -> list[ScoreColumn]:
+def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]:
     """Return the scores that any result has, the headline ones that all have first."""
-    every = [one.columns for one in measured]
-    if not every:
-        every = [score_columns(load_track(protocol.track).scores(protocol))]
+    every = [one.columns for one in answers]
+    every = every or [score_columns(load_track(protocol.track).scores(protocol))]
     columns = {column.key: column for one in every for column in one}
     headline = set.intersection(*({c.key for c in one if c.headline} for one in every))
     marked = [c.model_copy(update={"headline": c.key in headline}) for c in columns.values()]
@@ -173,65 +175,22 @@ def _columns(measured: Sequence[Measured], protocol: Protocol) -> list[ScoreColu
 # --- rows ---
 
 
-def _stated_row(entry: Entry, kind: Any, reason: str = "") -> Row:
-    """Return a row with the statements of a submission's authors."""
-    row = Row(id=entry.place.folder, kind=kind, method=entry.method, reason=reason)
-    given = entry.submission
-    if given is None:
-        return row
-    said = {name: getattr(given, name) for name in Row.model_fields if hasattr(given, name)}
-    said |= {"date": given.date.isoformat(), "summary": given.summary or ""}
-    said |= {"bibtex": given.bibtex or "", **dict(given.pipeline)}
-    return row.model_copy(update=said)
-
-
-def _scored_row(entry: Entry, number: int, ranks: Mapping[str, Ranks], first: Measured) -> Row:
-    """Return the row of an entry that was scored here; `number` is its place in the ranks."""
-    one = _measured(entry)
-    scores = dict(one.row.scores)
-    for key in scores.keys() & ranks.keys():
-        rank = tuple(ranks[key].ranges[number].tolist())
-        near = bool(ranks[key].near_best[number])
-        scores[key] = scores[key].model_copy(update={"rank": rank, "near_best": near})
-    history = (
-        Version(
-            number=version.number,
-            date=version.scored,
-            scores={key: score.value for key, score in _measured(version).row.scores.items()},
-            files=f"{version.place.runs}/{version.number}",
-        )
-        for version in (entry, *entry.older)
-    )
-    return _stated_row(entry, one.row.kind).model_copy(
-        update={
-            "rescored": entry.scored,
-            "version": entry.number,
-            "notes": (*one.row.notes, *filter(None, [entry.reason])),
-            "scores": scores,
-            "scenes": one.row.scenes,
-            "conditions": {
-                given.by: one.row.conditions[given.by]
-                for given in first.conditions
-                if given in one.conditions
-            },
-            "history": tuple(history),
-        }
-    )
-
-
 def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
     """Return the methods that papers print numbers of; a number comes from the first that does."""
     shares = {column.key: column.unit == "share" for column in columns}
     scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
-    numbers: dict[str, dict[str | None, dict[str, float]]] = {}
+    numbers: dict[str, dict[str, dict[str, float]]] = {}
     sources: dict[str, dict[str, None]] = {}
-    printed = published_values(head.benchmark, head.track)
+    printed = [
+        cell
+        for cell in published_values(head.benchmark, head.track)
+        if cell.scene in scenes and cell.metric in shares
+    ]
     scenic = {cell.table for cell in printed if cell.scene != OVERALL}
     for cell in sorted(printed, key=lambda cell: cell.table not in scenic):
-        found = numbers.setdefault(cell.method, {}).setdefault(scenes.get(cell.scene), {})
-        key, value = cell.metric, float(cell.value)
-        if cell.scene in scenes and key in shares and key not in found:
-            found[key] = value / 100 if shares[key] else value
+        found = numbers.setdefault(cell.method, {}).setdefault(scenes[cell.scene], {})
+        if cell.metric not in found:
+            found[cell.metric] = float(cell.value) / (100 if shares[cell.metric] else 1)
             sources.setdefault(cell.method, {})[cell.table] = None
     return [
         Row(
@@ -256,18 +215,14 @@ def _order(lead: ScoreColumn, row: Row) -> tuple[bool, float, str, str]:
 
 
 def _with_ids(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """Give each row a name for its page, which differs from the others' in more than case."""
-    times, found = Counter(row.id.casefold() for row in rows if row.id), []
+    """Give each row without a folder a name for its page, which no folder can have."""
+    found = dict[str, Row]()
     for row in rows:
-        name = row.id
-        if not name:
-            letters = unicodedata.normalize("NFKD", row.method).encode("ascii", "ignore").decode()
-            slug = re.sub(r"[^a-z0-9]+", "-", letters.lower())[:_LONGEST].strip("-") or "method"
-            name = f"{row.kind}-{slug}"
-            times[name] += 1
-            name = name if times[name] == 1 else f"{name}-{times[name]}"
-        found.append(row.model_copy(update={"id": name}))
-    return tuple(found)
+        letters = unicodedata.normalize("NFKD", row.method).encode("ascii", "ignore").decode()
+        name = row.id or f"{row.kind}~{re.sub(r'[^a-z0-9]+', '-', letters.lower()).strip('-')}"
+        name = name if name not in found else f"{name}~{len(found)}"
+        found[name] = row.model_copy(update={"id": name})
+    return tuple(found.values())
 
 
 def _paper(benchmark: str) -> str | None:
@@ -279,41 +234,42 @@ def _paper(benchmark: str) -> str | None:
 # --- ranks ---
 
 
-def _rank(entries: Sequence[Entry], column: ScoreColumn, cache: Path) -> Ranks:
-    """Rank methods of one protocol and truth by a headline score."""
-    methods = [_measured(entry) for entry in entries]
-    scores = [one.row.scores.get(column.key, Score(value=np.inf)) for one in methods]
+def _rank(members: list[_Member], column: ScoreColumn, cache: Path) -> dict[str, Any]:
+    """Write ranks by a headline score into the rows, and return the pairs of board.json."""
+    scores = [one.row.scores.get(column.key, Score(value=np.inf)) for one in members]
     values = np.array([score.value for score in scores], np.float64)
     limits: list[Floats] = []
-    if methods[0].head.sealed:
+    if members[0].answer.head.sealed:
         errors = np.array([score.standard_error for score in scores], np.float64)
         p_values = unpaired_p_values(values, errors)
     else:
-        *limits, p_values = _compare_pairs(entries, column, cache)
+        *limits, p_values = _compare_pairs(members, column, cache)
     corrected = correct_pairs(p_values)
-    upper, pairs = np.triu_indices(len(methods), 1), {}
-    if limits and len(methods) > 1:
-        found = (*limits, p_values, corrected)
-        for name, matrix in zip(("low", "high", "p", "p_holm"), found, strict=True):
-            content = (matrix[upper] + 0.0).astype("<f4").tobytes()  # no -0.0
-            pairs[name] = base64.b64encode(zlib.compress(content, 6)).decode()
     best = int(np.argmax(values if column.higher_is_better else -values))
-    near = (p_values[best] > LEVEL) | (values == values[best])
-    return Ranks(
-        tuple(entry.place.folder for entry in entries),
-        rank_ranges(values, corrected, higher_is_better=column.higher_is_better),
-        told_apart(values, corrected),
-        near & np.isfinite(values),
-        pairs,
-    )
+    near = ((p_values[best] > LEVEL) | (values == values[best])) & np.isfinite(values)
+    ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
+    for n, (one, rank, is_near) in enumerate(zip(members, ranges.tolist(), near, strict=True)):
+        update = {"rank": tuple(rank), "near_best": bool(is_near)}
+        score = one.row.scores.get(column.key, Score()).model_copy(update=update)
+        row = one.row.model_copy(update={"scores": one.row.scores | {column.key: score}})
+        members[n] = one._replace(row=row)
+    if not limits or len(members) < 2:
+        return {}
+    upper, found = np.triu_indices(len(members), 1), (*limits, p_values, corrected)
+    packed = {
+        name: pack(matrix[upper] + 0.0, "<f4")  # no -0.0
+        for name, matrix in zip(("low", "high", "p", "p_holm"), found, strict=True)
+    }
+    return {"ids": [one.id for one in members]} | packed
 
 
-def _sample_of(methods: Sequence[Measured], column: ScoreColumn) -> Sample:
+def _sample_of(answers: Sequence[Answer], column: ScoreColumn) -> Sample:
     """Put one headline score of many methods into a sample, as `make_sample` would."""
-    first, rows = methods[0], []
-    for one in methods:
+    first, rows = answers[0], []
+    for one in answers:
         headline = [c.key for c in one.columns if c.headline]
-        rows.append(one.values[headline.index(column.key)])
+        packed = np.frombuffer(zlib.decompress(base64.b64decode(one.values)), "<f8")
+        rows.append(packed.reshape(len(headline), -1)[headline.index(column.key)])
     ends = np.cumsum([0, *(units for _, units in first.groups)]).tolist()
     by_median = first.head.unit == "query" and column.average == "median"
     return Sample(
@@ -325,27 +281,30 @@ def _sample_of(methods: Sequence[Measured], column: ScoreColumn) -> Sample:
     )
 
 
-def _compare_pairs(entries: Sequence[Entry], column: ScoreColumn, cache: Path) -> Floats:
-    """Return low, high and p of every two methods (3, V, V), and store them for the next build.
-
-    Methods are in the order of their names here, so that no stored pair is the other way around.
-    """
-    methods = [_measured(entry) for entry in entries]
-    names = [f"{_measured(entry).key} {entry.place.path}" for entry in entries]
-    head, resampling = methods[0].head, ResamplingConfig(resamples_for(len(methods)))
-    basis = (head.protocol, head.protocol_fingerprint, head.truth, column.key)
-    mark = repr((*basis, resampling.resamples, __version__)).encode()
-    path = cache / f"pairs-{hashlib.sha256(mark).hexdigest()}.npz"
-    before = load_arrays(path) or {"names": np.array([]), "pairs": np.zeros((3, 0, 0))}
-    places = {name: place for place, name in enumerate(before["names"].tolist())}
-    known = [n for n, name in enumerate(names) if name in places]
-    then = [places[names[n]] for n in known]
-    wanted = np.ones((len(names),) * 2, np.bool_)
+def _compare_pairs(members: Sequence[_Member], column: ScoreColumn, cache: Path) -> Floats:
+    """Return low, high and p of every two methods (3, V, V), and store them for the next build."""
+    answers = [member.answer for member in members]
+    resampling = ResamplingConfig(resamples_for(len(members)))
+    mark = repr((*_basis(answers[0]), column.key, resampling.resamples, __version__))
+    path = cache / f"pairs-{hashlib.sha256(mark.encode()).hexdigest()}.npz"
+    names = [
+        f"{one.id} {hashlib.sha256(one.answer.values.encode()).hexdigest()}" for one in members
+    ]
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            before, matrices = stored["names"].tolist(), stored["pairs"]
+    except (OSError, EOFError, ValueError, KeyError, BadZipFile):  # there is none, or it is damaged
+        before, matrices = [], np.zeros((3, 0, 0))
+    then = {name: place for place, name in enumerate(before)}
+    known = [n for n, name in enumerate(names) if name in then]
+    old = [then[names[n]] for n in known]
+    wanted: Bools = np.ones((len(names),) * 2, np.bool_)
     wanted[np.ix_(known, known)] = False
     found = np.ones((3, *wanted.shape))
     if np.triu(wanted, 1).any():
-        found = compare_all(_sample_of(methods, column), resampling, wanted)
-    for matrix, stored in zip(found, before["pairs"], strict=True):
-        matrix[np.ix_(known, known)] = stored[np.ix_(then, then)]
-    store_arrays(path, {"names": np.array(names), "pairs": found})
+        found = compare_all(_sample_of(answers, column), resampling, wanted)
+    for matrix, stored_one in zip(found, matrices, strict=True):
+        matrix[np.ix_(known, known)] = stored_one[np.ix_(old, old)]
+    with atomic_write(path) as stream:
+        write_npz(stream, {"names": np.array(names), "pairs": found})
     return found

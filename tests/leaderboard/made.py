@@ -15,10 +15,11 @@ import tomli_w
 from typer.testing import Result
 
 from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.leaderboard.answers import Answer, measure
+from airzoo_bench.leaderboard.answers import write_run as keep_run
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
 from airzoo_bench.leaderboard.build import build_board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
-from airzoo_bench.leaderboard.data_branch import write_facts
 from airzoo_bench.leaderboard.submission import Submission, submission_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
@@ -96,11 +97,6 @@ def checked(folder: Path, data: Path, seconds: float = 0.0) -> CheckedSubmission
     return check_submission(folder, board, data, known=known_submissions(root), seconds=seconds)
 
 
-def only_error(found: CheckedSubmission) -> str:
-    assert len(found.errors) == 1, [str(error) for error in found.errors]
-    return str(found.errors[0])
-
-
 # --- runs, and the board that is built of them ---
 
 
@@ -129,16 +125,21 @@ def _scores(column: ScoreColumn, ease: np.ndarray, rate: float) -> np.ndarray:
     return np.where(ease > 0.95, np.inf, np.round(ease * 30 * (1.5 - rate), 6))
 
 
+def write_answer(root: Path, folder: str, number: int, answer: Answer, **fields: Any) -> None:
+    """Write the submission and the answer of a run of the data branch."""
+    given = submission(**{"team": "Team"} | fields)
+    keep_run(root / "runs/made/retrieval" / folder / str(number), given, answer)
+
+
 def write_run(
     root: Path, folder: str, number: int, scored: Scored, *, day: int = 1, **fields: Any
-) -> Path:
-    """Write a run of the data branch below a folder, and return its own."""
+) -> None:
+    """Write a run of the data branch below a folder."""
     run = root / "runs/made/retrieval" / folder / str(number)
     write_method(run, scored)
-    when = datetime.datetime(2026, 4, day, 12, tzinfo=datetime.UTC)
-    given = {"method": scored.name, "team": "Team"} | fields
-    write_facts(run, submission(**given), "d" * 64, when)
-    return run
+    when = {"scored": f"2026-04-{day:02}T12:00:00Z"}
+    answer = measure(run, "d" * 64).model_copy(update=when)
+    write_answer(root, folder, number, answer, method=scored.name, **fields)
 
 
 def write_runs(root: Path, count: int = 4) -> Path:

@@ -36,11 +36,11 @@ from airzoo_bench.core.validation import read_toml
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import checks
+from airzoo_bench.leaderboard.answers import Answer
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.data_branch import DataBranch, Try, check_tries
 from airzoo_bench.leaderboard.git import RefusedError
-from airzoo_bench.leaderboard.measured import Measured
 from airzoo_bench.leaderboard.sealed_scoring import opened_truth, round_score, score_sealed
 from airzoo_bench.leaderboard.sealing import (
     KEY_VARIABLE,
@@ -95,7 +95,8 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def sealed(field: Path, tmp_path_factory: pytest.TempPathFactory) -> SealedField:
     root = tmp_path_factory.mktemp("sealed")
     found = SealedField(field, root / NAME, root / "truth.age")
-    seal(field, found.public, found.archive, KEY.to_public(), salt=SALT)
+    with mock.patch("secrets.token_hex", return_value=SALT):
+        seal(field, found.public, found.archive, KEY.to_public())
     return found
 
 
@@ -196,7 +197,7 @@ def sealed_again(field: Path, root: Path, change: Callable[[Path], None]) -> Pat
     change(folder)
     values = read_toml(folder / "benchmark.toml", BenchmarkError, "benchmark file")
     write_benchmark_file(folder, BenchmarkFile.model_validate(values))
-    seal(folder, root / "public", root / "truth.age", KEY.to_public(), salt=SALT)
+    seal(folder, root / "public", root / "truth.age", KEY.to_public())
     return root / "public"
 
 
@@ -366,7 +367,7 @@ def test_a_damaged_archive_opens_nothing(name: str, sealed: SealedField, tmp_pat
     data = bytearray(sealed.archive.read_bytes())
     CHANGES[name](data)
     (tmp_path / "x.age").write_bytes(data)
-    with pytest.raises(BenchmarkError, match="damaged, cut off"):
+    with pytest.raises(BenchmarkError, match="is damaged"):
         opened(sealed.public, tmp_path / "x.age")
 
 
@@ -397,7 +398,7 @@ def test_an_archive_that_anybody_could_have_sealed_writes_nowhere_else(
             entry.size = len(text)
             tar.addfile(entry, BytesIO(text.encode()))
     path.write_bytes(load_pyrage().encrypt(plain.getvalue(), [KEY.to_public()]))
-    with pytest.raises(BenchmarkError, match=r"another version|another public"):
+    with pytest.raises(BenchmarkError, match=r"is damaged|another public"):
         opened(sealed.public, path)
 
 
@@ -411,7 +412,7 @@ def test_faults_of_keys_repeat_no_key(text: str | None, monkeypatch: pytest.Monk
     assert str(KEY)[20:40] not in str(caught.value)
     monkeypatch.setenv(KEY_VARIABLE, f"# a comment\n{KEY}\n")
     assert str(read_key()) == str(KEY)
-    with pytest.raises(UsageError, match="this is the secret key") as caught:
+    with pytest.raises(UsageError, match="no public key") as caught:
         recipient(str(KEY))
     assert str(KEY)[20:40] not in str(caught.value)
 
@@ -422,9 +423,9 @@ def test_the_command_and_places_that_it_refuses(
     to, inside = str(KEY.to_public()), sealed.folder / "public"
     out, archive = tmp_path / "p/m", tmp_path / "p/a.age"
     for folder, public, file, key, said in (
-        (sealed.folder, out, archive, "me", "no recipient: 'me'"),
-        (sealed.folder, out, tmp_path / "q/a.age", to, "lie in two folders"),
-        (sealed.folder, inside, inside.with_name("a.age"), to, "lies in the folder that is sealed"),
+        (sealed.folder, out, archive, "me", "no public key"),
+        (sealed.folder, out, tmp_path / "q/a.age", to, "a wrong place"),
+        (sealed.folder, inside, inside.with_name("a.age"), to, "a wrong place"),
         (tmp_path / "none", out, archive, to, "none"),
         (sealed.public, out, archive, to, "is sealed"),
         (sealed.folder, out, archive, to, ""),
@@ -456,7 +457,7 @@ def test_only_rounded_overall_scores_are_told(
     assert run_main(*call) == 0
     data = sealed.public.parent
     checked = CheckedSubmission(folder, submission(protocol=f"{NAME}-{track}"), path)
-    answer = score_sealed(checked, sealed.archive, KEY, data, Run())
+    answer = score_sealed(checked, "7" * 64, sealed.archive, KEY, data, Run())
     whole = evaluate(path, data=sealed.folder, method="M")
     shown = [column for column in whole.result.columns if column.headline]
     assert set(answer.row.scores) == {column.key for column in shown}
@@ -471,7 +472,7 @@ def test_only_rounded_overall_scores_are_told(
     text = answer.model_dump_json()
     assert not [secret for secret in (whole.result.truth.fingerprint, SALT) if secret in text]
     assert not {*answer.row.notes, *answer.row.scenes, *answer.row.conditions, *answer.floors}
-    assert Measured.model_validate_json(text) == answer
+    assert Answer.model_validate_json(text) == answer
 
 
 @pytest.mark.parametrize("kind", COLUMNS)
@@ -553,9 +554,8 @@ def test_a_try_beyond_the_limit_is_refused(tries: list[Try], refused: bool) -> N
     if not refused:
         check_tries(tries, line("c", 5), TWO_TRIES)
         return
-    with pytest.raises(RefusedError, match="has had 2 tries on made within 30 days") as error:
+    with pytest.raises(RefusedError, match="has had 2 tries on made within 30 days"):
         check_tries(tries, line("c", 5), TWO_TRIES)
-    assert error.value.fix == "push again after 2026-12-01T00:00:00Z"
     check_tries(tries[:2], Try("7", "made", "d", "started", "2026-12-01T00:00:01Z"), TWO_TRIES)
 
 
@@ -563,13 +563,12 @@ def test_two_jobs_at_once_cannot_both_have_the_last_try(tmp_path: Path) -> None:
     hosted = Hosted(tmp_path / "hosted.git", {".keep": b""})
     first, second = (DataBranch(tmp_path / name, str(hosted.folder)) for name in "ab")
     limits = Limits(tries=1, days=30)
-    first.add_try(line("a", 1), limits, {})
+    first.add_try(line("a", 1), limits)
     with pytest.raises(RefusedError, match="has had 1 try"):
-        second.add_try(line("b", 1), limits, {})
-    second.add_try(line("b", 1, account=8), limits, {"answers/x.json": b"{}"})
+        second.add_try(line("b", 1), limits)
+    second.add_try(line("b", 1, account=8), limits)
     again = DataBranch(tmp_path / "c", str(hosted.folder))
     assert [one.head for one in again.tries()] == ["a", "b"]
-    assert (again.folder / "answers/x.json").read_bytes() == b"{}"
 
 
 # --- the steps of CI ---
@@ -645,8 +644,8 @@ def test_a_sealed_submission_from_pull_request_to_board(
     board.merge(1, head)
     data = board.rescore()
     run = data / "runs/made/retrieval/salad/1"
-    answer = json.loads((run / "answer.json").read_text())
-    names = ["answer.json", "run.json", "submission.toml"]
+    answer = json.loads((run / "run.json").read_text())
+    names = ["run.json", "submission.toml"]
     assert sorted(path.name for path in run.iterdir()) == names
 
     # An answer from before the truth was sealed anew would make that one's table the newest.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 import os
 import pty
@@ -27,7 +26,13 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
-from airzoo_bench.leaderboard.checks import FETCHED, check_pipeline, check_submission, size_of_tree
+from airzoo_bench.leaderboard.checks import (
+    FETCHED,
+    CheckedSubmission,
+    check_pipeline,
+    check_submission,
+    size_of_tree,
+)
 from airzoo_bench.leaderboard.submission import (
     board_name,
     plain_line,
@@ -45,7 +50,6 @@ from tests.leaderboard.made import (
     Command,
     checked,
     git,
-    only_error,
     submission,
     values,
     write_submission,
@@ -90,7 +94,7 @@ REFUSED = {
     "www.example.org": "'www.'",
     "javascript:x": "'javascript:'",
     "Ame\u0301lie": "NFC",
-    "q\u0327\u030a\u030b": "more than 2 marks",
+    "q\u0327\u030a\u030b": "U+0327",
     " SALAD": "blank at an end",
     "SA  LAD": "two in a row",
     "\U0001d412ALAD": "MATHEMATICAL BOLD CAPITAL S",
@@ -160,6 +164,11 @@ def test_any_text_is_taken_or_refused_and_what_is_shown_is_harmless(text: str) -
 # --- submission.toml ---
 
 
+def only_error(found: CheckedSubmission) -> str:
+    [error] = found.errors
+    return str(error)
+
+
 def refusal(path: Path, text: str) -> str:
     path.write_bytes(text.encode())
     with pytest.raises(SubmissionError) as error:
@@ -186,8 +195,9 @@ WRONG: dict[str, tuple[dict[str, Any] | str, str]] = {
     "type": ({"method": 3}, "key 'method' is 3"),
     "date": ({"date": "2026-11-22"}, "key 'date' is '2026-11-22'"),
     "contact": ({"contact": "Ada"}, "key 'contact' is 'Ada'"),
+    "BibTeX": ({"bibtex": "@misc{a, title = {\\input{x}}}"}, "key 'bibtex'"),
     "http": ({"paper": "http://example.org"}, "key 'paper' is 'http://example.org'"),
-    "user": ({"code": "https://github.com@evil.example/"}, "without a user"),
+    "user": ({"code": "https://github.com@evil.example/"}, "key 'code'"),
     "script": ({"weights": "javascript:x"}, "key 'weights'"),
     "stages": ({"pipeline": {"stages": "two"}}, "key 'pipeline.stages' is 'two'"),
     "two places": ({"predictions": TWO_PLACES}, "key 'predictions': either file or url"),
@@ -248,7 +258,7 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "hidden": (lambda home: (home / ".env").touch(), "not plain"),
     "executable": (lambda home: (home / "preds.npz").chmod(0o755), "executable"),
     "case": (lambda home: (home / "Preds.npz").touch(), "only in case"),
-    "deep": (_deep, "more than 12 folders"),
+    "deep": (_deep, "more than 8 folders"),
     "strange": (lambda home: (home / "notes.txt").touch(), "does not name"),
     "no predictions": (lambda home: (home / "preds.npz").unlink(), "'predictions.file'"),
     "other bytes": (lambda h: _change(h, lambda c: c[:-1] + bytes([c[-1] ^ 1])), ".sha256'"),
@@ -267,15 +277,12 @@ def test_files_that_ci_refuses(root: Path, data: Path, perfect: Any, name: str) 
 
 STATED: dict[str, tuple[str, dict[str, Any], str]] = {
     "unknown benchmark": ("mad/retrieval/salad", {}, "'made'"),
-    "another track": ("made/matching/salad", {}, "the folder is of matching of made"),
+    "another track": ("made/matching/salad", {}, "the folder is of matching"),
     "a device of Windows": ("made/retrieval/nul", {}, "no place for a submission"),
     "another protocol": (
         "made/retrieval/salad", {"protocol": "uav-visloc-retrieval"}, "does not score made",
     ),
     "a path as protocol": ("made/retrieval/salad", {"protocol": "own.toml"}, "does not score made"),
-    "a date to come": (
-        "made/retrieval/salad", {"date": datetime.date(9999, 12, 31)}, "'date' is 9999-12-31",
-    ),
 }  # fmt: skip
 
 
@@ -344,11 +351,10 @@ def test_an_address_that_is_never_fetched_is_refused_before(
 @pytest.mark.parametrize(
     ("changes", "error", "warning"),
     [
-        ({"method": "Salad", "team": "Other"}, "'Salad', which looks like 'SALAD'", ""),
+        ({"method": "Salad", "team": "Other"}, "differs from 'SALAD' only in case", ""),
         ({"folder": "Salad", "method": "New", "team": "Other"}, "only in case", ""),
-        ({"method": "New", "team": "Example Iab"}, "which looks like 'Example Lab'", ""),
-        ({}, "has a method 'SALAD' here already, in salad", ""),
-        ({"method": "S-A-L-A-D"}, "a method 'SALAD' here already, in salad", ""),
+        ({"method": "New", "team": "Example Iab"}, "", "looks like 'Example Lab'"),
+        ({"method": "S-A-L-A-D"}, "", "looks like 'SALAD'"),
         ({"method": "Mine", "team": "Other"}, "", "to the last byte those of 'SALAD'"),
         ({"team": "Other"}, "", "'SALAD' is on this board already, of team 'Example Lab'"),
         ({"team": "Other", "method": "Net (official)"}, "", "says that it is official"),
@@ -485,5 +491,5 @@ def test_eight_questions_at_most_on_a_terminal(clone: Path, preds: Path) -> None
             if re.search(r"\n[a-z_]+: $", said):
                 os.write(leader, f"{next(answers, '')}\n".encode())
     assert child.wait(60) == 0, said
-    assert "an e-mail address" in said  # asked again
+    assert "'nobody'" in said  # asked again
     assert read_submission(clone / FOLDER / "submission.toml").method == "SALAD"

@@ -1,0 +1,383 @@
+"""Answers: what a board keeps of scored submissions, and the rows of board.json made of them.
+
+A run is the folder ``runs/<benchmark>/<track>/<folder>/<number>/`` with the answer in ``run.json``,
+with ``submission.toml`` (without ``contact``) and, where the truth is public, with ``result.json``
+and ``records.csv``. The highest number is shown; the others are history.
+"""
+
+from __future__ import annotations
+
+import base64
+import datetime
+import re
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from airzoo_bench.core.errors import SubmissionError, UserError
+from airzoo_bench.core.files import atomic_write, read_text
+from airzoo_bench.leaderboard.board import Place
+from airzoo_bench.leaderboard.submission import (
+    SUBMISSION_FILE,
+    Submission,
+    read_submission,
+    submission_text,
+)
+from airzoo_bench.results.comparison import make_sample, score_intervals
+from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.result import Reference, Result, ScoreColumn, read_result
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables.breakdown import (
+    condition_names,
+    condition_title,
+    group_averages,
+    group_records,
+)
+from airzoo_bench.tables.intervals import intervals_made, resampled
+
+RUN_FILE, RESULT_FILE = "run.json", "result.json"
+FAULT_FILE = "fault.txt"
+"""Why CI could not score the files of a submission that were merged last."""
+
+Number = float | None
+Hash = Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
+
+_RESAMPLING = ResamplingConfig()
+
+
+class Model(BaseModel):
+    """A part of board.json, in which an infinite number is the text "Infinity"."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="strings")
+
+
+class Score(Model):
+    """A score with its interval, its standard error where the truth is sealed, and its ranks.
+
+    `near_best` says that a test of the two alone cannot tell the method from the best.
+    """
+
+    value: Number = None
+    low: Number = None
+    high: Number = None
+    standard_error: Number = None
+    rank: tuple[int, int] | None = None
+    near_best: bool = False
+
+
+class Version(Model):
+    """A version of a submission: its overall scores, and where its run lies on the data branch."""
+
+    number: int
+    date: str
+    scores: dict[str, Number]
+    files: str
+
+
+class Row(Model):
+    """A method scored here, reported by a paper or not scored, or a floor such as chance.
+
+    Scores are by key, `scenes` by scene, then key: value, low and high; `conditions` by condition,
+    then key: a value a group. The newest version comes first in `history`.
+    """
+
+    id: str = ""
+    kind: Literal["re-scored", "sealed", "reported", "floor", "failed"]
+    method: str
+    team: str = ""
+    authors: tuple[str, ...] = ()
+    summary: str = ""
+    source: str = ""
+    reason: str = ""
+    date: str | None = None
+    rescored: str | None = None
+    version: int | None = None
+    paper: str | None = None
+    code: str | None = None
+    weights: str | None = None
+    licence: str | None = None
+    training_data: tuple[str, ...] | None = None
+    stages: str | None = None
+    uses: tuple[str, ...] = ()
+    bibtex: str | None = None
+    notes: tuple[str, ...] = ()
+    scores: dict[str, Score] = {}
+    scenes: dict[str, dict[str, tuple[Number, Number, Number]]] = {}
+    conditions: dict[str, dict[str, tuple[Number, ...]]] = {}
+    history: tuple[Version, ...] = ()
+
+
+class Scene(Model):
+    """A scene of a table."""
+
+    id: str
+    title: str
+    queries: int | None
+
+
+class Conditions(Model):
+    """The groups of queries by a condition, and how many queries each has."""
+
+    by: str
+    title: str
+    labels: tuple[str, ...]
+    counts: tuple[int, ...]
+
+
+class Head(Model):
+    """The benchmark, protocol and truth of all numbers in a table."""
+
+    benchmark: str
+    benchmark_version: int | None = None
+    track: str
+    protocol: str
+    protocol_version: int
+    protocol_fingerprint: str
+    truth: str = ""
+    sealed: bool = False
+    unit: str = "query"
+    scenes: tuple[Scene, ...]
+
+
+class Answer(Model):
+    """The numbers of a submission, scored at a time (UTC) by a version of airzoo-bench.
+
+    `tree` is a hash of the submission's files. `row` has the method's scores, `floors` those
+    without a method. `values` are packed records (V, N), a row a headline score; `groups` are the
+    names and sizes of their parts. Of a sealed truth there are neither floors nor values.
+    """
+
+    tree: Hash
+    scored: str
+    version: str
+    head: Head
+    columns: tuple[ScoreColumn, ...]
+    row: Row
+    floors: tuple[Row, ...] = ()
+    about_intervals: str = ""
+    conditions: tuple[Conditions, ...] = ()
+    groups: tuple[tuple[str, int], ...] = ()
+    values: str = ""
+
+
+def now() -> str:
+    """Return the time in UTC, to the second."""
+    return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def pack(values: NDArray[Any], kind: str) -> str:
+    """Return numbers of a type of NumPy as a text: deflated, in base64."""
+    return base64.b64encode(zlib.compress(values.astype(kind).tobytes(), 6)).decode()
+
+
+# --- from a result ---
+
+
+def measure(run: Path, tree: str) -> Answer:
+    """Take the numbers that a board shows from the result and the records in a run's folder."""
+    result = read_result(run / RESULT_FILE)
+    records = read_records(run / RESULT_FILE, result)
+    method = Scored(result.predictions.method, result, records)
+    headline = [column for column in result.columns if column.headline]
+    found, sample = score_intervals(method, headline, _RESAMPLING), make_sample([method], headline)
+    parts = {"": found.overall, **found.groups}
+    made = [one for part in parts.values() for one in part]
+    about = intervals_made(made, _RESAMPLING, resampled(result.unit))
+    limits = {
+        (scene, column.key): (one.low, one.high)
+        for scene, part in parts.items()
+        for column, one in zip(headline, part, strict=False)
+    }
+
+    def estimates(scene: str, values: dict[str, float]) -> dict[str, tuple[Number, Number, Number]]:
+        return {k: (v, *limits.get((scene, k), (None, None))) for k, v in values.items()}
+
+    overall = estimates("", result.overall)
+    conditions, by_condition = _by_condition(method, headline)
+    row = Row(
+        kind="re-scored",
+        method=method.name,
+        notes=result.notes,
+        scores={k: Score(value=v, low=low, high=high) for k, (v, low, high) in overall.items()},
+        scenes={scene: estimates(scene, part) for scene, part in result.scenes.items()},
+        conditions=by_condition,
+    )
+    return Answer(
+        tree=tree,
+        scored=now(),
+        version=result.versions["airzoo-bench"],
+        head=head_of(result),
+        columns=result.columns,
+        row=row,
+        floors=tuple(_floor(name, part) for name, part in result.references.items()),
+        about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
+        conditions=conditions,
+        groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
+        values=pack(np.concatenate(sample.values, axis=1), "<f8"),
+    )
+
+
+def head_of(result: Result) -> Head:
+    """Return what a result measures."""
+    truth, used = result.truth, result.protocol
+    return Head(
+        benchmark=truth.benchmark,
+        benchmark_version=truth.version,
+        track=result.track,
+        protocol=used.name,
+        protocol_version=used.version,
+        protocol_fingerprint=used.fingerprint,
+        truth=truth.fingerprint,
+        unit=result.unit,
+        scenes=tuple(
+            Scene(id=id_, title=title, queries=result.counts[id_]["queries"])
+            for id_, title in ((scene, truth.scene_titles[scene]) for scene in result.scenes)
+        ),
+    )
+
+
+def _floor(name: str, part: Reference) -> Row:
+    scores = {key: Score(value=value) for key, value in part.overall.items()}
+    scenes: dict[str, dict[str, tuple[Number, Number, Number]]] = {
+        s: {k: (v, None, None) for k, v in one.items()} for s, one in part.scenes.items()
+    }
+    return Row(kind="floor", method=name, source=part.meaning, scores=scores, scenes=scenes)
+
+
+def _by_condition(
+    method: Scored, scores: Sequence[ScoreColumn]
+) -> tuple[tuple[Conditions, ...], dict[str, dict[str, tuple[Number, ...]]]]:
+    """Return conditions, and headline scores by their groups."""
+    conditions, found = [], {}
+    if method.result.unit != "query" or not scores:
+        return (), {}
+    values = np.array([method.records[score.key].to_numpy(np.float64) for score in scores])
+    medians = np.array([score.average == "median" for score in scores])
+    for by in condition_names(method):
+        groups = group_records(method.records, by)
+        means = group_averages(values, medians, groups.codes, len(groups.labels)).tolist()
+        title, counts = condition_title(by), tuple(groups.counts.tolist())
+        conditions.append(Conditions(by=by, title=title, labels=groups.labels, counts=counts))
+        found[by] = {
+            score.key: tuple(None if np.isnan(one) else one for one in row)
+            for score, row in zip(scores, means, strict=True)
+        }
+    return tuple(conditions), found
+
+
+# --- runs ---
+
+
+def run_folders(folder: Path) -> list[Path]:
+    """Return the folders of a submission's runs, the newest first."""
+    found = folder.iterdir() if folder.is_dir() else ()
+    numbers = [path for path in found if re.fullmatch(r"[1-9][0-9]{0,5}", path.name)]
+    return sorted(numbers, key=lambda path: -int(path.name))
+
+
+def next_run(folder: Path) -> Path:
+    """Return the folder for another run of a submission."""
+    return folder / str(max([int(path.name) for path in run_folders(folder)], default=0) + 1)
+
+
+def write_run(run: Path, given: Submission, answer: Answer) -> None:
+    """Write the submission and the answer of a run."""
+    texts = {SUBMISSION_FILE: submission_text(given.public())}
+    for name, text in (texts | {RUN_FILE: answer.model_dump_json(indent=1) + "\n"}).items():
+        with atomic_write(run / name, "w") as stream:
+            stream.write(text)
+
+
+def read_answer(path: Path) -> Answer:
+    """Read an answer."""
+    try:
+        return Answer.model_validate_json(read_text(path, SubmissionError, "answer", 1 << 30))
+    except ValidationError as error:
+        fix = "score the submission again"
+        raise SubmissionError("not the answer of this version", where=path, fix=fix) from error
+
+
+# --- entries of tables ---
+
+
+class Entry(NamedTuple):
+    """A submission's row, without ranks; `protocol` is empty where submission.toml is unreadable.
+
+    An entry that cannot be shown has a row with the reason and no answer.
+    """
+
+    place: Place
+    row: Row
+    protocol: str = ""
+    answer: Answer | None = None
+
+
+def read_entries(runs: Path, submissions: Path) -> list[Entry]:
+    """Read the submissions below a folder of runs, and those that have no run yet."""
+    folders = [
+        *runs.glob("*/*/*"),
+        *(p.parent for p in submissions.glob(f"*/*/*/{SUBMISSION_FILE}")),
+    ]
+    places = sorted({Place.of_folder(path) for path in folders if path.is_dir()})
+    plain = (place for place in places if place.is_plain)
+    return [one for place in plain if (one := _read_entry(place, runs, submissions))]
+
+
+def _read_entry(place: Place, runs: Path, submissions: Path) -> Entry | None:
+    """Return the newest version that can be shown, else the reason why none can."""
+    folder, reasons = runs.joinpath(*place), []
+    versions: list[tuple[str, Submission, Answer]] = []
+    if (folder / FAULT_FILE).is_file():
+        reasons.append((folder / FAULT_FILE).read_text(encoding="utf-8").strip())
+    for run in run_folders(folder):
+        try:
+            given = read_submission(run / SUBMISSION_FILE, public=True)
+            versions.append((run.name, given, read_answer(run / RUN_FILE)))
+        except UserError as error:
+            reasons.append(f"version {run.name}: {_reason(error)}")
+    if versions:
+        number, given, answer = versions[0]
+        history = tuple(
+            Version(
+                number=int(name),
+                date=one.scored[:10],
+                scores={key: score.value for key, score in one.row.scores.items()},
+                files=f"{place.runs}/{name}",
+            )
+            for name, _, one in versions
+        )
+        later = [f"another version is not shown: {reason}" for reason in reasons[:1]]
+        facts = {"notes": (*answer.row.notes, *later), "history": history, "version": int(number)}
+        row = answer.row.model_copy(update=_stated(given, place) | facts)
+        row = row.model_copy(update={"rescored": answer.scored[:10]})
+        return Entry(place, row, given.protocol, answer)
+    row, file = Row(id=place.folder, kind="failed", method=place.folder), SUBMISSION_FILE
+    try:
+        given = read_submission(submissions.joinpath(*place, file)).public()
+        row = row.model_copy(update=_stated(given, place))
+        return Entry(place, _because(row, *reasons, "not scored yet"), given.protocol)
+    except UserError as error:  # or the submission is withdrawn
+        is_there = submissions.joinpath(*place, file).exists()
+        reasons += [_reason(error)] * is_there
+        return Entry(place, _because(row, *reasons)) if reasons else None
+
+
+def _because(row: Row, reason: str, *_: str) -> Row:
+    return row.model_copy(update={"reason": reason})
+
+
+def _stated(given: Submission, place: Place) -> dict[str, Any]:
+    """Return what a row says of a submission in its authors' words."""
+    said = {name: getattr(given, name) for name in Row.model_fields if hasattr(given, name)}
+    return said | {"id": place.folder, "date": given.date.isoformat(), **dict(given.pipeline)}
+
+
+def _reason(error: UserError) -> str:
+    """Return what is wrong in one line, with the name of the file but not where it lies."""
+    where = "" if error.where is None else f"{Path(str(error.where)).name}: "
+    return f"{where}{error.what}".replace("\n", " ")
