@@ -79,9 +79,6 @@ def _stop(code: int) -> None:
     sys.stderr.write(_MESSAGE)
     from multiprocessing import active_children
 
-    from airzoo_bench.core.files import remove_own
-
-    remove_own()
     workers = active_children()
     for process in workers:
         process.terminate()

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from airzoo_bench.core.shown import Shown, number
-
 __all__ = ["Scores"]
 
 
-class Scores(Shown):
+class Scores:
     """Scores by name, as items and attributes: ``found["recall@1"]``, ``found.f1``.
 
     It shows itself as a list of its scores; the function that returns it says what it has.
@@ -35,5 +33,7 @@ class Scores(Shown):
             raise AttributeError(f"there is no {name!r} among {', '.join(vars(self))}")
         return self.scores[name]
 
-    def _display_fields(self) -> Mapping[str, object]:
-        return {n: number(v) if isinstance(v, float) else v for n, v in self.scores.items()}
+    def __repr__(self) -> str:
+        rows = {n: f"{v:.4f}" if isinstance(v, float) else v for n, v in self.scores.items()}
+        width = max(map(len, rows), default=0)
+        return "\n".join(["Scores", *(f"  {name:<{width}}  {v}" for name, v in rows.items())])

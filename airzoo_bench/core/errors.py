@@ -1,8 +1,7 @@
 """Errors of the user, each with one clear message, and the words that messages are made of.
 
-A message says *what* is wrong, *where*, what was *expected* and how to *fix* it. The command
-line prints it and exits with code 2; anything that is not a `UserError` is a bug of the suite and
-keeps its traceback.
+The command line prints a message and exits with code 2; what is no `UserError` is a bug of the
+suite and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -12,40 +11,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Self
 
-# The sandbox makes these, and nothing else, of what a child process says.
-__all__ = [
-    "ArgumentError",
-    "BenchmarkError",
-    "CameraError",
-    "PredictionError",
-    "ProtocolError",
-    "RasterError",
-    "ResultError",
-    "StorageError",
-    "SubmissionError",
-    "UnreadableError",
-    "UsageError",
-    "UserError",
-]
-
 FIX_COPY = "write or copy the file again"
 _PANIC = "pyo3_runtime"  # of what Rust raises, which is no Exception and has no name
 
 
 class UserError(Exception):
-    """Something in the input is wrong and the user can fix it.
-
-    Parameters
-    ----------
-    what : str
-        What is wrong, in one sentence without a full stop.
-    where : object, optional
-        The file, and the field or key in it.
-    expected : str, optional
-        What would have been right.
-    fix : str, optional
-        What to do about it.
-    """
+    """Something in the input is wrong and the user can fix it: what, where, what was expected."""
 
     def __init__(
         self,
@@ -55,11 +26,9 @@ class UserError(Exception):
         expected: str | None = None,
         fix: str | None = None,
     ) -> None:
-        self.what = what
         # Whoever names a file can put line breaks there, and what follows would pass for a message.
         self.where = None if where is None else str(where).replace("\n", "\\x0a")
-        self.expected = expected
-        self.fix = fix
+        self.what, self.expected, self.fix = what, expected, fix
         super().__init__(str(self))
 
     def inside(self, place: object) -> Self:
@@ -68,12 +37,9 @@ class UserError(Exception):
         return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
 
     def __str__(self) -> str:
-        lines = [self.what if self.where is None else f"{self.where}: {self.what}"]
-        if self.expected:
-            lines.append(f"  expected: {self.expected}")
-        if self.fix:
-            lines.append(f"  fix:      {self.fix}")
-        return "\n".join(lines)
+        said = self.what if self.where is None else f"{self.where}: {self.what}"
+        said += f"\n  expected: {self.expected}" if self.expected else ""
+        return said + (f"\n  fix:      {self.fix}" if self.fix else "")
 
 
 class ArgumentError(UserError, ValueError):
@@ -137,9 +103,13 @@ def readable(
         is_fault = isinstance(error, Exception) or type(error).__module__ == _PANIC
         if isinstance(error, UserError) or not is_fault:
             raise
-        why = "".join(one if one.isprintable() else " " for one in str(error)[:200]).strip()
-        said = f"{what}: {why or type(error).__name__}"
+        said = f"{what}: {printable(error) or type(error).__name__}"
         raise kind(said, where=path, expected=expected, fix=fix) from error
+
+
+def printable(text: object) -> str:
+    """Return the first 200 characters of a text, with blanks for those that do not print."""
+    return "".join(one if one.isprintable() else " " for one in str(text)[:200]).strip()
 
 
 def first_of(
@@ -149,8 +119,7 @@ def first_of(
     listed = [str(name) for name in names]
     known = len(listed) if total is None else total
     count = counted(known, noun) if noun else f"{known:,}"
-    if total is not None:
-        count = f"{len(listed):,} of {count}"
+    count = count if total is None else f"{len(listed):,} of {count}"
     label = f"first {shown}: " if len(listed) > shown else ""
     return f"{count} ({label}{', '.join(listed[:shown])})"
 

@@ -19,8 +19,6 @@ IMAGE_SUFFIXES = (
     *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
 )
 
-_BYTES_OF_LETTER = 4
-
 Texts = NDArray[np.str_]
 
 
@@ -36,42 +34,29 @@ def with_endings(ids: Texts) -> bool:
 
 
 def check_ids(ids: Texts, where: str) -> None:
-    """Refuse ids without a scene or a name, and repeated ids."""
-    if not ids.size:
-        raise PredictionError(
-            "holds no id", where=where, expected="ids such as city/DJI_0001", fix="fill the file"
-        )
+    """Refuse ids without a scene or a name, repeated ids, and none."""
     place = np.char.find(ids, "/")
-    unscened = np.flatnonzero((place <= 0) | (place == np.char.str_len(ids) - 1))
-    if unscened.size:
-        listed = [repr(str(name)) for name in ids[unscened]]
-        raise PredictionError(
-            f"ids without a scene or a name: {first_of(listed, len(ids))}",
-            where=where,
-            expected="scene/name, such as city/DJI_0001",
-            fix="put the scene before each name",
-        )
+    unscened = ids[(place <= 0) | (place == np.char.str_len(ids) - 1)]
     unique, counts = np.unique(ids, return_counts=True)
-    if unique.size < ids.size:
-        raise PredictionError(
-            f"ids more than once: {first_of(unique[counts > 1], len(unique))}",
-            where=where,
-            expected="each id once",
-            fix="keep one row of each",
-        )
+    faults = {"without a scene or a name": unscened, "more than once": unique[counts > 1]}
+    for fault, wrong in faults.items():
+        if wrong.size or not ids.size:
+            listed = first_of(map(repr, wrong.tolist()), len(ids))
+            what = f"ids {fault}: {listed}" if ids.size else "holds no id"
+            expected = "scene/name, such as city/DJI_0001, each once"
+            raise PredictionError(what, where=where, expected=expected)
 
 
 def rows_among(names: Texts, known: Texts) -> NDArray[np.intp]:
     """Return the row of each name among known ones, -1 for the others."""
-    letters = max(1, *(texts.dtype.itemsize // _BYTES_OF_LETTER for texts in (names, known)))
-    found = pc.index_in(_as_bytes(names, letters), value_set=_as_bytes(known, letters))
+    letters = max(1, *(texts.dtype.itemsize // 4 for texts in (names, known)))
+
+    def as_bytes(texts: Texts) -> Any:
+        # A text in NumPy ends in as many NUL as it is shorter: values of one width are compared.
+        filled = np.ascontiguousarray(texts, f"<U{letters}")
+        parts = [None, pa.py_buffer(filled)]
+        return pa.FixedSizeBinaryArray.from_buffers(pa.binary(letters * 4), len(filled), parts)
+
+    found = pc.index_in(as_bytes(names), value_set=as_bytes(known))
     rows: NDArray[np.intp] = pc.fill_null(found, -1).to_numpy().astype(np.intp)
     return rows
-
-
-def _as_bytes(texts: Texts, letters: int) -> Any:
-    """Return texts as Arrow's values of one width, which it compares without reading letters."""
-    # A text in NumPy ends in as many NUL as it is shorter, and so do equal ones of other widths.
-    filled = np.ascontiguousarray(texts, f"<U{letters}")
-    kind = pa.binary(letters * _BYTES_OF_LETTER)
-    return pa.FixedSizeBinaryArray.from_buffers(kind, len(filled), [None, pa.py_buffer(filled)])

@@ -33,8 +33,7 @@ def default_style(changes: dict[str, Any] | None = None) -> Iterator[None]:
 def load_open3d() -> ModuleType:
     """Import Open3D and return the module."""
     if sys.platform == "linux":  # slim machines lack a libusb that Open3D links against
-        path = importlib.import_module("libusb_package").get_library_path()
-        if path is not None:
+        if path := importlib.import_module("libusb_package").get_library_path():
             ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
     return importlib.import_module("open3d")
 
@@ -42,6 +41,7 @@ def load_open3d() -> ModuleType:
 @cache
 def load_pycolmap() -> ModuleType:
     """Import pycolmap, which then logs warnings only and leaves SIGTERM alone."""
+    importlib.import_module("PIL._imaging")  # saving a PNG aborts where pycolmap's zlib came first
     before = signal.getsignal(signal.SIGTERM)
     module = importlib.import_module("pycolmap")
     if threading.current_thread() is threading.main_thread() and before is not None:

@@ -20,8 +20,7 @@ class Progress(Protocol):
 
 def silent(items: Iterable[T], label: str, total: int) -> Iterator[T]:
     """Yield the items and show nothing."""
-    del label, total
-    yield from items
+    return iter(items)
 
 
 @dataclass(frozen=True)
@@ -53,10 +52,9 @@ def report_progress(
     every_s: float = 30.0,
 ) -> Generator[T, None, None]:
     """Yield the items; name what takes long, and say now and then how long the rest takes."""
-    name = Timer(first_s, say, [f"{label} ..."])
-    name.daemon = True
+    name, begin = Timer(first_s, say, [f"{label} ..."]), clock()
+    name.daemon, last = True, begin
     name.start()
-    begin = last = clock()
     try:
         for done, item in enumerate(items, 1):
             yield item

@@ -1,7 +1,6 @@
 """Tables of tracks, datasets and readers by name, and options of the command line.
 
-Built-in modules are named here and imported when they are chosen; another package adds its own by
-an entry point of the group, such as ``[project.entry-points."airzoo_bench.tracks"]``.
+Modules are imported when they are chosen; packages add theirs by an entry point of the group.
 """
 
 from __future__ import annotations
@@ -11,17 +10,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option of the command line: an annotation of a field of a dataclass of settings.
+    """An option of the command line, as an annotation of a field of a dataclass of settings.
 
-    Such as ``pixels: Annotated[int, Option("pixels", "Of the longer side.", least=64)] = 640``;
-    a field without a default is an option that must be given. The name has no hyphens before it;
-    where the field is a bool, ``--no-`` before it turns it off.
+    ``pixels: Annotated[int, Option("pixels", "Of the longer side.", least=64)] = 640`` is
+    ``--pixels``; without a default it must be given, and ``--no-`` turns a bool off.
     """
 
     name: str
@@ -43,28 +41,23 @@ class Registry:
         self.group, self.places = group, dict(places)
 
     def __contains__(self, name: str) -> bool:
-        return name in self.places or name in self._installed()
+        return name in self.places or name in _installed(self.group, tuple(sys.path))
 
     def names(self) -> list[str]:
         """Return all names: built-in first, in their own order, then others by name."""
-        return [*self.places, *sorted(self._installed())]
+        return [*self.places, *sorted(_installed(self.group, tuple(sys.path)).keys() - self.places)]
 
     def get(self, name: str) -> Any:
-        """Import the object of a name; raise KeyError for an unknown one."""
+        """Import the object of a name, a built-in one first; raise KeyError for an unknown one."""
         if name in self.places:
             return resolve(self.places[name])
-        return self._installed()[name].load()
-
-    def _installed(self) -> dict[str, EntryPoint]:
-        """Return what other packages add; built-in names stay."""
-        points = _entry_points(self.group, tuple(sys.path))
-        return {point.name: point for point in points if point.name not in self.places}
+        return _installed(self.group, tuple(sys.path))[name].load()
 
 
 @cache
-def _entry_points(group: str, _: tuple[str, ...]) -> EntryPoints:
-    """Return the entry points of a group; all packages are searched once for each search path."""
-    return entry_points(group=group)
+def _installed(group: str, _: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Return what other packages add to a group, searched once for each search path."""
+    return {point.name: point for point in entry_points(group=group)}
 
 
 TRACKS = Registry(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from reprlib import Repr
+from reprlib import repr as repr_short
 from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.errors import UserError, readable
 from airzoo_bench.core.files import LIMIT_BYTES, read_text
 
 SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
@@ -18,8 +18,6 @@ SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 
 M = TypeVar("M", bound=BaseModel)
 
-_SHORT = Repr()  # a value nested without end is as short as any
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 _SHOWN = 5
 _MOST_COMPARED = 5000  # names that difflib compares in a quarter of a second
 
@@ -54,9 +52,7 @@ class Strict(BaseModel):
     @classmethod
     def _arrays_are_tuples(cls, data: Any) -> Any:
         # TOML has arrays only; strict validation asks for the tuples that keep models immutable.
-        if not isinstance(data, dict):
-            return data
-        return {key: _frozen(value) for key, value in data.items()}
+        return {key: _frozen(data[key]) for key in data} if isinstance(data, dict) else data
 
 
 def _frozen(value: Any) -> Any:
@@ -67,11 +63,9 @@ def read_toml(
     path: Path, kind: type[UserError], what: str, limit_bytes: int = LIMIT_BYTES
 ) -> dict[str, Any]:
     """Read a TOML file up to a size, or say what is wrong with it."""
-    try:
-        return tomllib.loads(read_text(path, kind, what, limit_bytes))
-    except (ValueError, RecursionError) as error:  # the latter of values nested too deep
-        said = f"not valid TOML: {error}"
-        raise kind(said, where=path, expected=f"a {what}", fix="correct that place") from error
+    text = read_text(path, kind, what, limit_bytes)
+    with readable(path, "not valid TOML", kind=kind, expected=f"a {what}", fix="correct it"):
+        return tomllib.loads(text)
 
 
 def validated(
@@ -87,9 +81,9 @@ def validated(
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
     """Put pydantic's findings into lines that name key, value and expectation."""
-    found = error.errors()
-    more = [f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
-    return "\n    ".join([*(_finding(item, model) for item in found[:_SHOWN]), *more])
+    found = [_finding(item, model) for item in error.errors()]
+    more = [f"and {len(found) - _SHOWN} more"] * (len(found) > _SHOWN)
+    return "\n    ".join([*found[:_SHOWN], *more])
 
 
 def _finding(item: Any, model: type[BaseModel]) -> str:
@@ -105,7 +99,7 @@ def _finding(item: Any, model: type[BaseModel]) -> str:
         return f"key '{key}' is missing"
     if not item["loc"]:  # it is of the whole file
         return said
-    value = "" if isinstance(item["input"], dict) else f" is {_SHORT.repr(item['input'])[:60]}"
+    value = "" if isinstance(item["input"], dict) else f" is {repr_short(item['input'])[:60]}"
     return f"key '{key}'{value}: {said}"
 
 
@@ -120,12 +114,6 @@ def _known_keys(model: Any) -> list[str]:
 
 def nearest(name: str, known: list[str], offered: int = 3) -> str:
     """Offer the known names that are most like a mistyped one, for messages."""
-    near = near_names(name, known, offered)
-    return f" (did you mean {' or '.join(map(repr, near))}?)" if near else ""
-
-
-def near_names(name: str, known: list[str], offered: int = 3) -> list[str]:
-    """Return the known names that are most like a mistyped one, in letters of either case."""
     spelt = {other.casefold(): other for other in known[:_MOST_COMPARED]}
     near = difflib.get_close_matches(name.casefold(), spelt, n=offered, cutoff=0.6)
-    return [spelt[other] for other in near]
+    return f" (did you mean {' or '.join(repr(spelt[one]) for one in near)}?)" if near else ""

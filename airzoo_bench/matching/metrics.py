@@ -6,21 +6,19 @@ denominator and in the median.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.matching.settings import MatchingScores
 from airzoo_bench.results.scores import Score
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PoseErrors(Shown):
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
     """Errors of Q estimated poses, infinite for failures.
 
     Attributes
@@ -37,13 +35,6 @@ class PoseErrors(Shown):
     horizontal_m: Floats
     vertical_m: Floats
     rotation_deg: Floats | None
-
-    def _display_fields(self) -> Mapping[str, object]:
-        failures = int(np.isinf(self.translation_m).sum())
-        shown: dict[str, object] = {"poses": len(self.translation_m), "failures": failures}
-        errors = {"median_m": self.translation_m, "median_deg": self.rotation_deg}
-        known = {name: one for name, one in errors.items() if one is not None and len(one)}
-        return shown | {name: number(float(np.median(one))) for name, one in known.items()}
 
 
 def pose_errors(

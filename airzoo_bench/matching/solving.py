@@ -10,7 +10,6 @@ world-to-camera, Brown-Conrady.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
@@ -21,7 +20,6 @@ import numpy as np
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.progress import Progress, silent
-from airzoo_bench.core.shown import Shown, number
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
@@ -50,8 +48,8 @@ class Status(StrEnum):
     MISSING = "missing from the predictions"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PoseEstimate(Shown):
+@dataclass(frozen=True, eq=False)
+class PoseEstimate:
     """The answer of a solver for one query of M matches.
 
     Attributes
@@ -78,11 +76,6 @@ class PoseEstimate(Shown):
     def matrix(self) -> Floats:
         """The pose [R | t], (3, 4), world-to-camera; NaN on failure."""
         return np.column_stack([self.rotation, -apply_matrix(self.rotation, self.centre)])
-
-    def _display_fields(self) -> Mapping[str, object]:
-        inliers = f"{int(self.inliers.sum())} of {len(self.inliers)}"
-        centre = ", ".join(map(number, self.centre.tolist()))
-        return {"status": self.status.value, "inliers": inliers, "centre": centre}
 
 
 def solve_queries(

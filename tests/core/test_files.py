@@ -19,7 +19,6 @@ from airzoo_bench.core.files import (
     atomic_write,
     canonical_json,
     check_output_folder,
-    clear_abandoned,
     fingerprint,
     only_writer,
     read_text,
@@ -134,8 +133,8 @@ def test_text_that_a_person_wrote(tmp_path: Path) -> None:
 def test_a_folder_has_one_writer(tmp_path: Path) -> None:
     with only_writer(tmp_path / "a"), pytest.raises(UsageError), only_writer(tmp_path / "a"):
         pass
-    with only_writer(tmp_path / "a"):
-        pass
+    with only_writer(tmp_path / "a") as is_locked:
+        assert is_locked
     (tmp_path / "link").symlink_to(tmp_path)
     with pytest.raises(OSError, match="link"), only_writer(tmp_path / "link"):
         pass
@@ -150,10 +149,9 @@ def test_what_a_dead_process_left_is_cleared_and_what_lives_is_not(tmp_path: Pat
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     subprocess.run([sys.executable, "-c", die, str(tmp_path)], env=environment, check=False)
-    clear_abandoned(tmp_path / "other")
-    assert len(files_below(tmp_path)) == 2
+    with temporary_folder(tmp_path, "other"):
+        assert len(files_below(tmp_path)) == 3
     with temporary_folder(tmp_path, "a") as mine, temporary_folder(tmp_path, "a") as more:
-        clear_abandoned(tmp_path / "a")
         assert files_below(tmp_path) == {mine.name, more.name}
         assert mine.stat().st_mode & 0o077 == 0
     assert files_below(tmp_path) == set()

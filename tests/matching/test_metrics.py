@@ -192,9 +192,3 @@ def test_variants_of_the_columns() -> None:
     found = pose_columns(alone, places)
     assert not {name for name in found if "deg" in name}
     assert {score.column for score in matching_scores(places)} == set(found)
-
-
-def test_errors_show_their_medians() -> None:
-    for part in ("poses", "4", "failures", "1", "median_m", "2.5000", "median_deg", "3.0000"):
-        assert part in repr(ERRORS)
-    assert "median" not in repr(PoseErrors(METRES[:0], METRES[:0], METRES[:0], None))

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from airzoo_bench.benchmark.queries import photo_table
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.reconstruction.alignment import PosedCameras, align
-from airzoo_bench.reconstruction.baseline import Model, photo_pairs, sparse_reconstruction
+from airzoo_bench.reconstruction.baseline import Model, sparse_reconstruction
 from airzoo_bench.reconstruction.info import SfmSettings
-from tests.engines.scattered import Scattered
 from tests.geometry.support import looking_down
 from tests.reconstruction.support import ransac
 
@@ -27,11 +28,17 @@ SETTINGS = SfmSettings(
     max_features=800,
     peak_threshold=0.005,
     doubled=False,
-    neighbours=None,
+    neighbours=5,
     max_error_px=2.0,
 )
 
-Flight = tuple[list[Path], Cameras, PosedCameras]
+
+class Flight(NamedTuple):
+    """A folder of photos, their table, and their true cameras."""
+
+    folder: Path
+    photos: pd.DataFrame
+    truth: PosedCameras
 
 
 def photo(camera: Cameras, pose: Poses, texture: np.ndarray) -> np.ndarray:
@@ -59,28 +66,24 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     cameras = Cameras.from_matrices(K, *SIZE, [[-0.05, 0.02, 0.001, -0.001, 0.0]] * 6)
     turns = np.concatenate([looking_down(5.0 * (row % 3), 10.0 * row) for row in range(6)])
     poses, folder = Poses(rotation=turns, centres=centres), tmp_path_factory.mktemp("flight")
-    paths = [folder / f"p{row}.png" for row in range(6)]
-    for row, path in enumerate(paths):
-        Image.fromarray(photo(cameras.take(row), poses.take(row), texture)).save(path)
-    return paths, cameras, PosedCameras(tuple(path.name for path in paths), centres, turns)
-
-
-def reconstructed(flight: Flight, folder: Path, **resources: Any) -> Model:
-    photos, cameras, truth = flight
-    positions, run = truth.centres, Run(**resources)
-    return sparse_reconstruction(photos, cameras, positions, SETTINGS, folder, run)
+    names = tuple(f"p {row}.png" for row in range(6))
+    for row, name in enumerate(names):
+        Image.fromarray(photo(cameras.take(row), poses.take(row), texture)).save(folder / name)
+    table = photo_table("s", names, cameras, poses, poses, 160.0)
+    return Flight(folder, table, PosedCameras(names, centres, turns))
 
 
 @pytest.fixture(scope="module")
 def made(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Model:
-    return reconstructed(flight, tmp_path_factory.mktemp("work"))
+    work = tmp_path_factory.mktemp("work")
+    return sparse_reconstruction(flight.folder, flight.photos, SETTINGS, work, Run())
 
 
 def test_poses_and_points_are_right(flight: Flight, made: Model) -> None:
-    assert made.rows.tolist() == list(range(6))
+    assert made.names == list(flight.truth.names)
     poses = Poses.from_translations(made.extrinsics[..., :3], made.extrinsics[..., 3])
-    posed = PosedCameras(flight[2].names, poses.centres, poses.rotation)
-    found = align(posed, flight[2], ransac(inlier_below_m=0.5))
+    posed = PosedCameras(flight.truth.names, poses.centres, poses.rotation)
+    found = align(posed, flight.truth, ransac(inlier_below_m=0.5))
     # A hundredth of 300 px at 30 m is 0.1 pixel.
     assert found.values["centres"]["largest"] < 0.1
     assert found.values["rotations_deg"]["largest"] < 0.2
@@ -91,32 +94,19 @@ def test_poses_and_points_are_right(flight: Flight, made: Model) -> None:
     assert np.median(np.abs(points[away > 11, 2])) < 0.1
 
 
-@pytest.mark.parametrize(
-    "how", [{"jobs": 2}, pytest.param({"engine": Scattered()}, marks=pytest.mark.slow)]
-)
-def test_jobs_and_runs_change_no_byte(
-    how: dict[str, Any], flight: Flight, made: Model, tmp_path: Path
-) -> None:
-    again = reconstructed(flight, tmp_path, **how)
+def test_jobs_change_no_byte(flight: Flight, made: Model, tmp_path: Path) -> None:
+    again = sparse_reconstruction(flight.folder, flight.photos, SETTINGS, tmp_path, Run(jobs=2))
     assert again.points.tobytes() == made.points.tobytes()
     assert again.extrinsics.tobytes() == made.extrinsics.tobytes()
 
 
-def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    photos = [tmp_path / f"{row}.png" for row in range(3)]
-    for path in photos:
+@pytest.mark.parametrize("columns", ["prior_qw", "none"])
+def test_photos_that_do_not_fit_give_an_empty_result(
+    columns: str, flight: Flight, tmp_path: Path
+) -> None:
+    rng, photos = np.random.default_rng(1), flight.photos[:3].drop(columns=columns, errors="ignore")
+    for name in photos["image"]:
         noise = gaussian_filter(rng.normal(128, 60, (240, 320, 3)), (2, 2, 0))
-        Image.fromarray(noise.astype(np.uint8)).save(path)
-    three = np.arange(3)
-    found = reconstructed((photos, flight[1].take(three), flight[2].take(three)), tmp_path)
-    assert (len(found.rows), len(found.points)) == (0, 0)
-
-
-def test_pairs_by_hand() -> None:
-    assert photo_pairs(3, None, 1).tolist() == [[0, 1], [0, 2], [1, 2]]
-    line = np.array((0.0, 1.0, 3.0, 7.0))[:, None] * (1, 0, 0) + UTM
-    assert photo_pairs(4, line, None).tolist() == photo_pairs(4, None, None).tolist()
-    assert photo_pairs(4, line, 1).tolist() == [[0, 1], [1, 2], [2, 3]]
-    line[3] = np.nan
-    assert photo_pairs(4, line, 1).tolist() == [[0, 1], [0, 3], [1, 2], [1, 3], [2, 3]]
+        Image.fromarray(noise.astype(np.uint8)).save(tmp_path / name)
+    found: Any = sparse_reconstruction(tmp_path, photos, SETTINGS, tmp_path, Run())
+    assert [len(part) for part in found] == [0, 0, 0]
