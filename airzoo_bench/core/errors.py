@@ -16,7 +16,19 @@ _PANIC = "pyo3_runtime"  # of what Rust raises, which is no Exception and has no
 
 
 class UserError(Exception):
-    """Something in the input is wrong and the user can fix it: what, where, what was expected."""
+    """Something in the input is wrong and the user can fix it.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong, in one sentence without a full stop.
+    where : object, optional
+        The file, and the field or key in it.
+    expected : str, optional
+        What would have been right.
+    fix : str, optional
+        What to do about it.
+    """
 
     def __init__(
         self,
