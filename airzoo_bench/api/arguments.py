@@ -43,14 +43,12 @@ def as_array(name: str, values: Any, expected: str = "an array") -> NDArray[Any]
 
 def numbers(name: str, values: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Return numbers of any type as an array of a shape, in which None is any length."""
-    lengths = [
-        letter if length is None else length for letter, length in zip("NMK", shape, strict=False)
-    ]
-    expected = f"numbers of shape ({', '.join(map(str, lengths))})"
+    lengths = [str(letter if n is None else n) for letter, n in zip("NMK", shape, strict=False)]
+    expected = f"numbers of shape ({', '.join(lengths)})"
     array = as_array(name, values, expected)
     if array.shape == (0,):
         array = array.reshape([length or 0 for length in shape])
-    fits = array.ndim == len(shape) and all(
+    fits = len(shape) == array.ndim and all(
         want in (None, have) for want, have in zip(shape, array.shape, strict=True)
     )
     if not fits or array.dtype.kind not in "biuf":
@@ -64,7 +62,7 @@ def floats(
     """Return `numbers` in double precision, as a copy; finite ones have squares that are too."""
     array = numbers(name, values, shape).astype(np.float64)
     if finite:
-        bad = np.asarray(~(np.abs(array) <= FARTHEST).all(axis=tuple(range(1, array.ndim))))
+        bad = ~(np.abs(array) <= FARTHEST).all(axis=tuple(range(1, array.ndim)))
         refuse_rows(name, bad, "NaN or infinity", f"finite numbers up to {FARTHEST:g}")
     return array
 
@@ -79,32 +77,32 @@ def coordinates(name: str, values: Any) -> Floats:
 
 def check_digits(name: str, points: Floats, kind: Any, coarsest: float = COARSEST_M) -> None:
     """Refuse coordinates that are or were floats of too few digits."""
-    if kind not in (np.float16, np.float32):
-        return
-    largest = float(np.abs(points).max(initial=0.0))
-    step = float(np.spacing(kind(largest)))
-    if not step <= coarsest:
-        what = f"is or was {np.dtype(kind)}, which keeps {largest:.0f} to {step:.2g} only"
-        raise fault(name, what, "float64, or coordinates from a local origin")
+    if kind in (np.float16, np.float32):
+        largest = float(np.abs(points).max(initial=0.0))
+        step = float(np.spacing(kind(largest)))
+        if not step <= coarsest:
+            what = f"is or was {np.dtype(kind)}, which keeps {largest:.0f} to {step:.2g} only"
+            raise fault(name, what, "float64, or coordinates from a local origin")
 
 
 def refuse_rows(name: str, bad: Any, what: str, expected: str, fix: str | None = None) -> None:
     """Refuse an argument that has bad rows, and name the first of them."""
     rows = np.flatnonzero(bad).tolist()
     if rows:
-        raise fault(name, f"{what} in {first_of(rows, bad.size, noun='row')}", expected, fix)
+        raise fault(name, f"{what} in {first_of(rows, np.size(bad), noun='row')}", expected, fix)
 
 
 def check_pairs(**arguments: Any) -> None:
     """Refuse paired arguments with different numbers of rows or different pandas labels."""
     (first, rows), *others = arguments.items()
     for name, other in others:
+        where = f"{first}, {name}"
         if hasattr(rows, "__len__") and hasattr(other, "__len__") and len(rows) != len(other):
-            what = f"have {len(rows)} and {len(other)} rows"
-            raise fault(f"{first}, {name}", what, "as many rows, in the same order")
+            expected = "as many rows, in the same order"
+            raise fault(where, f"have {len(rows)} and {len(other)} rows", expected)
         if hasattr(rows, "iloc") and hasattr(other, "iloc") and not rows.index.equals(other.index):
             fix = "give one the index of the other: b.reindex(a.index), or pass .to_numpy()"
-            raise fault(f"{first}, {name}", "have different indexes", "the same labels", fix)
+            raise fault(where, "have different indexes", "the same labels", fix)
 
 
 def listed(name: str, values: Any) -> list[Any]:

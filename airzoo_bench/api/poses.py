@@ -38,15 +38,15 @@ def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
     Parameters
     ----------
     predicted : (N, 3, 4) or (N, 4, 4) array-like
-        World-to-camera poses [R | t], x_cam = R X + t, in metres; OpenCV axes (x right, y down, z
-        forward). All NaN is a missing pose: its errors are infinite.
+        World-to-camera poses [R | t], x_cam = R X + t, in metres, x right, y down, z forward. All
+        NaN is a missing pose: its errors are infinite.
     true : (N, 3, 4), (N, 4, 4) or (N, 3) array-like
-        The true poses; or camera centres, where orientations are not known.
+        The true poses; or camera centres, and the rotations of the errors are None.
 
     Returns
     -------
     PoseErrors
-        Rotations are None where `true` has none.
+        A value a pose.
 
     Raises
     ------
@@ -81,8 +81,7 @@ def pose_scores(
     Parameters
     ----------
     errors : PoseErrors, or (translation, rotation)
-        Or (N,) metres and degrees, infinite for failures, which stay in every share and median;
-        None for degrees where the truth has no orientation.
+        Or (N,) metres and degrees, infinite for failures; None where degrees are not known.
     thresholds : iterable of (metres, degrees)
         Of pose recall; translation recall and area are at the same metres.
 
@@ -125,23 +124,22 @@ def pose_scores(
     known = {name: values for name, values in columns if not np.isnan(values).any()}
     records = pd.DataFrame({"scene": "", **known})
     scores = [score for score in matching_scores(settings) if score.column in known]
-    averages = summarise(records, scores, [""]).overall
     failures = int(np.isinf(found.translation_m).sum())
     counts = {"queries": len(records), "failures": failures}
+    averages = summarise(records, scores, [""]).overall
     return Scores(counts | averages, records=records.drop(columns="scene"))
 
 
 def _pair_errors(errors: Any) -> PoseErrors:
-    if not isinstance(errors, Sequence) or len(errors) != 2 or errors[0] is None:
-        expected = "the result of pose_errors, or a pair: metres, and degrees or None"
-        raise arg.fault("errors", f"is {type(errors).__name__}", expected)
+    expected = "metres, and degrees up to 180, or None; infinite for a failure"
+    if not isinstance(errors, Sequence) or len(errors) != 2:
+        raise arg.fault("errors", f"is {type(errors).__name__}", f"of pose_errors, or {expected}")
     metres = arg.floats("errors", errors[0], (None,))
     degrees = None if errors[1] is None else arg.floats("errors", errors[1], (None,))
     bad = ~(metres >= 0.0)
     if degrees is not None:
         arg.check_pairs(**{"errors[0]": errors[0], "errors[1]": errors[1]})
         bad |= ~((degrees >= 0.0) & ((degrees <= 180.0) | np.isinf(degrees)))
-    expected = "metres, and degrees up to 180; infinite for a failure"
     arg.refuse_rows("errors", bad, "a number out of range", expected)
     unknown = np.full_like(metres, np.nan)
     return PoseErrors(metres, unknown, unknown, degrees)
@@ -158,10 +156,7 @@ def solve_pose(
     max_trials: int = 100_000,
     seed: int = 0,
 ) -> PoseEstimate:
-    """Find a camera's pose from 2D-3D matches, as the matching track does.
-
-    The defaults are those of all shipped protocols: LO-RANSAC of COLMAP, without refinement. The
-    order of the matches does not matter.
+    """Find a camera's pose from 2D-3D matches in any order, as the shipped matching protocols do.
 
     Source: Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003. Schönberger, Frahm,
     Structure-from-motion revisited, CVPR 2016. Larsson and contributors, PoseLib, 2020.
@@ -169,8 +164,7 @@ def solve_pose(
     Parameters
     ----------
     pixels : (M, 2) array-like
-        In the image at its full size, from its corner: add 0.5 to the keypoints of OpenCV and of
-        most matchers.
+        In the image at its full size, from its corner: add 0.5 to OpenCV's keypoints.
     points3d : (M, 3) array-like
         In metres, of any frame with orthogonal axes of one scale.
     camera : (3, 3) array-like
@@ -178,6 +172,7 @@ def solve_pose(
     distortion : (4,) or (5,) array-like, optional
         k1 k2 p1 p2 and k3, as OpenCV has them.
     solver : {"colmap", "colmap+refine", "poselib"}
+        The first is LO-RANSAC of COLMAP, without refinement.
     max_error_px : float
         Largest reprojection error of an inlier.
     max_trials : int
@@ -310,24 +305,23 @@ def _read_cameras(name: str, values: ArrayLike) -> PosedCameras:
     array = arg.as_array(name, values, "poses (N, 3, 4) or centres (N, 3)")
     shape = (3,) if array.ndim == 2 else (3 + (array.shape[1:2] == (4,)), 4)
     numbers = arg.floats(name, array, (None, *shape))
-    axes = tuple(range(1, numbers.ndim))
-    there = np.asarray(np.isfinite(numbers).all(axis=axes))
+    axes, names = tuple(range(1, numbers.ndim)), tuple(map(str, range(len(numbers))))
+    rows = np.flatnonzero(np.isfinite(numbers).all(axis=axes))
     missing = np.isnan(numbers[:, :3]).all(axis=axes) & (name == "predicted")
+    bad = ~np.isfinite(numbers).all(axis=axes) & ~missing
     expected = "finite numbers; all of a predicted camera is NaN where it has no pose"
-    arg.refuse_rows(name, ~there & ~missing, "NaN or infinity", expected)
-    rows = np.flatnonzero(there)
+    arg.refuse_rows(name, bad, "NaN or infinity", expected)
     centres = np.full((len(numbers), 3), np.nan)
-    names = tuple(map(str, range(len(numbers))))
     if array.ndim == 2:
         if name == "true":
             arg.coordinates(name, array)
         centres[rows] = arg.floats(name, numbers[rows], (None, 3), finite=True)
         return PosedCameras(names, centres)
-    if shape[0] == 4:
-        off = ~(np.abs(numbers[:, 3] - (0, 0, 0, 1)) <= 1e-6).all(axis=1) & there
+    matrices = numbers[rows]
+    if (np.abs(matrices[:, 3:] - (0, 0, 0, 1)) > 1e-6).any():
         fix = "transpose the matrices, if their last row holds t"
-        arg.refuse_rows(name, off, "another last row", "[R | t] above 0 0 0 1", fix)
-    turns, moves = numbers[rows, :3, :3], numbers[rows, :3, 3]
+        raise arg.fault(name, "has other last rows", "[R | t] above 0 0 0 1", fix)
+    turns, moves = matrices[:, :3, :3], matrices[:, :3, 3]
     with arg.refused(name):
         labels = [f"row {row}" for row in rows.tolist()]
         poses = Poses.from_translations(check_rotations(turns, labels), moves, labels)

@@ -22,16 +22,12 @@ from airzoo_bench.evaluation.evaluate import evaluate as score_predictions
 from airzoo_bench.evaluation.opening import ReadBy
 from airzoo_bench.evaluation.queries import write_predictions
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.results import comparison
-from airzoo_bench.results.comparable import (
-    check_same_queries,
-    choose_scores,
-    find_scene,
-    score_keys,
-)
-from airzoo_bench.results.files import result_paths, results_here
+from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
+from airzoo_bench.results.comparison import compare as compare_methods
+from airzoo_bench.results.comparison import score_intervals
+from airzoo_bench.results.files import results_here
 from airzoo_bench.results.records import Scored, checked_records, read_scored, write_csv
-from airzoo_bench.results.result import ScoreColumn, read_result, write_result
+from airzoo_bench.results.result import write_result
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.storage.urls import local_path
 from airzoo_bench.tables.comparison import comparison_table, verdict
@@ -46,8 +42,6 @@ if TYPE_CHECKING:
 __all__ = ["Check", "Comparison", "Result", "check", "compare", "evaluate", "load_result"]
 
 Predictions = str | Path | Mapping[str, Any]
-
-KINDS = ("recall", "errors", "thresholds", "intervals", "scenes", "condition")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,18 +77,13 @@ class Result(Scored):
     def plot(self, kind: str, *others: Scored, score: str | None = None, **options: Any) -> Figure:
         """Draw this result, and others of its protocol and truth, as ``airzoo-bench plot`` does.
 
-        `kind` is one of `KINDS`, `score` a key or title, by default the first that fits; `options`
-        are those of the kind: ``by`` and ``bins`` of "condition", ``up_to`` of "recall".
+        `kind` is recall, errors, thresholds or condition, `score` a key or title, by default the
+        first that fits; `options` are ``by`` and ``bins`` of condition, ``up_to`` of recall.
         """
         from airzoo_bench.report import draw  # Matplotlib takes a second to load
 
-        arg.choice("kind", kind, KINDS)
-        methods = [self, *others]
-        check_same_queries(methods)
-        chosen = draw.choose_score(methods, score, of_errors=kind == "errors")
-        scores = [] if kind in ("recall", "thresholds") else [chosen]
-        figure: Figure = getattr(draw, kind)(methods, *scores, **options)
-        return figure
+        arg.choice("kind", kind, draw.KINDS)
+        return draw.draw_methods(kind, [self, *others], score, **options)
 
     def save(self, folder: str | Path) -> Path:
         """Write ``result.json`` and ``records.csv`` into a folder; return the path of the first."""
@@ -343,70 +332,43 @@ def compare(
         Its `frame` has a row a score and method: ``score``, ``method``, ``reference``, ``value``,
         ``reference_value``, ``difference``, its ``low`` and ``high``, ``p``, ``p_holm``,
         ``p_mcnemar``, ``wins``, ``ties``, ``losses``, ``verdict``; of a single result a row a
-        scene and score: ``scene`` (None for the average), ``score``, ``value``, ``low``,
-        ``high``, ``method``, ``reason``. docs/statistics.md explains them.
+        scene (None for the average) and score. docs/statistics.md explains them.
 
     Raises
     ------
     UserError
         Results cannot be read or compared; there is no such score, method or scene.
     """
-    methods, chosen = _read_methods(results, scores, every=every)
-    if len(methods) == 1 and (reference or method):
-        raise arg.fault("reference, method", "needs two results", "several results")
+    kinds, plan = str | Path | Scored, ResamplingConfig()
+    listed = [results] if isinstance(results, kinds) else arg.listed("results", results)
+    if not listed or not all(isinstance(one, kinds) for one in listed):
+        raise arg.fault("results", "holds no results", "results, or paths of result.json")
+    read = iter(read_scored(results_here([one for one in listed if not isinstance(one, Scored)])))
+    methods = [one if isinstance(one, Scored) else next(read) for one in listed]
+    names = [one.name for one in methods]
+    if twice := {name for name in names if names.count(name) > 1}:
+        fix, expected = "load_result(path, name=...)", "methods of different names"
+        raise arg.fault("results", f"several have the name {first_of(twice)}", expected, fix)
+    check_same_queries(methods)
+    chosen = choose_scores(methods, arg.listed("scores", scores), every=every)
     if scene is not None:
         scene = find_scene(methods[0].result.truth.scene_titles, scene)
-    plan = ResamplingConfig()
     if len(methods) == 1:
-        return _read_intervals(methods[0], chosen, scene, plan)
-    found = comparison.compare(
+        found = score_intervals(methods[0], chosen, plan, scene)
+        rows = [
+            {"scene": name, "score": score.key, **vars(one)}
+            for name, part in [*found.groups.items(), (None, found.overall)]
+            for score, one in zip(chosen, part, strict=True)
+        ]
+        return Comparison(intervals_table(methods[0], chosen, plan), pd.DataFrame(rows))
+    made = compare_methods(
         methods, chosen, reference=reference, method=method, scene=scene, resampling=plan
     )
     rows = [
         {**vars(pair.interval), **vars(pair), "score": pair.score.key, "p": pair.test.p_value}
         | {"verdict": verdict(pair)}
-        for pair in found.pairs
+        for pair in made.pairs
     ]
     columns = ["score", "method", "reference", "value", "reference_value", "difference"]
     columns += ["low", "high", "p", "p_holm", "p_mcnemar", "wins", "ties", "losses", "verdict"]
-    return Comparison(comparison_table(found), pd.DataFrame(rows)[columns])
-
-
-def _read_methods(
-    results: Any, scores: Sequence[str], *, every: bool
-) -> tuple[list[Scored], list[ScoreColumn]]:
-    """Return methods of the same queries, and the scores to compare them by."""
-    kinds = str | Path | Scored
-    listed = [results] if isinstance(results, kinds) else arg.listed("results", results)
-    if not listed or not all(isinstance(one, kinds) for one in listed):
-        raise arg.fault("results", "holds no results", "results, or paths of result.json")
-    if isinstance(scores, str) or (every and scores):
-        expected = "a list of scores, such as ['recall@1'], or every=True"
-        raise arg.fault("scores, every", f"is {scores!r}", expected)
-    paths = results_here([one for one in listed if not isinstance(one, Scored)])
-    wanted = None
-    if paths:
-        wanted = score_keys(read_result(result_paths(paths)[0]), scores, every=every)
-    read = iter(read_scored(paths, wanted))
-    methods = [one if isinstance(one, Scored) else next(read) for one in listed]
-    names = [method.name for method in methods]
-    if twice := {name for name in names if names.count(name) > 1}:
-        fix, expected = "load_result(path, name=...)", "methods of different names"
-        raise arg.fault("results", f"several have the name {first_of(twice)}", expected, fix)
-    check_same_queries(methods)
-    return methods, choose_scores(methods, scores, every=every)
-
-
-def _read_intervals(
-    method: Scored, scores: list[ScoreColumn], scene: str | None, plan: ResamplingConfig
-) -> Comparison:
-    result = method.result
-    found = comparison.score_intervals(method, scores, plan, scene)
-    parts: list[Any] = [(name, result.scenes[name], spans) for name, spans in found.groups.items()]
-    parts += [] if scene else [(None, result.overall, found.overall)]
-    rows = [
-        {"scene": name, "score": score.key, "value": values[score.key], **vars(span)}
-        for name, values, spans in parts
-        for score, span in zip(scores, spans, strict=True)
-    ]
-    return Comparison(intervals_table(method, scores, plan), pd.DataFrame(rows))
+    return Comparison(comparison_table(made), pd.DataFrame(rows)[columns])

@@ -135,7 +135,6 @@ def retrieval_scores(
     ks: Iterable[int] = (1, 5, 10),
     *,
     scores: Any = None,
-    gallery_ids: Any = None,
     ap: ApVariant = "precision",
 ) -> Scores:
     """Score ranked galleries of one scene: recall, AP and nDCG at each k, mAP and MRR.
@@ -156,9 +155,7 @@ def retrieval_scores(
         Ranks, each at least 1.
     scores : (Q, G) array-like, optional
         Instead of `ranked_ids`: similarities to the whole gallery, larger is nearer. Of equal
-        scores the positives come last.
-    gallery_ids : (G,) array-like, optional
-        The ids of the columns of `scores`; by default those of a DataFrame, or 0 to G - 1.
+        scores the positives come last. Ids are the columns of a DataFrame, or 0 to G - 1.
     ap : {"precision", "min", "trec", "hits"}
         The reading of AP@k; all but the first name it: ``ap@5/trec``.
 
@@ -187,25 +184,19 @@ def retrieval_scores(
     """
     arg.choice("ap", ap, get_args(ApVariant))
     depths, similar = _checked_ranks(ks), None
-    if (ranked_ids is None) == (scores is None) or (scores is None and gallery_ids is not None):
-        expected = "ranked_ids, or scores and perhaps gallery_ids instead"
-        raise arg.fault("ranked_ids, scores", "do not go together", expected)
+    if (ranked_ids is None) == (scores is None):
+        raise arg.fault("ranked_ids, scores", "do not go together", "one of them, and None")
     if scores is None:
         names, lists, right = _pair_queries(ranked_ids, positives)
-        place = _number_ids(
-            [one for one in dict.fromkeys(chain(*lists, *right)) if one not in _ENDS]
-        )
+        every = dict.fromkeys(chain(*lists, *right))
+        place = _number_ids([one for one in every if one not in _ENDS])
         tiles = np.full((len(lists), max(map(len, lists), default=0)), -1, np.int64)
         for line, ids in zip(tiles, lists, strict=True):
             line[: len(ids)] = [place.get(one, -1) for one in ids]
     else:
         similar = arg.floats("scores", scores, (None, None), finite=True)
         labels = [*getattr(scores, "columns", range(similar.shape[1]))]
-        gallery = _checked_ids("gallery_ids", labels if gallery_ids is None else gallery_ids)
-        if len(gallery) != len(labels) or labels not in ([*range(len(labels))], gallery):
-            what = f"have {len(labels)} columns for {len(gallery)} tiles, or those of others"
-            raise arg.fault("scores", what, "a column for each of gallery_ids")
-        place = _number_ids(gallery)
+        place = _number_ids(_checked_ids("scores", labels))
         arg.check_pairs(scores=scores, positives=positives)
         names, _, right = _pair_queries([()] * len(similar), positives)
         tiles = np.argsort(-similar, axis=1, kind="stable")
@@ -324,9 +315,7 @@ def _number_ids(ids: Sequence[Any]) -> dict[Any, int]:
     place = {one: row for row, one in enumerate(ids)}
     if len(place) < len(ids) or len({type(one) for one in place}) > 1:
         what = "an id that is there twice, or texts beside whole numbers"
-        raise arg.fault(
-            "ids", what, "one kind of id", "turn one into the other: str(id), or int(id)"
-        )
+        raise arg.fault("ids", what, "one kind of id, each once")
     return place
 
 

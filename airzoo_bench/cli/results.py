@@ -12,12 +12,10 @@ from airzoo_bench.core.errors import UsageError
 
 # The options that each kind of picture takes.
 _PLOTS = {
-    "recall": "up_to scene",
-    "errors": "score scene",
-    "thresholds": "scene",
-    "intervals": "score scene",
-    "scenes": "score",
-    "condition": "by bins score scene",
+    "recall": "up_to",
+    "errors": "score",
+    "thresholds": "",
+    "condition": "by bins score",
     "map": "scene data",
     "query": "query data",
     "cloud": "scene",
@@ -123,9 +121,6 @@ def plot(
     width: Annotated[
         cli.Text, cli.option("Such as 3.3in or 8.4cm (default: what the content needs).")
     ] = None,
-    bare: Annotated[
-        bool, cli.option("Print the notes to stderr, for the caption.", "--bare")
-    ] = False,
 ) -> None:
     """Draw results as a picture.
 
@@ -133,8 +128,6 @@ def plot(
     recall      recall at K over K (--up-to)
     errors      the share of queries with an error (--score) below a value
     thresholds  precision, recall and F1 of reconstruction over distances
-    intervals   a score of each method with its 95 % interval
-    scenes      a score by method and scene as coloured cells
     condition   a score in groups of queries (--by, --bins)
     map         hits and misses of retrieval, or arrows of matching's errors
     query       photo and first tiles, or matches coloured by residual (--query)
@@ -172,11 +165,10 @@ def plot(
         given["bins"] = _parse_bins(bins)
     if "data" in takes:
         given["data"] = cli.resolve_data(data)
-    aside: list[str] = []
-    sheet = Sheet(parse_length(width), aside=aside if bare else None)
     with cli.working(f"drawing {out}"):
+        sheet = Sheet(parse_length(width))
         save_figure(picture(kind, results_here(results), sheet, **given), out)
-    cli.say("\n".join([f"drew {out}", *aside]))
+    cli.say(f"drew {out}")
 
 
 def report(

@@ -1,4 +1,4 @@
-"""Drawing and writing figures: palette, size, legend and small print, and the same bytes again."""
+"""What all pictures share: palette, canvas, legend and small print, and the same bytes again."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import io
 import re
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import UsageError, counted, first_of
+from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.geometry.arrays import Floats
@@ -35,27 +34,22 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 FORMATS = ("png", "svg", "pdf")
 """What `save_figure` writes, by the ending of the file."""
 
+NARROW_IN = 5.0
+"""Narrower pictures fill a column of a paper: they have smaller letters and fewer inches."""
+
 _PALETTE = "viridis"  # even steps of lightness, for print and colour-blind readers
 _BEYOND = (213, 94, 0)  # vermilion: at the limit or farther
-_NO_ROOM = "constrained_layout not applied"
-_DPI = 150
-_PLACE_DIGITS = 5
-_LINES = ("-", "--", "-.", ":")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_MOST_IN_LEGEND, _LEAST_IN, _MOST_IN = 40, 2.0, 40.0
+_LINES, _MARKERS = ("-", "--", "-.", ":"), ("o", "s", "^", "D", "v", "P", "X")
 _LONGEST = 48
-_NARROW_IN = 5.0
-_LEAST_PT, _POINTS, _LETTER, _LINE = 6.0, 72.0, 0.53, 1.25
-# SVG keeps text as text, and names its parts by a fixed salt.
+_LEAST_IN, _MOST_IN = 2.0, 40.0
+_LETTER_EM = 0.53
+# SVG keeps text as text; neither the time of day nor the version of Matplotlib is in a file.
 _FILES = {"svg.hashsalt": "airzoo-bench", "svg.fonttype": "none", "pdf.fonttype": 42}
-# Neither the time of day nor the version of Matplotlib stands in the file.
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-
-
 # Tables have room for a word; a picture found alone must say what was measured.
 _ERRORS = {
     "error_m": "translation error",
@@ -67,25 +61,18 @@ _ERRORS = {
     "accuracy_m": "accuracy",
     "completeness_m": "completeness",
 }
-_NAMED = 6
-_DECADES = 100.0
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """How wide a picture is, in inches, and what is written below it."""
+    """How wide a picture is, in inches, and the small print below it."""
 
     width_in: float | None = None  # where it is not given, what the content needs
-    notes: tuple[str, ...] = ()  # small print below
-    aside: list[str] | None = None  # takes the small print instead of the picture
+    notes: tuple[str, ...] = ()
 
     def wide(self, usual: float) -> float:
         """Return the width in inches: the one asked for, else the usual one of the content."""
         return usual if self.width_in is None else self.width_in
-
-    def font(self, usual: float) -> float:
-        """Return the size of the font in points: smaller where a picture fills one column."""
-        return 9.5 if self.wide(usual) >= _NARROW_IN else 7.5
 
     def noting(self, *notes: str) -> Sheet:
         """Return the sheet with more small print; empty notes are none."""
@@ -105,68 +92,32 @@ def new_canvas(width_in: float, height_in: float) -> Figure:
 
 def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
     """Set the size of text; let the figure grow by the legend above and small print below."""
-    width = figure.get_figwidth()
-    size = sheet.font(width)
+    from matplotlib.lines import Line2D
+
+    width, height = figure.get_figwidth(), figure.get_figheight()
+    size = 9.5 if width >= NARROW_IN else 7.5
     for axes in figure.axes:
         for text in (axes.xaxis.label, axes.yaxis.label, axes.title):
             text.set_fontsize(size)
         axes.tick_params(axis="both", which="both", labelsize=size - 1)
-    hidden = len(names) - _MOST_IN_LEGEND
-    if hidden > 0:
-        sheet = sheet.noting(f"not named: {counted(hidden, 'more method')}")
-    small, height = max(_LEAST_PT, 0.72 * size), figure.get_figheight()
-    if sheet.aside is not None:
-        sheet.aside.extend(sheet.notes)
-    elif sheet.notes:
-        notes = _wrapped("\n".join(sheet.notes), width, small)
-        figure.supxlabel("\n".join(notes), fontsize=small, color="0.3", x=0.01, ha="left")
-        height += len(notes) * small * _LINE / _POINTS
+    if sheet.notes:
+        small = max(6.0, 0.72 * size)
+        letters = int(0.96 * width * 72 / (small * _LETTER_EM))
+        rows = [row for note in sheet.notes for row in textwrap.wrap(plain(note), letters)]
+        said = "\n".join(rows).replace("$", r"\$")
+        figure.supxlabel(said, fontsize=small, color="0.3", x=0.01, ha="left")
+        height += len(rows) * small * 1.25 / 72
     if names:
-        height += _add_legend(figure, names[:_MOST_IN_LEGEND], size, lines)
+        style = {"markersize": 4.5, "linewidth": 1.4} | ({} if lines else {"linestyle": "none"})
+        handles = [Line2D([], [], **series_style(n) | style) for n in range(len(names))]
+        labels = [label_text(name) for name in names]
+        widest = max(map(len, labels)) * _LETTER_EM * (size - 1) / 72 + 0.5
+        columns = int(np.clip(width / widest, 1, min(4, len(names))))
+        place: Any = {"loc": "outside upper center", "frameon": False, "borderaxespad": 0.1}
+        place |= {"handlelength": 2.6 if lines else 1.2, "labelspacing": 0.35}
+        figure.legend(handles, labels, ncols=columns, fontsize=size - 1, **place)
+        height += (-(-len(names) // columns) * 1.45 + 0.8) * (size - 1) / 72
     figure.set_figheight(height)
-
-
-def _wrapped(text: str, width_in: float, size: float) -> list[str]:
-    """Break lines that are longer than the figure is wide, dollars escaped."""
-    letters = max(10, int(0.96 * width_in * _POINTS / (size * _LETTER)))
-    lines = [part for line in text.split("\n") for part in textwrap.wrap(plain(line), letters)]
-    return [line.replace("$", r"\$") for line in lines]
-
-
-def _add_legend(figure: Figure, names: Sequence[str], size: float, lines: bool) -> float:
-    """Add a legend above the picture, as wide as fits; return its height."""
-    from matplotlib.lines import Line2D
-
-    plain_style = {} if lines else {"linestyle": "none"}
-    handles = [
-        Line2D([], [], markersize=4.5, linewidth=1.4, **(series_style(number) | plain_style))
-        for number in range(len(names))
-    ]
-    labels = [label_text(name_text(name)) for name in names]
-    widest = max(map(len, labels)) * _LETTER * (size - 1) / _POINTS + 0.5
-    columns = int(np.clip(figure.get_figwidth() / widest, 1, min(4, len(names))))
-    with _any_letters():
-        legend = figure.legend(
-            handles,
-            labels,
-            loc="outside upper center",
-            ncols=columns,
-            fontsize=size - 1,
-            frameon=False,
-            borderaxespad=0.1,
-            handlelength=2.6 if lines else 1.2,
-            labelspacing=0.35,
-        )
-        return float(legend.get_window_extent().height / figure.dpi)
-
-
-@contextmanager
-def _any_letters() -> Iterator[None]:
-    """Ignore Matplotlib's warnings about letters that the font lacks; they are drawn as boxes."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        warnings.filterwarnings("ignore", "Matplotlib currently does not support", UserWarning)
-        yield
 
 
 def parse_length(text: str | None) -> float | None:
@@ -183,23 +134,19 @@ def parse_length(text: str | None) -> float | None:
     return length
 
 
-def figure_bytes(figure: Figure, form: str, dpi: int = _DPI) -> bytes:
+def figure_bytes(figure: Figure, form: str, dpi: int = 150) -> bytes:
     """Render a figure as one of `FORMATS`, or as ``jpg``."""
     stream = io.BytesIO()
-    with default_style(_FILES), _any_letters():
-        warnings.filterwarnings("ignore", _NO_ROOM, UserWarning)
-        _settle(figure)
+    with default_style(_FILES), warnings.catch_warnings():
+        # Letters that the font lacks are drawn as boxes.
+        for said in ("Glyph .* missing", "Matplotlib currently does not", "constrained_layout not"):
+            warnings.filterwarnings("ignore", said, UserWarning)
+        figure.draw_without_rendering()
+        figure.set_layout_engine(None)  # a placeholder would draw everything once more
+        for axes in figure.axes:  # rounded, so that files are the same again
+            axes.set_position(np.round(axes.get_position(original=True).bounds, 5).tolist())
         figure.savefig(stream, format=form, dpi=dpi, metadata=_METADATA.get(form))
     return stream.getvalue()
-
-
-def _settle(figure: Figure) -> None:
-    """Round the positions of axes, so that files are the same again."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine(None)  # a placeholder would draw everything once more
-    for axes in figure.axes:
-        x, y, width, height = np.round(axes.get_position(original=True).bounds, _PLACE_DIGITS)
-        axes.set_position((float(x), float(y), float(width), float(height)))
 
 
 def check_ending(path: Path) -> str:
@@ -221,16 +168,10 @@ def save_figure(figure: Figure, path: Path) -> None:
         stream.write(content)
 
 
-def label_text(name: str) -> str:
+def label_text(name: str, most: int = _LONGEST) -> str:
     """Return a name as Matplotlib shows it literally, on one line, cut where it is very long."""
-    line = plain(name)
-    short = line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…"
-    return short.replace("$", r"\$")
-
-
-def name_text(name: str) -> str:
-    """Return a method's name on one line, or a placeholder if it is blank."""
-    return plain(name) or "(no name)"
+    line = plain(name) or "(no name)"
+    return (line if len(line) <= most else line[: most - 1] + "…").replace("$", r"\$")
 
 
 def series_style(number: int) -> dict[str, Any]:
@@ -264,10 +205,9 @@ def add_error_bar(axes: Axes, limit: float, label: str) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    over = tuple(part / 255 for part in _BEYOND)
-    colours = load_matplotlib().colormaps[_PALETTE].with_extremes(over=over)
+    colours = load_matplotlib().colormaps[_PALETTE]
+    shown = ScalarMappable(Normalize(0, limit), colours.with_extremes(over=np.divide(_BEYOND, 255)))
     figure: Any = axes.get_figure(root=True)
-    shown = ScalarMappable(Normalize(0, limit), colours)
     figure.colorbar(shown, ax=axes, label=label, extend="max", shrink=0.85, pad=0.02)
 
 
@@ -282,24 +222,6 @@ def axis_label(score: ScoreColumn) -> str:
     return f"median {error_label(score)}" if is_median else error_label(score)
 
 
-def heading(score: ScoreColumn) -> str:
-    """Head a column of a score: title, unit, and which direction is better."""
-    return f"{score.title} [{UNITS[score.unit]}] {'↑' if score.higher_is_better else '↓'}"
-
-
-def scale_shares(score: ScoreColumn, values: Floats) -> Floats:
-    """Return shares as percent; other values unchanged."""
-    scaled: Floats = values * (100.0 if score.unit == "share" else 1.0)
-    return scaled
-
-
-def spans_decades(score: ScoreColumn, finite: Floats) -> bool:
-    """Return whether the values are errors that span decades, and need a logarithmic axis."""
-    if score.unit == "share" or not len(finite):
-        return False
-    return bool(0 < finite.min() < finite.max() / _DECADES)
-
-
 def over_scenes(methods: Sequence[Scored]) -> str:
     """Return what labels add if values are means over several scenes."""
     return ", mean over scenes" if len(methods[0].result.scenes) > 1 else ""
@@ -307,24 +229,14 @@ def over_scenes(methods: Sequence[Scored]) -> str:
 
 def noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
     """Return the sheet, or a new one; its small print begins with where the numbers come from."""
-    given = sheet or Sheet()
-    return replace(given, notes=(_small_print(methods), *given.notes))
-
-
-def _small_print(methods: Sequence[Scored]) -> str:
-    """Say where a picture's numbers come from: benchmark, protocol, queries, scenes."""
-    result = methods[0].result
+    given, result = sheet or Sheet(), methods[0].result
     truth, protocol = result.truth, result.protocol
     titles = list(truth.scene_titles.values())
-    scenes = f"scene {titles[0]}" if len(titles) == 1 else counted(len(titles), "scene")
-    measured = scenes
+    measured = f"scene {titles[0]}" if len(titles) == 1 else counted(len(titles), "scene")
     if result.unit == "query":
-        measured = f"{counted(len(methods[0].records), 'query')} in {scenes}"
-    used = f"protocol {protocol.name}, version {protocol.version}"
-    return f"benchmark {truth.benchmark}, version {truth.version}; {used}: {measured}"
-
-
-def who(names: Sequence[str], between: str = ", ") -> str:
-    """List names; only the first few of many."""
-    names = [name_text(name) for name in names]
-    return between.join(names) if len(names) <= _NAMED else first_of(names)
+        measured = f"{counted(len(methods[0].records), 'query')} in {measured}"
+    source = (
+        f"benchmark {truth.benchmark}, version {truth.version}; protocol {protocol.name}, "
+        f"version {protocol.version}: {measured}"
+    )
+    return replace(given, notes=(source, *given.notes))

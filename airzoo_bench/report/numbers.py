@@ -1,25 +1,24 @@
-"""The tables of a report: every number, text and mark is decided here, and only placed by pages."""
+"""The tables of a report, as the commands make them; pages only place them."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
+from itertools import combinations
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.report.figures import heading
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
-    Pair,
+    Comparison,
     compare,
     floor_note,
-    is_share,
     make_sample,
     notes_of,
     tied_with_best,
@@ -28,224 +27,87 @@ from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL, holm
-from airzoo_bench.tables.breakdown import breakdown_table, condition_title, group_records
-from airzoo_bench.tables.comparison import LEAST_P, differences_table, sentence, verdict
-from airzoo_bench.tables.intervals import (
-    intervals_made,
-    resampled,
-    score_cell,
-    score_texts,
-    score_title,
-)
-from airzoo_bench.tables.marks import best_texts
-from airzoo_bench.tables.method_table import as_shown, score_column, shared_references
-from airzoo_bench.tables.model import Cell, Column, Table, share_to_percent, show_number
+from airzoo_bench.tables.breakdown import breakdown_table
+from airzoo_bench.tables.comparison import comparison_table, differences_table
+from airzoo_bench.tables.intervals import intervals_made, resampled, score_cell
+from airzoo_bench.tables.marks import mark_cells
+from airzoo_bench.tables.method_table import score_column, shared_references
+from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
 
 OVERALL, POOLED = "overall", "pooled"
-_BEST, _TIED = "best", "tied"
-_RESAMPLES, _FEWEST = 10_000, 1_000
-_WORK = 2.5e9  # values whose signs are drawn for tests: some seconds
-_DRAWN = 1e9  # values drawn for medians: as long
-_FINEST = 40  # resamples a comparison, so that a corrected p can still be a finding
-_MOST_PAIRED = 12  # methods of which every two are compared
-_DIFFERING = 10  # queries that are listed of a pair
+TIED = "≈"
+"""The mark of a value that a paired test does not tell from the best."""
 
-Limits = list[list[float] | None]
-_Row = Sequence[float | None]
-
-
-@dataclass(frozen=True)
-class Head:
-    """A column's heading; ``best`` says which end of it is better, ``more`` hides it at first."""
-
-    text: str
-    words: bool = False
-    hint: str = ""
-    best: str = ""
-    more: bool = False
-
-
-@dataclass(frozen=True)
-class Datum:
-    """A cell: its text, its value for sorting, its mark, and its interval."""
-
-    text: str
-    order: float | None = None
-    mark: str = ""
-    interval: str = ""
-
-
-@dataclass(frozen=True)
-class Line:
-    """A row; a floor scores without a method, and stays below all others."""
-
-    cells: list[Datum]
-    floor: bool = False
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A table of the page; the first cell of each row heads it."""
-
-    caption: str
-    heads: list[Head]
-    rows: list[Line]
-    notes: list[str] = field(default_factory=list)
+_MOST = 1_000_000  # queries by pairs of methods that are resampled in some seconds
+_MOST_PAIRED, _DIFFERING = 8, 10
 
 
 @dataclass(frozen=True)
 class Pane:
-    """Grids that the page shows, one below the other, when their title is chosen."""
+    """Tables that the page shows, one below the other, when their title is chosen."""
 
     key: str
     title: str
-    grids: list[Grid]
-    about: str = ""
+    tables: list[Table]
 
 
 @dataclass(frozen=True)
 class Findings:
-    """Intervals by scope and score, tests against the best by scope, and how both were made."""
+    """Intervals and what ties with the best, by scope and score, and how both were made."""
 
-    limits: Mapping[str, Mapping[str, Limits]]
-    tests: Mapping[str, Mapping[str, list[bool]]]
-    notes: list[str]
+    limits: Mapping[str, Mapping[str, Sequence[Interval]]] = field(default_factory=dict)
+    ties: Mapping[str, Mapping[str, list[bool]]] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+
+def plan_of(section: Section) -> ResamplingConfig | None:
+    """Return how to resample; None where queries and methods are too many."""
+    count = len(section.methods)
+    size = max(1, count * (count - 1) // 2) * len(section.methods[0].records)
+    return ResamplingConfig() if size <= _MOST else None
 
 
 def find(section: Section) -> Findings:
-    """Compute intervals and tests as `compare` does, if they take seconds only."""
-    limits, about_limits = _intervals(section)
-    tests, about_tests = _tests(section)
-    return Findings(limits, tests, [note for note in (about_limits, about_tests) if note])
-
-
-def _intervals(section: Section) -> tuple[dict[str, dict[str, Limits]], str]:
-    """Take the intervals of headline scores: shares by formula, others where it takes seconds."""
-    scores, drawn = section.headline, [s for s in section.headline if not is_share(s)]
-    values = len(section.methods) * len(section.methods[0].records) * max(1, len(drawn))
-    plan = _limited_plan(_DRAWN / values)
+    """Compute intervals and tests of headline scores as `compare` does."""
+    plan, methods, scores = plan_of(section), section.methods, section.headline
     if plan is None:
-        plan, scores = ResamplingConfig(), [score for score in scores if is_share(score)]
-    if not scores:
-        return {}, "no intervals: there are too many queries and methods"
-    found, count = (
-        sample_intervals(make_sample(section.methods, scores), plan),
-        len(section.methods),
-    )
+        many = "no intervals and tests: queries and methods are too many; `compare` makes them"
+        return Findings(notes=[many])
+    found = sample_intervals(make_sample(methods, scores), plan)
     parts = {OVERALL: found.overall} | (found.groups if section.by_query else {})
+    count = len(methods)
     limits = {
-        scope: {
-            score.key: [_ends(one) for one in part[place * count : (place + 1) * count]]
-            for place, score in enumerate(scores)
-        }
+        scope: {s.key: part[n * count : (n + 1) * count] for n, s in enumerate(scores)}
         for scope, part in parts.items()
     }
     every = [interval for part in parts.values() for interval in part]
-    names = ", ".join(score.title for score in scores)
-    made = intervals_made(every, plan, resampled(section.first.unit), f"intervals of {names}")
-    why = " / ".join(sorted({interval.reason for interval in every if interval.reason}))
-    said = [made or "no intervals", f"none where {why}" * bool(why)]
-    if len(scores) < len(section.headline):
-        said.append("of the other scores they would take too long")
-    return limits, "; ".join(filter(None, said))
-
-
-def _limited_plan(resamples: float) -> ResamplingConfig | None:
-    return ResamplingConfig(min(_RESAMPLES, int(resamples))) if resamples >= _FEWEST else None
-
-
-def _ends(interval: Interval) -> list[float] | None:
-    return None if interval.low is None or interval.high is None else [interval.low, interval.high]
-
-
-def plan_groups(section: Section) -> ResamplingConfig | None:
-    """Return a plan of intervals within groups by every condition; None if they take too long."""
-    if is_share(section.headline[0]):  # by a formula
-        return ResamplingConfig()
-    groupings = max(1, len(section.conditions))
-    return _limited_plan(
-        _DRAWN / (len(section.methods) * len(section.methods[0].records) * groupings)
-    )
-
-
-def _plan(section: Section, comparisons: int) -> ResamplingConfig | None:
-    """Return a plan with enough resamples for some comparisons of a score."""
-    count = len(section.methods)
-    resamples = max(_RESAMPLES, _FINEST * count * (count - 1) // 2)
-    values = comparisons * len(section.headline) * len(section.methods[0].records)
-    return ResamplingConfig(resamples) if values * resamples <= _WORK else None
-
-
-def _tests(section: Section) -> tuple[dict[str, Mapping[str, list[bool]]], str]:
-    methods, scores = section.methods, section.headline
-    if len(methods) < 2:
-        return {}, ""
-    plan = _plan(section, 2 * len(methods))
-    if plan is None:
-        return {}, "no tests against the best: there are too many queries and methods"
-    found: dict[str, Mapping[str, list[bool]]] = {OVERALL: tied_with_best(methods, scores, plan)}
-    for scene in section.first.scenes if section.by_query else ():
-        found[scene] = tied_with_best(methods, scores, plan, scene)
-    return found, (
-        f"≈ marks what a paired test does not tell from the best (p above "
+    named = f"intervals of {', '.join(score.title for score in scores)}"
+    made = intervals_made(every, plan, resampled(section.first.unit), named)
+    lacking = sorted({interval.reason for interval in every if interval.reason})
+    notes = [*filter(None, [made]), *(f"no interval where {reason}" for reason in lacking)]
+    if count < 2:
+        return Findings(limits, {}, notes)
+    scopes: dict[str, str | None] = {OVERALL: None}
+    scopes |= {scene: scene for scene in section.first.scenes if section.by_query}
+    ties = {scope: tied_with_best(methods, scores, plan, scene) for scope, scene in scopes.items()}
+    notes.append(
+        f"★ marks the best, {TIED} what a paired test does not tell from it (p above "
         f"{share_to_percent(LEVEL):g} % after Holm's correction for all pairs of methods, "
-        f"{plan.resamples} resamples, seed {plan.seed}), of the paper's scores; pooled values are "
-        "not tested" + ("" if section.by_query else ", nor are single scenes")
+        f"{plan.resamples} resamples, seed {plan.seed}); tested are the headline scores, not "
+        "pooled" + ("" if section.by_query else ", nor of single scenes")
     )
-
-
-def marks_of(score: ScoreColumn, values: _Row, ties: list[bool] | None = None) -> list[str]:
-    """Mark a score's values by method: the best by the digits shown, and who ties with them.
-
-    One method by itself has no mark.
-    """
-    column = score_column(score)
-    cells = [score_cell(score, value) for value in values]
-    best = best_texts(column, cells)[:1]
-    if not best or len(values) < 2:
-        return [""] * len(values)
-    tied = ties or [False] * len(values)
-    return [
-        _BEST if cell.text(column.decimals) == best[0] else _TIED if is_tied else ""
-        for cell, is_tied in zip(cells, tied, strict=True)
-    ]
-
-
-def _legend(found: Findings, marks: Sequence[str], scope: str) -> str:
-    if not any(marks):
-        return ""
-    if not found.tests.get(scope):
-        return "; ★ marks the best, which is not tested"
-    return "; ★ marks the best" + ", ≈ what cannot be told from it" * (_TIED in marks)
-
-
-def _data(
-    score: ScoreColumn, values: _Row, marks: Sequence[str] = (), limits: Limits | None = None
-) -> list[Datum]:
-    texts, none = score_texts(score, values), [None] * len(values)
-    return [
-        Datum(text, value, mark, " to ".join(score_texts(score, ends or ())))
-        for text, value, mark, ends in zip(
-            texts, values, marks or [""] * len(texts), limits or none, strict=True
-        )
-    ]
-
-
-def _head(section: Section, score: ScoreColumn) -> Head:
-    best = "descending" if score.higher_is_better else "ascending"
-    hint = meaning(section.track, score)
-    return Head(heading(score), False, hint, best, not score.headline)
+    return Findings(limits, ties, notes)
 
 
 def summary_panes(section: Section, found: Findings) -> list[Pane]:
-    """Return every score by method: over scenes, pooled, and by scene."""
+    """Return every score by method: over scenes, pooled, and by scene; headline scores first."""
     titles = section.first.truth.scene_titles
-    if len(titles) == 1:
-        return [_scores_pane(section, found, OVERALL, *titles.values())]
     scopes = {OVERALL: "Average over scenes"}
     scopes |= {POOLED: "All queries pooled"} if section.by_query else {}
+    scopes = {OVERALL: next(iter(titles.values()))} if len(titles) == 1 else scopes | titles
     return [
-        _scores_pane(section, found, scope, title) for scope, title in (scopes | titles).items()
+        Pane(scope, title, [_scores_table(section, found, scope, title)])
+        for scope, title in scopes.items()
     ]
 
 
@@ -253,148 +115,105 @@ def _by_scope(numbers: Result | Reference) -> dict[str, dict[str, float]]:
     return {OVERALL: numbers.overall, POOLED: numbers.pooled, **numbers.scenes}
 
 
-def _scores_pane(section: Section, found: Findings, scope: str, title: str) -> Pane:
+def _scores_table(section: Section, found: Findings, scope: str, title: str) -> Table:
     references, _ = shared_references([method.result for method in section.methods])
-    columns: list[list[Datum]] = []
-    tests, limits = found.tests.get(scope, {}), found.limits.get(scope, {})
+    count, ties = len(section.methods), found.ties.get(scope, {})
+    limits = found.limits.get(scope, {})
+    marks = [FLOOR_MARK * bool(floor_note(method.result)) for method in section.methods]
+    names = [*map(Cell, section.names), *map(Cell, references)]
+    names[:count] = [replace(c, mark=m) for c, m in zip(names[:count], marks, strict=True)]
+    columns = [names]
     for score in section.scores:
         values = [_by_scope(m.result)[scope][score.key] for m in section.methods]
-        marks = marks_of(score, values, tests.get(score.key))
+        spans = limits.get(score.key, [None] * count)
+        pairs = zip(values, spans, strict=True)
+        cells = mark_cells(score_column(score), [score_cell(score, *pair) for pair in pairs])
+        for place, tied in enumerate(ties.get(score.key, ())):
+            if tied and not cells[place].best:
+                cells[place] = replace(cells[place], mark=TIED)
         floors = [_by_scope(one)[scope].get(score.key) for one in references.values()]
-        data = _data(score, values, marks, limits.get(score.key))
-        columns.append([*data, *_data(score, floors)])
-    names = [m.name + f" {FLOOR_MARK}" * bool(floor_note(m.result)) for m in section.methods]
-    rows = [
-        Line([Datum(name), *cells], number >= len(names))
-        for number, (name, *cells) in enumerate(zip([*names, *references], *columns, strict=True))
-    ]
-    marks = [cell.mark for column in columns for cell in column]
-    heads = [Head("Method", True), *(_head(section, score) for score in section.scores)]
-    caption = f"{title}{_legend(found, marks, scope)}"
-    return Pane(scope, title, [Grid(caption, heads, rows)])
+        columns.append([*cells, *(score_cell(score, value) for value in floors)])
+    rows = [Row(cells, floor=n >= count) for n, cells in enumerate(zip(*columns, strict=True))]
+    heads = (Column("Method"), *map(score_column, section.scores))
+    return Table(title, heads, tuple(rows))
 
 
-def scene_panes(section: Section, found: Findings) -> list[Pane]:
-    """Return a table a headline score, of scenes and methods."""
-    result, panes = section.first, []
-    for score in section.headline:
-        rows, every = [], []
-        for scene, title in result.truth.scene_titles.items():
-            values = [method.result.scenes[scene][score.key] for method in section.methods]
-            marks = marks_of(score, values, found.tests.get(scene, {}).get(score.key))
-            every += marks
-            count = result.counts[scene]["queries"]
-            counts = [Datum(f"{count}", count)] if section.by_query else []
-            rows.append(Line([Datum(title), *counts, *_data(score, values, marks)]))
-        queries = [Head("Queries", best="descending")] if section.by_query else []
-        methods = [
-            Head(m.name, best="descending" if score.higher_is_better else "ascending")
-            for m in section.methods
-        ]
-        scope = next(iter(result.scenes))
-        caption = f"{heading(score)} by scene and method{_legend(found, every, scope)}"
-        grid = Grid(caption, [Head("Scene", True), *queries, *methods], rows)
-        panes.append(Pane(score.key, heading(score), [grid]))
+def scene_panes(section: Section, summary: Sequence[Pane]) -> list[Pane]:
+    """Return a table a headline score, of scenes and methods, with the cells of the summary."""
+    panes, tables = [], {pane.key: pane.tables[0] for pane in summary}
+    for place, score in enumerate(section.scores, 1):
+        if not score.headline or len(section.first.scenes) < 2:
+            continue
+        column, rows = score_column(score), []
+        for scene, title in section.first.truth.scene_titles.items():
+            cells = [row.cells[place] for row in tables[scene].rows if not row.floor]
+            rows.append(Row((Cell(title), *cells)))
+        heads = [Column("Scene"), *(replace(column, title=n, unit="") for n in section.names)]
+        title = f"{column.heading} by scene and method"
+        panes.append(Pane(score.key, column.heading, [Table(title, tuple(heads), tuple(rows))]))
     return panes
-
-
-def grid_of(table: Table, caption: str = "") -> Grid:
-    """Turn a table of the command line into one of the page."""
-    best = {True: "descending", False: "ascending", None: ""}
-    heads = [
-        Head(column.heading, table.is_text(n), best=best[column.higher_is_better])
-        for n, column in enumerate(table.columns)
-    ]
-
-    def datum(cell: Cell, column: Column) -> Datum:
-        order = cell.value if isinstance(cell.value, int | float) else None
-        return Datum(cell.text(column.decimals), order, _BEST * cell.best)
-
-    rows = [Line([*map(datum, row.cells, table.columns)]) for row in table.rows]
-    return Grid(caption or table.title, heads, rows, list(table.all_notes))
 
 
 def breakdown_panes(section: Section) -> list[Pane]:
     """Return scores by each condition: a pane a condition and score, keyed by both."""
-    if not section.by_query:
-        return []
-    panes = []
-    for by in section.conditions:
-        grouping = group_records(section.methods[0].records, by)
-        for score in section.query_scores:
-            table = breakdown_table(section.methods, [score], by, grouping=grouping)
-            caption = f"{heading(score)} by {condition_title(by)}, all scenes"
-            if any(cell.best for row in table.rows for cell in row.cells):
-                caption += "; ★ marks the best, which is not tested"
-            panes.append(Pane(f"{by} {score.key}", condition_title(by), [grid_of(table, caption)]))
-    return panes
+    return [
+        Pane(f"{by} {score.key}", "", [breakdown_table(section.methods, [score], by)])
+        for by in section.conditions
+        for score in section.query_scores
+    ]
 
 
 def pair_panes(section: Section) -> list[Pane]:
-    """Compare every two of the best methods by the paper's scores; empty with one method."""
-    count = min(len(section.methods), _MOST_PAIRED)
-    while count > 1 and _plan(section, count * count) is None:
-        count -= 1
-    plan = _plan(section, count * count)
-    if count < 2 or plan is None:
+    """Compare every two of the best methods by the headline scores; empty with one method."""
+    few, plan = section.methods[:_MOST_PAIRED], plan_of(section)
+    if plan is None:
         return []
-    about = (
-        f"Paired by {section.first.unit}, of the average over scenes; p corrected: after Holm for "
-        f"all pairs of methods; {plan.resamples} resamples."
-    )
+    made = {
+        (one, two): compare(
+            [few[one], few[two]], section.headline, reference=few[one].name, resampling=plan
+        )
+        for one, two in combinations(range(len(few)), 2)
+    }
     panes = []
-    for one, other, pairs in _corrected(section, count, plan):
-        first, second = section.methods[one], section.methods[other]
-        caption = f"{second.name} minus {first.name}; the verdict is that on {second.name}"
-        heads = [Head("Score", True), Head(first.name), Head(second.name), Head("Difference")]
-        heads += [Head("95 % interval"), Head("p"), Head("p corrected"), Head("Verdict", True)]
-        rows = [Line([Datum(text) for text in _pair_texts(pair)]) for pair in pairs]
-        grid = Grid(caption, heads, rows, [sentence(pair, plan) for pair in pairs])
-        scores = section.headline[:1]
-        differing = grid_of(differences_table([first, second], scores, _DIFFERING))
-        title = f"{first.name} and {second.name}"
-        panes.append(Pane(f"{one} {other}", title, [grid, differing], about))
+    for (one, two), comparison in _corrected(made, len(few), len(section.methods)).items():
+        pair = [few[one], few[two]]
+        tables = [comparison_table(comparison)]
+        tables.append(differences_table(pair, section.headline[:1], _DIFFERING))
+        panes.append(Pane(f"{one} {two}", f"{pair[0].name} and {pair[1].name}", tables))
     return panes
 
 
 def _corrected(
-    section: Section, count: int, plan: ResamplingConfig
-) -> Iterator[tuple[int, int, list[Pair]]]:
-    """Yield every two methods with their pairs, by score.
-
-    p of a pair is corrected among those of its better method, as `compare` does for the best.
-    """
-    methods, scores = section.methods[:count], section.headline
-    family = len(section.methods) * (len(section.methods) - 1) // 2
-    pairs: dict[tuple[int, int], list[Pair]] = {}
-    p_values: Floats = np.ones((len(scores), count, count))
-    for one in range(count - 1):
-        made = compare(methods[one:], scores, reference=methods[one].name, resampling=plan).pairs
-        for place, pair in enumerate(made):
-            score, step = divmod(place, count - 1 - one)
-            other = one + 1 + step
-            pairs.setdefault((one, other), []).append(pair)
-            p_values[score, one, other] = p_values[score, other, one] = pair.test.p_value
-    for (one, other), of_pair in pairs.items():
-        corrected = []
-        for score, pair in enumerate(of_pair):
-            better, worse = (other, one) if pair.is_better else (one, other)
+    made: Mapping[tuple[int, int], Comparison], count: int, of: int
+) -> dict[tuple[int, int], Comparison]:
+    """Correct p of each pair among those of its better method, as the marks of the summary are."""
+    family = of * (of - 1) // 2
+    scores = max((len(one.pairs) for one in made.values()), default=0)
+    p_values: Floats = np.ones((scores, count, count))
+    for (one, two), comparison in made.items():
+        found = [pair.test.p_value for pair in comparison.pairs]
+        p_values[:, one, two] = p_values[:, two, one] = found
+    corrected = {}
+    for (one, two), comparison in made.items():
+        pairs = []
+        for score, pair in enumerate(comparison.pairs):
+            better, worse = (two, one) if pair.is_better else (one, two)
             row = holm(np.delete(p_values[score, better], better), family)
-            corrected.append(replace(pair, p_holm=float(row[worse - (worse > better)])))
-        yield one, other, corrected
+            pairs.append(replace(pair, p_holm=float(row[worse - (worse > better)])))
+        corrected[one, two] = replace(comparison, pairs=pairs, family=family, notes=())
+    return corrected
 
 
-def _pair_texts(pair: Pair) -> list[str]:
-    score, difference, ends = pair.score, pair.difference, _ends(pair.interval)
-    shown = [show_number(as_shown(score, end), 2, "+") for end in ends or ()]
-    return [
-        score_title(score),
-        *(score_cell(score, value).text(2) for value in (pair.reference_value, pair.value)),
-        "–" if difference is None else show_number(as_shown(score, difference), 2, "+"),
-        " to ".join(shown) or f"none: {pair.interval.reason}",
-        *(Cell(p, least=LEAST_P).text(4) for p in (pair.test.p_value, pair.p_holm)),
-        verdict(pair),
+def counts_table(section: Section) -> Table:
+    """Return what was counted, by method and scene."""
+    names = list(next(iter(section.first.counts.values())))
+    rows = [
+        Row((Cell(m.name), Cell(title), *(Cell(m.result.counts[scene].get(n)) for n in names)))
+        for m in section.methods
+        for scene, title in section.first.truth.scene_titles.items()
     ]
+    heads = ("Method", "Scene", *(name.replace("_", " ") for name in names))
+    return Table("What was counted", tuple(map(Column, heads)), tuple(rows))
 
 
 def notes_by_method(section: Section) -> list[str]:
@@ -404,11 +223,10 @@ def notes_by_method(section: Section) -> list[str]:
         for note in notes_of(method.result):
             names.setdefault(note, []).append(method.name)
     every = len(section.methods)
-    said = [
+    return [
         f"{'All methods' if len(who) == every > 1 else ', '.join(who)}: {note}"
         for note, who in names.items()
     ]
-    return [*said, *section.notes]
 
 
 @cache

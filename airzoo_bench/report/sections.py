@@ -1,30 +1,29 @@
-"""The sections of a report: results that measure the same on the same queries."""
+"""The sections of a report: results that measure the same, and what their runs left to draw."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.results.comparable import apart_in, check_same_queries, choose_scores
-from airzoo_bench.results.files import method_names, records_path, result_paths
-from airzoo_bench.results.records import Scored, column_names, read_records
+from airzoo_bench.results.files import method_names, result_paths
+from airzoo_bench.results.records import Scored, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
-from airzoo_bench.retrieval.scoring import RANKED_TILE
-from airzoo_bench.tables.breakdown import condition_names, condition_title, is_condition
+from airzoo_bench.tables.breakdown import condition_names
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-_KEPT = frozenset(("scene", "query", "first_hit_rank", "ranked", "failed"))
-_MOST_RANKS = 5
-_MOST_TILES = 2_000_000  # of all methods and queries: about 4 MB of the page
+Arrays = dict[str, NDArray[Any]]
+_KEPT = {"matching": "matches.npz", "reconstruction": "clouds.npz"}
+_LIMIT_BYTES = 1 << 30
 
 
 @dataclass(eq=False)
@@ -33,7 +32,6 @@ class Section:
 
     methods: list[Scored]
     folders: list[Path] = field(default_factory=list)  # of the runs
-    ranks: int = _MOST_RANKS  # first tiles of each list that are shown
 
     @property
     def first(self) -> Result:
@@ -50,6 +48,11 @@ class Section:
         """Whether each record is a query, not a scene."""
         return self.first.unit == "query"
 
+    @property
+    def names(self) -> list[str]:
+        """The names of the methods."""
+        return [method.name for method in self.methods]
+
     @cached_property
     def headline(self) -> list[ScoreColumn]:
         """The headline scores that all methods have; the first one ranks queries."""
@@ -63,89 +66,75 @@ class Section:
     @cached_property
     def query_scores(self) -> list[ScoreColumn]:
         """The scores shown for each query: headline scores and errors."""
-        return [score for score in self.scores if _is_shown(score)]
+        return [score for score in self.scores if score.headline or score.unit != "share"]
 
     @cached_property
     def conditions(self) -> list[str]:
         """Columns of conditions, such as weather, that are the same for all methods."""
-        names = condition_names(self.methods[0])
+        names = condition_names(self.methods[0]) if self.by_query else []
         return [name for name in names if apart_in(self.methods, name) is None]
-
-    @property
-    def notes(self) -> list[str]:
-        """Notes on conditions and tiles that are left out."""
-        notes = [
-            f"no scores by {condition_title(name)}: the results have other values of it"
-            for name in condition_names(self.methods[0])
-            if name not in self.conditions
-        ]
-        if self.track == "retrieval" and self.ranks < _MOST_RANKS:
-            kept = f"only the first {self.ranks} of {_MOST_RANKS} retrieved tiles of each query"
-            notes.append(f"{kept} can be shown: there are too many queries and methods")
-        return notes
 
     def rows_of(self, scene: str) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
         """Return the rows of a scene's records."""
         return np.flatnonzero((self.methods[0].records["scene"] == scene).to_numpy(bool))
 
 
-def tile_columns(columns: Container[str]) -> list[str]:
-    """Return the columns of the first tiles of each list, best first."""
-    names = [f"{RANKED_TILE}{rank}" for rank in range(1, _MOST_RANKS + 1)]
-    return [name for name in names if name in columns]
-
-
-def _is_shown(score: ScoreColumn) -> bool:
-    return score.headline or score.unit != "share"
-
-
 def read_sections(paths: Sequence[Path]) -> list[Section]:
-    """Read results with their records, and group those that measure the same."""
+    """Read results with their records, and group those that measure the same, the best first."""
     paths = result_paths(paths)
     results = [read_result(path) for path in paths]
-    names = method_names(paths, results)
-    groups: dict[tuple[str, str, str], list[int]] = {}
-    for number, result in enumerate(results):
+    groups: dict[tuple[str, str, str], list[tuple[Path, Scored]]] = {}
+    for path, name, result in zip(paths, method_names(paths, results), results, strict=True):
         key = (result.track, result.protocol.fingerprint, result.truth.fingerprint)
-        groups.setdefault(key, []).append(number)
+        scored = Scored(name, result, read_records(path, result))
+        groups.setdefault(key, []).append((path.parent, scored))
     sections = []
     for members in groups.values():
-        first = results[members[0]]
-        lists = len(members) * sum(counts["queries"] for counts in first.counts.values())
-        ranks = min(_MOST_RANKS, _MOST_TILES // max(lists, 1))
-        methods = [
-            Scored(names[n], results[n], _read_shown_columns(paths[n], results[n], ranks))
-            for n in members
-        ]
+        methods = [method for _, method in members]
         check_same_queries(methods)
         score = choose_scores(methods, [])[0]
         sign = -1 if score.higher_is_better else 1
-        order = sorted(
-            range(len(methods)), key=lambda n: sign * methods[n].result.overall[score.key]
-        )
-        folders = [paths[members[n]].parent for n in order]
-        sections.append(Section([methods[n] for n in order], folders, ranks))
+        members.sort(key=lambda member: sign * member[1].result.overall[score.key])
+        sections.append(Section([m for _, m in members], [folder for folder, _ in members]))
     benchmarks = list(dict.fromkeys(section.first.truth.benchmark for section in sections))
-    tracks = list(TRACKS.names())
+    tracks = [*TRACKS.names(), *(section.track for section in sections)]
     return sorted(
         sections,
-        key=lambda one: (
-            benchmarks.index(one.first.truth.benchmark),
-            tracks.index(one.track) if one.track in tracks else len(tracks),
-        ),
+        key=lambda one: (benchmarks.index(one.first.truth.benchmark), tracks.index(one.track)),
     )
 
 
-def _read_shown_columns(path: Path, result: Result, ranks: int) -> pd.DataFrame:
-    """Read of the records what a report shows, to take less time and hold less."""
-    heads = column_names(records_path(path)) if records_path(path).is_file() else []
-    scores = {column.key: column for column in result.columns}
-    tiles = tile_columns(heads)[:ranks]
-    kept = [
-        name
-        for name in heads
-        if name in _KEPT
-        or name in tiles
-        or (_is_shown(scores[name]) if name in scores else is_condition(name, result.track))
-    ]
-    return read_records(path, result, kept)
+def keep(out: Path, track: str, arrays: Mapping[str, NDArray[Any]]) -> Path:
+    """Write arrays into a run's folder; return the folder of its figures."""
+    folder = out / "figures"
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_write(folder / _KEPT[track]) as stream:
+        write_npz(stream, dict(arrays), compress=True)
+    return folder
+
+
+def read_kept(section: Section, number: int) -> Arrays | None:
+    """Read what a method's run has left; None where it has not."""
+    if section.track not in _KEPT or not section.folders:
+        return None
+    path = section.folders[number] / "figures" / _KEPT[section.track]
+    return _read(path, path.stat().st_mtime_ns) if path.is_file() else None
+
+
+@lru_cache(maxsize=16)
+def _read(path: Path, written: int) -> Arrays:
+    del written  # a file that was written anew is read anew
+    file = NpzFile(path, _LIMIT_BYTES)
+    return {name: file.read(name) for name in file.names()}
+
+
+def need_kept(section: Section) -> Arrays:
+    """Read what the first method's run has left, or say how to have it."""
+    found = read_kept(section, 0)
+    if found is None:
+        raise UsageError(
+            "this run has left nothing to draw",
+            where=section.folders[0],
+            fix=f"score again with `eval {section.track} ... --out DIR --figures`",
+        )
+    return found

@@ -14,7 +14,8 @@ from scipy import stats
 from typer.testing import Result as Run
 
 import airzoo_bench as ab
-from airzoo_bench.results.comparable import choose_scores
+from airzoo_bench.results.comparison import score_intervals
+from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.statistics.support import ERROR, HIT, SOFT, random_methods, write_method
 from tests.support import run_main, write_predictions
 
@@ -87,33 +88,29 @@ def test_a_result_is_shown_saved_drawn_and_reported(folders: list[Path], tmp_pat
     assert f"{100 * one.overall['recall@1']:.2f}" in html
     assert "| " in one.table("markdown")
     pd.testing.assert_frame_equal(ab.load_result(one.save(tmp_path / "x")).records, one.records)
-    one.plot("intervals", other, score="mrr").savefig(tmp_path / "a.png")
+    one.plot("condition", other, score="mrr", by="scene").savefig(tmp_path / "a.png")
     assert one.plot("errors", other).axes
     assert one.name in one.report(tmp_path / "report.html", tmp_path).read_text()
 
 
 @pytest.mark.parametrize(
-    ("count", "arguments", "options"),
+    ("arguments", "options"),
     [
-        (1, [], {}),
-        (1, ["--score", "MRR", "--scene", "West"], {"scores": ["MRR"], "scene": "West"}),
-        (3, ["--all"], {"every": True}),
-        (3, ["--reference", "best"], {"reference": "best"}),
-        (3, ["--method", "method02", "--scene", "West"], {"method": "method02", "scene": "West"}),
+        (["--score", "MRR", "--scene", "West"], {"scores": ["MRR"], "scene": "West"}),
+        (["--reference", "best"], {"reference": "best"}),
     ],
 )
 def test_compare_is_the_table_of_the_command(
     folders: list[Path],
     command: Callable[..., Run],
-    count: int,
     arguments: list[Any],
     options: dict[str, Any],
 ) -> None:
-    said = command("compare", *folders[:count], *arguments, "--format", "html")
+    said = command("compare", *folders, *arguments, "--format", "html")
     assert said.exit_code == 0
-    of_paths = ab.compare([str(folder) for folder in folders[:count]], **options)
+    of_paths = ab.compare([str(folder) for folder in folders], **options)
     assert of_paths._repr_html_() == said.output
-    of_results = ab.compare([ab.load_result(folder) for folder in folders[:count]], **options)
+    of_results = ab.compare([ab.load_result(folder) for folder in folders], **options)
     assert repr(of_results) == repr(of_paths)
     pd.testing.assert_frame_equal(of_results.frame, of_paths.frame)
 
@@ -134,20 +131,18 @@ def test_the_frame_of_a_comparison_has_the_numbers_of_its_table(
     assert row[["wins", "ties", "losses"]].sum() == 100
 
 
-def test_intervals_are_those_of_the_comparison(folders: list[Path]) -> None:
+def test_intervals_are_those_of_tables(folders: list[Path]) -> None:
     result = ab.load_result(folders[1])
-    frame = ab.compare(result, every=True).frame
-    for score in choose_scores([result], [], every=True):
+    for score in result.result.columns:
         statistic: Any = "median" if score.average == "median" else "share"
-        records = result.records
-        found = ab.bootstrap_ci(records[score.key], records["scene"], statistic=statistic)
-        rows = frame[frame["score"] == score.key].set_index("scene")
+        values = result.records[score.key]
+        found = ab.bootstrap_ci(values, result.records["scene"], statistic=statistic)
+        theirs = score_intervals(result, [score], ResamplingConfig())
+        parts = {"": found, **found.scenes}
         assert found.estimate == result.overall[score.key]
-        parts = {None: found, **found.scenes}
-        assert list(parts) == [None, "east", "west"]
-        for scene, part in parts.items():
-            row = rows[rows.index.isna()].iloc[0] if scene is None else rows.loc[scene]
-            assert (part.low, part.high, part.method) == (row["low"], row["high"], row["method"])
+        for scene, [one] in {"": theirs.overall, **theirs.groups}.items():
+            part = parts[scene]
+            assert (part.low, part.high, part.method) == (one.low, one.high, one.method)
             assert part.low <= part.estimate <= part.high
 
 

@@ -69,11 +69,8 @@ def test_matrices_of_similarities_score_as_descriptors_in_the_track(
     assert_alike(found, records)
     order = random.permutation(scene.n_tiles)
     named, right = np.array(scene.tile_ids)[order], named_positives(scene)
-    for given in (
-        {"scores": similar[:, order], "gallery_ids": named},
-        {"scores": pd.DataFrame(similar[:, order], columns=named)},
-    ):
-        assert ab.retrieval_scores(None, right, KS, **given).scores == found.scores
+    frame = pd.DataFrame(similar[:, order], columns=named)
+    assert ab.retrieval_scores(None, right, KS, scores=frame).scores == found.scores
 
 
 def test_trec_eval_agrees() -> None:

@@ -282,7 +282,7 @@ def test_bins_are_averages_of_their_queries(scored: Scored, run: Run) -> None:
     "ask",
     [
         "compare {}",
-        "plot scenes {} -o x.png",
+        "plot errors {} -o x.png",
         "breakdown {} --by scene",
         "table {} --layout methods",
     ],

@@ -131,7 +131,7 @@ def test_a_folder_stands_for_the_result_in_it(
 ) -> None:
     pictures = [tmp_path / name for name in ("a.svg", "b.svg")]
     for given, picture in zip((made, made / "result.json"), pictures, strict=True):
-        assert run_main("plot", "scenes", given, "-o", picture) == 0
+        assert run_main("plot", "condition", given, "--by", "scene", "-o", picture) == 0
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
     for call, named in (
         (("plot", "scenes", tmp_path), f"name {tmp_path}/*/result.json (there are 1)"),

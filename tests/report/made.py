@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import typer
-from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
 from airzoo_bench.cli.results import breakdown, plot, report
@@ -196,8 +195,3 @@ def of_benchmark(method: Scored, name: str) -> Scored:
     truth = method.result.truth.model_copy(update={"benchmark": name})
     result = method.result.model_copy(update={"truth": truth}).with_checksum()
     return Scored(method.name, result, method.records)
-
-
-def texts_of(figure: Figure) -> str:
-    """Return the text around the axes."""
-    return "\n".join(text.get_text() for text in figure.texts)

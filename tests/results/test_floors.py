@@ -66,5 +66,6 @@ def test_every_face_marks_it_and_says_so() -> None:
     assert alone.texts()[-2][0] == f"Average {FLOOR_MARK}"
     section = Section([poor, good])
     assert f"poor: {note}" in notes_by_method(section)
-    names = [line.cells[0].text for line in summary_panes(section, find(section))[0].grids[0].rows]
+    [table] = summary_panes(section, find(section))[0].tables
+    names = [row[0] for row in table.texts()]
     assert names == [f"poor {FLOOR_MARK}", "good", "Floor"]

@@ -245,8 +245,8 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
   function legend() {
     const { factor, ranks } = view.map;
     const marks = [
-      ["hit", "○ hit: footprint"],
-      ["miss", "× miss: footprint"],
+      ["hit", ranks ? "○ hit: footprint" : "○ hit"],
+      ["miss", ranks ? "× miss: footprint" : "× miss"],
     ];
     if (ranks)
       marks.push(

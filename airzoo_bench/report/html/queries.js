@@ -2,11 +2,10 @@
 const ROWS = 50;
 
 async function loadQueries(packed) {
-  const load = async (column) => ({
-    ...column,
-    texts: await unpack(column.texts),
-    codes: await unpack(column.codes),
-  });
+  const load = async (column) => {
+    const texts = await unpack(column.texts);
+    return { ...column, texts, codes: await unpack(column.codes), hit: texts.indexOf("✓ hit") };
+  };
   return {
     ids: await unpack(packed.ids),
     scene: await unpack(packed.scene),
@@ -23,9 +22,9 @@ async function queriesView(part, box) {
   state.chosen = -1;
   const hits = Math.max(
     0,
-    table.scores.findIndex((score) => score.hit >= 0),
+    table.scores.findIndex((score) => score.judges),
   );
-  const judged = table.scores[hits].hit >= 0;
+  const judged = table.scores[hits].judges;
   const [listed, counted] = [box.querySelector(".listed"), box.querySelector(".counted")];
   const pager = box.querySelector(".pager");
   let rows = [];
@@ -71,7 +70,7 @@ async function queriesView(part, box) {
   function columns() {
     const place = Number(state.show.slice(1));
     const value = (packed, at) => (row) =>
-      packed.codes[at + row] === packed.missing ? null : packed.codes[at + row];
+      packed.texts[packed.codes[at + row]] === "–" ? null : packed.codes[at + row];
     const pairs =
       state.show[0] === "s"
         ? part.methods.map((name, method) => [name, table.scores[place], method])
