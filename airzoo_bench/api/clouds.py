@@ -9,7 +9,7 @@ from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.scores import Scores
 from airzoo_bench.reconstruction.clouds import box_of, cloud_of, cropped_region, prepare_cloud
 from airzoo_bench.reconstruction.distances import cloud_distances
-from airzoo_bench.reconstruction.metrics import score_distances
+from airzoo_bench.reconstruction.metrics import curve, mean_distances
 from airzoo_bench.reconstruction.settings import Preparation
 
 __all__ = ["cloud_scores"]
@@ -90,11 +90,10 @@ def cloud_scores(
         region = cropped_region(clouds[1], box_of(clouds[1]), settings, block)
         kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in clouds)
     found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
-    scores = score_distances(
-        *found, thresholds=np.array([limit]), max_distance=None if plain else 10 * limit
-    )
-    shares = {name: float(getattr(scores.curve, name)[0]) for name in ("precision", "recall", "f1")}
-    means = {name: getattr(scores, name) for name in ("chamfer", "accuracy", "completeness")}
+    means = mean_distances(*found, None if plain else 10 * limit)
+    means = {name: means[name] for name in ("chamfer", "accuracy", "completeness")}
+    below = curve(*found, np.array([limit]))
+    shares = {name: float(getattr(below, name)[0]) for name in ("precision", "recall", "f1")}
     left_out = {name: getattr(kept, name) for name in ("not_finite", "outside", "thinned")}
     arrays = {"to_truth": found.to_truth, "to_prediction": found.to_prediction}
     return Scores(shares | means | left_out, **arrays)

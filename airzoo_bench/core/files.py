@@ -27,15 +27,10 @@ from airzoo_bench.core.errors import UsageError, UserError, readable
 if sys.platform != "win32":
     import fcntl
 
-MARK = "benchmark.toml"
-"""Every benchmark folder holds it."""
-PART = ".airzoo-part"
-"""Names of temporary folders end in it."""
-DATA_VARIABLE = "AIRZOO_BENCH_DATA"
-"""The variable of the environment that names the folder of benchmarks."""
-LIMIT_BYTES = 16 << 20
-"""The most that is read of a text that a person wrote, unless a caller wants less."""
-
+MARK = "benchmark.toml"  # every benchmark folder holds it
+PART = ".airzoo-part"  # names of temporary folders end in it
+DATA_VARIABLE = "AIRZOO_BENCH_DATA"  # names the folder of benchmarks
+LIMIT_BYTES = 16 << 20  # of a text that a person wrote
 _LONGEST = 50  # letters of a target in another name: systems allow 255 bytes
 
 
@@ -244,11 +239,10 @@ def npz_fields(path: Path) -> frozenset[str]:
     """Return the names of the arrays in an npz; none where it is no such file."""
     if path.suffix.lower() != ".npz" or not path.is_file():
         return frozenset()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return frozenset(name.removesuffix(".npy") for name in archive.namelist())
-    except (OSError, RuntimeError, ValueError, zipfile.BadZipFile):
-        return frozenset()
+    faults = OSError, RuntimeError, ValueError, zipfile.BadZipFile
+    with suppress(*faults), zipfile.ZipFile(path) as archive:
+        return frozenset(name.removesuffix(".npy") for name in archive.namelist())
+    return frozenset()
 
 
 def first_bytes(path: Path, count: int) -> bytes:

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 
-PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-"""What the names of photos end in; their ids leave it out."""
-
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")  # their ids leave it out
 IMAGE_SUFFIXES = (
     *PHOTO_SUFFIXES,
     *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),

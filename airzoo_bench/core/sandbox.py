@@ -34,9 +34,8 @@ if sys.platform == "linux":
 _LIBRARIES_BYTES = 512 << 20  # that Python and all libraries take before anything is read
 _MOST_DISK_BYTES = 1 << 36
 _LAST_S = 5  # of a processor, between the signal that asks and the one that kills
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
-_ENVIRONMENT = dict.fromkeys(_THREADS, "1") | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
-_CONTAINER = "AIRZOO_BENCH_CONTAINER"
+_ENVIRONMENT = {"ARROW_DEFAULT_MEMORY_POOL": "system", "OMP_NUM_THREADS": "1"}
+_ENVIRONMENT |= {"OPENBLAS_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1"}
 _SECRETS = ("GIT_TOKEN", "AIRZOO_BENCH_KEY")
 
 
@@ -62,10 +61,9 @@ def call_limited(
 ) -> Any:
     """Call ``module:function`` of the suite in a child, and return what it returned.
 
-    Arguments and result are numbers, texts, arrays, paths, lists and dataclasses of these. A result
-    may be a context manager, which is entered while it is written; what has a method
-    ``stored(folder)`` is written as what that returns. `where` are the predictions; `folder` holds
-    the arrays, which are mapped, for as long as they are used.
+    Arguments and result are numbers, texts, arrays, paths, lists and dataclasses of these, or a
+    context manager, which is entered while it is written; what has a method ``stored(folder)`` is
+    written as what that returns. `where` are the predictions; `folder` holds the arrays in use.
     """
     check_limits()
     _write(folder, "job.json", [function, dict(arguments), limits])
@@ -87,15 +85,12 @@ def _run_child(where: Path, limits: Limits, folder: Path, files: Sequence[str]) 
     paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {name: text for name, text in os.environ.items() if name not in _SECRETS}
     environment |= _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(paths)}
-    container: list[str] = []
-    for word in shlex.split(environment.pop(_CONTAINER, "")):
-        binds = [part for path in files for part in ("--ro-bind", path, path)]
-        container += binds if word == "{files}" else [word.replace("{folder}", str(folder))]
+    binds = " ".join(shlex.join(("--ro-bind", path, path)) for path in files)
+    words = environment.pop("AIRZOO_BENCH_CONTAINER", "").replace("{files}", binds)
+    container = shlex.split(words.replace("{folder}", shlex.quote(str(folder))))
     command = [*container, sys.executable, "-P", "-m", __name__, str(folder), str(where)]
-    none = subprocess.DEVNULL
-    child = subprocess.Popen(
-        command, env=environment, stdin=none, stdout=none, stderr=none, start_new_session=True
-    )
+    streams: Any = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+    child = subprocess.Popen(command, env=environment, start_new_session=True, **streams)
     try:
         code = child.wait(limits.wall_s)
     except subprocess.TimeoutExpired:

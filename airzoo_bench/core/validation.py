@@ -13,11 +13,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from airzoo_bench.core.errors import UserError, readable
 from airzoo_bench.core.files import LIMIT_BYTES, read_text
 
-SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
-"""Names that become folders, parts of ids and cells of tables."""
-
 M = TypeVar("M", bound=BaseModel)
 
+SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"  # of folders, parts of ids and cells of tables
 _SHOWN = 5
 _MOST_COMPARED = 5000  # names that difflib compares in a quarter of a second
 
@@ -29,8 +27,7 @@ def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 Name = Annotated[str, Field(pattern=SAFE_NAME)]
-Positive = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]
-"""Metres, pixels, degrees or seconds: larger ones are slips, and would overflow further on."""
+Positive = Annotated[float, Field(gt=0, le=1e12, allow_inf_nan=False)]  # larger ones are slips
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Ranks = Annotated[
@@ -75,8 +72,8 @@ def validated(
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        message = validation_message(error, model)
-        raise kind(message, where=path, fix=f"correct the {what}") from error
+        fix = f"correct the {what}"
+        raise kind(validation_message(error, model), where=path, fix=fix) from error
 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:

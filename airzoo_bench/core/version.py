@@ -6,7 +6,6 @@ import importlib.metadata
 from functools import cache
 
 __version__ = "0.1.0.dev0"
-
 _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
 
 

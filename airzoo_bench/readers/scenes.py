@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ from airzoo_bench.formats.npz import Budget, NpzFile
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.gather import gather
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
-from airzoo_bench.reconstruction.predictions import NativeScenes, ScenePrediction, maps_of
+from airzoo_bench.reconstruction.predictions import SceneEntries, ScenePrediction, maps_of
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 _LOOKED_AT = 256
@@ -167,17 +169,15 @@ class SceneReader(Reader):
         """List the scenes; each is read when it is scored."""
         outputs, others = find_outputs(path, reading, lambda one: self.layout_of(one) is not None)
 
-        def read_scene(place: Path, memory: int) -> ScenePrediction:
-            layout = self.layout_of(place)
-            assert layout is not None
-            return layout.read(outputs[place], memory)
+        def open_scene(output: SceneOutput, memory: int, _: object) -> Any:
+            layout: Any = self.layout_of(output.place)
+            return nullcontext(layout.read(output, memory))
 
-        places = {output.scene: place for place, output in outputs.items()}
-        predictions = NativeScenes(path, places, read_scene, others)
-        place, output = next(iter(outputs.items()))
-        first = self.layout_of(place)
-        said = () if first is None else (*first.said, first.order(output))
-        return ReadPredictions(predictions, said)
+        entries = {output.scene: partial(open_scene, output) for output in outputs.values()}
+        output = next(iter(outputs.values()))
+        first: Any = self.layout_of(output.place)
+        said = (*first.said, first.order(output))
+        return ReadPredictions(SceneEntries(path, entries, others), said)
 
 
 def find_outputs(

@@ -67,8 +67,7 @@ class Similarity:
     def apply(self, points: Floats) -> Floats:
         """Transform points (..., 3)."""
         turned = apply_matrix(self.rotation, points - self.origin)
-        moved: Floats = self.scale * turned + self.translation
-        return moved
+        return np.asarray(self.scale * turned + self.translation)
 
     def apply_poses(self, poses: Poses) -> Poses:
         """Transform the world that world-to-camera poses are in."""
@@ -127,8 +126,8 @@ class Alignment:
 
     @property
     def inliers(self) -> int:
-        """The number of inliers."""
-        return len(self.inlier_names)
+        """The number of inliers; fewer than 3 are none."""
+        return len(self.inlier_names) * self.robust
 
     @property
     def values(self) -> dict[str, Any]:
@@ -148,10 +147,8 @@ def align(
     if settings.method != "none":
         rows, true_rows = partners(predicted, truth)
         if len(rows) < LEAST_CAMERAS:
-            raise AlignmentError(
-                f"a similarity needs {LEAST_CAMERAS} cameras, and {len(rows)} of "
-                f"{len(predicted.names)} predicted ones have a position and a partner in the truth"
-            )
+            what = f"a similarity needs {LEAST_CAMERAS} cameras with a partner in the truth"
+            raise AlignmentError(f"{what}, and there are {len(rows)}")
         found = fit_cameras(predicted.take(rows), truth.take(true_rows), settings)
     return with_residuals(found, predicted, truth)
 
@@ -215,8 +212,7 @@ def fit_cameras(
 ) -> Alignment:
     """Fit the similarity that takes cameras to their partners."""
     if 0 in (_rank(one.centres, _RANK_TOLERANCE) for one in (source, target)):
-        what = "the camera centres all lie at one point, which has no scale"
-        raise AlignmentError(what, expected="cameras that move")
+        raise AlignmentError("the camera centres all lie at one point, which has no scale")
     tolerance = max(settings.line_ratio, _RANK_TOLERANCE)
     if _rank(target.centres, tolerance) > 1:
         found = _Consensus(source, target, settings).find()
@@ -225,12 +221,8 @@ def fit_cameras(
         if found is not None and _rank(target.centres[inliers], tolerance) > 1:
             return found
     if source.rotation is None or target.rotation is None:
-        raise AlignmentError(
-            "the camera centres lie on a line, which leaves the turn about it free, and "
-            "orientations are missing",
-            expected="centres that span a plane, or orientations of the cameras",
-            fix="add photos off the line, or give camera poses",
-        )
+        what = "the camera centres lie on a line, which leaves the turn about it free"
+        raise AlignmentError(what, expected="centres off the line, or the cameras' orientations")
     turns = np.swapaxes(target.rotation, -1, -2) @ source.rotation
     found = _Consensus(source, target, settings, turns).find()
     if found is None:
@@ -279,8 +271,9 @@ class _Consensus:
         for samples in _sample_blocks(count, size, settings):
             best = self._better(best, self.fits(samples))
             done += len(samples)
-            good = (np.isfinite(best[1]).sum() / count) ** size
-            if done >= settings.min_trials and done >= _trials_needed(good, settings.confidence):
+            bad = 1.0 - (np.isfinite(best[1]).sum() / count) ** size
+            # A sample without outliers was drawn with the confidence.
+            if done >= settings.min_trials and bad**done <= 1.0 - settings.confidence:
                 break
         inliers = np.isfinite(best[1])
         robust = int(inliers.sum()) >= LEAST_CAMERAS
@@ -324,13 +317,6 @@ def _score(residuals: Floats) -> tuple[int, float]:
     inliers = np.isfinite(residuals)
     count = int(inliers.sum())
     return -count, float(residuals[inliers].mean()) if count else np.inf
-
-
-def _trials_needed(good: float, confidence: float) -> float:
-    """Return how many samples hold a good one with a confidence, given the share of good ones."""
-    if good >= 1.0:
-        return 0.0
-    return math.log(1.0 - confidence) / math.log1p(-good) if good > 0 and confidence < 1 else np.inf
 
 
 def _sample_blocks(count: int, size: int, settings: AlignmentSettings) -> Iterator[Ints]:

@@ -85,28 +85,39 @@ def sparse_reconstruction(
     extraction.sift.first_octave = -1 if settings.doubled else 0
     matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=run.jobs)
     matching.sift.max_ratio = settings.ratio
-    lenses = cameras_of(photos)
+    lenses, seed = cameras_of(photos), settings.seed
     longest = max(lenses.width.max(), lenses.height.max())
     error_px = settings.max_error_px * max(1.0, longest / settings.long_side_px)
     motion = pycolmap.TwoViewGeometryOptions(min_num_inliers=settings.least_inliers)
-    motion.ransac.max_error, motion.ransac.random_seed = error_px, settings.seed
-    place = scratch / "database.db"
+    motion.ransac.max_error, motion.ransac.random_seed = error_px, seed
+    mapping = pycolmap.IncrementalPipelineOptions(
+        min_num_matches=settings.least_inliers,
+        min_model_size=_LEAST_PHOTOS,
+        extract_colors=False,
+        num_threads=1,
+        random_seed=seed,
+        ba_refine_focal_length=False,
+        ba_refine_extra_params=False,
+    )
+    mapper, triangulation = mapping.mapper, mapping.triangulation
+    mapper.num_threads, mapper.random_seed, triangulation.random_seed = 1, seed, seed
+    mapper.init_max_error = mapper.filter_max_reproj_error = error_px
+    mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = False
+    triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = error_px
+    place, cpu = scratch / "database.db", {"device": pycolmap.Device.cpu}
     _import_photos(pycolmap, place, images, names, lenses)
     match = _pairing(pycolmap, place, photos, settings.neighbours)
-    cpu, mapping = pycolmap.Device.cpu, _mapping_options(pycolmap, settings, error_px)
-    pycolmap.set_random_seed(settings.seed)
-    extract = partial(pycolmap.extract_features, place, images, names)
+    options = {"matching_options": matching, "verification_options": motion}
+    extract = partial(pycolmap.extract_features, extraction_options=extraction, **cpu)
     steps: dict[str, Callable[[], Any]] = {
-        "features": partial(extract, extraction_options=extraction, device=cpu),
-        "matches": partial(
-            match, matching_options=matching, verification_options=motion, device=cpu
-        ),
+        "features": partial(extract, place, images, names),
+        "matches": partial(match, **options, **cpu),
         "model": partial(pycolmap.incremental_mapping, place, images, scratch, mapping),
     }
+    pycolmap.set_random_seed(seed)
     *_, models = (with_progress(work, label, run.progress) for label, work in steps.items())
-    sizes = {key: (one.num_reg_images(), one.num_points3D()) for key, one in models.items()}
-    best = max(sorted(models), key=lambda key: sizes[key], default=None)
-    model = pycolmap.Reconstruction() if best is None else models[best]
+    empty = pycolmap.Reconstruction()
+    model = max(models.values(), key=lambda one: one.num_reg_images(), default=empty)
     posed = sorted((one for one in model.images.values() if one.has_pose), key=lambda one: one.name)
     return Model(
         [image.name for image in posed],
@@ -119,19 +130,17 @@ def _import_photos(
     pycolmap: Any, place: Path, images: Path, names: list[str], lenses: Cameras
 ) -> None:
     """Write photos and their lenses, k1 k2 p1 p2 k3 and a denominator of 1, into a database."""
-    rows = np.hstack((lenses.focal, lenses.principal_point, lenses.distortion))
+    size = np.stack((lenses.width, lenses.height), axis=1)
+    rows = np.hstack((lenses.focal, lenses.principal_point, lenses.distortion, size)).tolist()
     groups: dict[tuple[float, ...], list[str]] = {}
-    for name, row, size in zip(
-        names, rows.tolist(), zip(lenses.width, lenses.height, strict=True), strict=True
-    ):
-        groups.setdefault((*row, 0.0, 0.0, 0.0, *size), []).append(name)
+    for name, row in zip(names, rows, strict=True):
+        groups.setdefault(tuple(row), []).append(name)
     pycolmap.Database.open(place).close()
-    for (*lens, _width, _height), group in groups.items():
-        options = pycolmap.ImageReaderOptions(
-            camera_model="FULL_OPENCV", camera_params=", ".join(map(repr, lens))
-        )
-        mode = pycolmap.CameraMode.SINGLE  # a camera for all of these
-        pycolmap.import_images(place, images, mode, group, options)
+    one_camera = pycolmap.CameraMode.SINGLE
+    for row, group in groups.items():
+        params = ", ".join(map(repr, (*row[:9], 0.0, 0.0, 0.0)))
+        lens = pycolmap.ImageReaderOptions(camera_model="FULL_OPENCV", camera_params=params)
+        pycolmap.import_images(place, images, one_camera, group, lens)
 
 
 def _pairing(
@@ -144,35 +153,14 @@ def _pairing(
     # The positions by GPS, for finding neighbours; never the true ones.
     centres = poses_of(photos, PRIOR_COLUMNS).centres
     by_name = dict(zip(photos["image"].astype(str), centres - centres[0], strict=True))
+    metres = pycolmap.PosePriorCoordinateSystem.CARTESIAN
     with pycolmap.Database.open(place) as database:
         database.clear_pose_priors()
         for image in database.read_all_images():
-            prior = pycolmap.PosePrior(
-                position=by_name[image.name],
-                coordinate_system=pycolmap.PosePriorCoordinateSystem.CARTESIAN,
-            )
+            prior = pycolmap.PosePrior(position=by_name[image.name], coordinate_system=metres)
             prior.corr_data_id = image.data_id
             database.write_pose_prior(prior)
     options = pycolmap.SpatialPairingOptions(
         max_num_neighbors=neighbours, max_distance=1e9, ignore_z=False, num_threads=1
     )
     return partial(pycolmap.match_spatial, place, pairing_options=options)
-
-
-def _mapping_options(pycolmap: Any, settings: SfmSettings, error_px: float) -> Any:
-    options = pycolmap.IncrementalPipelineOptions(
-        min_num_matches=settings.least_inliers,
-        min_model_size=_LEAST_PHOTOS,
-        extract_colors=False,
-        num_threads=1,
-        random_seed=settings.seed,
-        ba_refine_focal_length=False,
-        ba_refine_extra_params=False,
-    )
-    mapper, triangulation = options.mapper, options.triangulation
-    mapper.num_threads, mapper.random_seed = 1, settings.seed
-    triangulation.random_seed = settings.seed
-    mapper.init_max_error = mapper.filter_max_reproj_error = error_px
-    mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = False
-    triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = error_px
-    return options

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from airzoo_bench.core.errors import PredictionError, agreeing, counted, first_of
+from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.geometry.arrays import Floats, Ints
@@ -47,12 +47,10 @@ _SURE_CAMERAS, _LINE_SHARE = 5, 0.05  # fewer, or cameras on a line, are noted, 
 _ORDER_FITS_DEG = 15.0
 _OPENGL = np.diag((1.0, -1.0, -1.0))
 _FACTOR = 80.0  # a little below a hundred, so that outliers do not hide centimetres
-_UNITS = ((1000.0, "millimetres"), (100.0, "centimetres"), (0.001, "kilometres"))
 _FOOT_M = 0.3048
 _UNDULATIONS_M = 5.0, 110.0  # between the ellipsoid and the sea; below 5 m it may be an error
 _LOOKED_AT, _TRIED = 1 << 22, 2000
 _LARGEST = 1e30
-_ROBUST = (1.0, 99.0)
 _PHOTOS = (
     "give the photos of scenes/SCENE/reconstruction/photos.csv, and no others, named as there; a "
     "reader takes them in order from a list, a line each: --reader NAME --names LIST"
@@ -63,25 +61,27 @@ def scene_notes(
     prediction: ScenePrediction, found: Comparison, protocol: ReconstructionProtocol
 ) -> list[str]:
     """Collect the notes on a prediction: oddities, points left out, the alignment."""
-    geometry, alignment, scores = prediction.geometry, found.alignment, protocol.scores
-    scale, (cloud, true), finest = alignment.transform.scale, found.clouds, scores.finest_m / 20.0
-    notes: list[str | None] = [*prediction.notes]
-    if not isinstance(geometry, FileCloud):
-        notes.append(check_views(prediction))
+    geometry, images, transform = prediction.geometry, prediction.images, found.alignment.transform
+    (cloud, true), scores = found.clouds, protocol.scores
+    finest, notes = scores.finest_m / 20.0, [*prediction.notes]
+    if not isinstance(geometry, FileCloud) and images is not None and not images.named:
+        notes.append("has no image_names: its views are the photos in the order of their names")
     if isinstance(geometry, DepthMaps):
         most_m = protocol.fusion.max_depth_m
-        notes += check_depths(prediction, geometry, scale, most_m, finest)
-    bounds, true_bounds = _bounds(cloud.sample), _bounds(true.sample)
-    notes += [
-        check_pose_digits(prediction, scale, min(finest, 0.01)),
-        check_digits(_some_points(geometry), scale, min(finest, 0.01)),
-        *alignment_notes(alignment, protocol.alignment.method),
-        check_bounds(bounds, true_bounds)
-        or check_mirror(cloud.sample, true.sample, alignment.transform, scores.f1_below_m)
-        or check_datum(bounds, true_bounds),
-        *left_out_notes(cloud),
-    ]
-    return [note for note in notes if note]
+        notes += depth_notes(prediction, geometry, transform.scale, most_m, finest)
+    least = min(finest, 0.01)
+    if images is not None and images.found.any():
+        error = float(np.median(images.errors[images.found])) * transform.scale
+        notes += digits_notes("extrinsics (C = -R^T t, and t is long)", error, least)
+    notes += digits_notes("coordinates", rounding_error(geometry) * transform.scale, least)
+    notes += alignment_notes(found.alignment, protocol.alignment.method)
+    samples = cloud.sample, true.sample
+    if all(map(len, samples)):
+        bounds = [np.percentile(one, (1.0, 99.0), axis=0) for one in samples]
+        odd = check_bounds(*bounds) or check_mirror(*samples, transform, scores.f1_below_m)
+        odd = odd or check_datum(*bounds)
+        notes += [odd] if odd else []
+    return [*notes, *left_out_notes(cloud)]
 
 
 # --- names ---
@@ -93,7 +93,7 @@ def match_cameras(
     """Name the cameras of a prediction as the truth does, NaN without a pose; return notes too."""
     if images is None:
         return None, []
-    names = _true_names(images, truth, place) if images.named else _by_order(images, truth, place)
+    names = true_names(images, truth, place) if images.named else _by_order(images, truth, place)
     rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
     centres = np.where(images.found[:, None], images.poses.centres, np.nan)
     cameras = PosedCameras(tuple(names), centres, rotation)
@@ -121,7 +121,7 @@ def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> lis
     return photos
 
 
-def _true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+def true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
     """Return the truth's names of images; an ending may be left out."""
     names, photos = images.names.tolist(), truth.photos["image"].tolist()
     stems = [PurePosixPath(name).with_suffix("").as_posix() for name in photos]
@@ -155,7 +155,6 @@ def check_names(given: PosedCameras, truth: PosedCameras, where: str) -> None:
                 f"names of photos look one off: centres are {here:.3g} m from the photos they are "
                 f"named for, and {min(others):.3g} m from the {which} ones in the order of names",
                 where=where,
-                fix="look where the list of names begins: at the first photo, as the views do",
             )
 
 
@@ -198,9 +197,8 @@ def check_inversion(given: Poses, truth: Poses, where: str) -> str | None:
         (relative_misfit_deg(opengl, truth), ", both with diag(1, -1, -1) from the left"),
     )
     said = (
-        "the extrinsics look inverted (camera-to-world for world-to-camera, or the reverse): "
-        f"between two cameras they are {as_given:.1f} degrees off the truth, {inverted:.1f} once "
-        "inverted"
+        "the extrinsics look inverted (camera-to-world for world-to-camera): between two cameras "
+        f"they are {as_given:.1f} degrees off the truth, {inverted:.1f} once inverted"
     )
     spread = np.linalg.svd(truth.centres - truth.centres.mean(axis=0), compute_uv=False)
     is_sure = as_given > 20.0 and inverted < min(20.0, as_given / 3)
@@ -222,30 +220,17 @@ def alignment_notes(found: Alignment, method: str) -> list[str]:
             found.used_orientations
         ),
         f"cameras are turned by {turned:.0f} degrees (median), though their centres fit: are the "
-        "extrinsics in OpenGL axes (y up, z back) instead of OpenCV's, or, along a straight strip, "
-        "the image names in reverse order?": turned > 150.0 and agree,
+        "extrinsics in OpenGL axes (y up, z back), or the image names of a strip in reverse "
+        "order?": turned > 150.0 and agree,
         "fewer than 3 cameras agree: aligned to all of them": not found.robust,
         f"only {found.inliers} of {cameras} within {found.inlier_limit_m or 0:.3g} m: the "
         "alignment may be that of a part": found.robust and aligned and not agree,
         f"{found.icp_failure}: aligned by cameras only": found.icp_failure is not None,
-        f"{lost} of {counted(found.cameras + lost, 'photo')} {agreeing(lost, 'has', 'have')} no "
-        "pose in the prediction": aligned and lost > 0,
+        f"{lost} of {counted(found.cameras + lost, 'photo')} without a pose in the prediction": (
+            aligned and lost > 0
+        ),
     }
     return [note for note, holds in notes.items() if holds]
-
-
-def check_pose_digits(prediction: ScenePrediction, scale: float, tolerance_m: float) -> str | None:
-    """Say where extrinsics of projected coordinates lost digits."""
-    images = prediction.images
-    if images is None or not images.found.any():
-        return None
-    error = float(np.median(images.errors[images.found])) * scale
-    if not tolerance_m < error < np.inf:
-        return None
-    return (
-        f"extrinsics lost digits: an error of {error:.2g} m is to be expected in the cameras "
-        "(C = -R^T t, and t is long); store float64, or subtract an origin first"
-    )
 
 
 # --- views ---
@@ -276,22 +261,10 @@ def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) 
         f"{'normalised to 0..1' if normalised.any() else likely}",
         where=where,
         expected=f"intrinsics of the maps' own size, {size[0, 0]} x {size[0, 1]}",
-        fix="scale fx, cx by the ratio of widths and fy, cy by the ratio of heights",
     )
 
 
-def check_views(prediction: ScenePrediction) -> str | None:
-    """Say which photos views without a name were taken for, and how many have no pose."""
-    images = prediction.images
-    if images is not None and not images.named:
-        return "has no image_names: its views are the photos in the order of their names, by poses"
-    lost = 0 if images is None or prediction.kind != "depth" else int((~images.found).sum())
-    if images is None or not lost:
-        return None
-    return f"{lost} of {counted(len(images.found), 'depth map')} left out: no pose"
-
-
-def check_depths(
+def depth_notes(
     prediction: ScenePrediction, maps: DepthMaps, scale: float, most_m: float, tolerance_m: float
 ) -> list[str]:
     """Look for millimetres; ask for the field `pixel_centres` where its absence moves points."""
@@ -306,8 +279,8 @@ def check_depths(
     if prediction.pixel_centres is None and images is not None and error > tolerance_m:
         notes.append(
             f"pixel centres of K are taken as {'half' if images.named else 'integer'}: if that is "
-            f"wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (VGGT, CUT3R, "
-            "Depth Anything 3, MapAnything, DUSt3R) or 'half'"
+            f"wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (as networks "
+            "have them) or 'half'"
         )
     return notes
 
@@ -315,63 +288,50 @@ def check_depths(
 # --- the cloud ---
 
 
-def _some_points(geometry: FileCloud | DepthMaps | PointMaps) -> Floats:
-    """Return some points as they are stored; none of depth maps."""
+def digits_notes(what: str, error_m: float, tolerance_m: float) -> list[str]:
+    """Say where numbers were rounded, to single precision or to few digits."""
+    if not tolerance_m < error_m < np.inf:
+        return []
+    fix = "store float64, or subtract an origin first"
+    return [f"{what} lost digits: an error of {error_m:.2g} m is to be expected; {fix}"]
+
+
+def rounding_error(geometry: FileCloud | DepthMaps | PointMaps) -> float:
+    """Return by how much the rounding of stored coordinates moves points; 0 for depth maps."""
+    points = np.zeros((0, 3))
     if isinstance(geometry, FileCloud):
-        return next((piece.points for piece in geometry.pieces(_TRIED)), np.zeros((0, 3)))
-    if isinstance(geometry, DepthMaps):
-        return np.zeros((0, 3))
-    points = geometry.values[0].reshape(-1, 3)
-    return np.asarray(points[:: max(1, len(points) // _TRIED)], np.float64)
-
-
-def check_digits(points: Floats, scale: float, tolerance_m: float) -> str | None:
-    """Say where points were rounded, to single precision or to few digits."""
+        points = next((piece.points for piece in geometry.pieces(_TRIED)), points)
+    elif isinstance(geometry, PointMaps):
+        every = geometry.values[0].reshape(-1, 3)
+        points = np.asarray(every[:: max(1, len(every) // _TRIED)], np.float64)
     points = points[np.abs(points).max(axis=1, initial=0.0) < _LARGEST]
-    error = float(np.sqrt(3.0 * np.append(rounding_errors(points) ** 2, 0.0).mean())) * scale
-    if not error > tolerance_m:
-        return None
-    return (
-        f"coordinates such as {np.abs(points).max():.0f} lost digits: an error of {error:.2g} m is "
-        "to be expected; store float64, or subtract an origin first"
-    )
+    return float(np.sqrt(3.0 * np.append(rounding_errors(points) ** 2, 0.0).mean()))
 
 
 def left_out_notes(cloud: PreparedCloud) -> list[str]:
     """Say how many points were left out of a cloud, and where none is left."""
-    left, notes = cloud.source.count, []
-    if cloud.distrusted:
-        notes.append(f"left out: {counted(cloud.distrusted, 'point')} of too little confidence")
-    if cloud.not_finite:
-        notes.append(f"left out: {counted(cloud.not_finite, 'point')}, NaN, infinite or too large")
+    left = cloud.source.count
     share = cloud.outside / max(left + cloud.thinned + cloud.outside, 1)
-    if share >= 0.005:  # less is 0 %
-        notes.append(f"{share:.0%} of the prediction lies outside the scored region, uncounted")
-    if not left + cloud.outside + cloud.not_finite + cloud.distrusted:
-        notes.append("the prediction holds no point, or no depth within the protocol's range")
-    if not left:
-        notes.append("no point is left to compare: it scores 0 and infinite distances")
-    return notes
-
-
-def _bounds(points: Floats) -> Floats:
-    """Return percentiles 1 and 99 (2, 3) of points; NaN where there is none."""
-    if not len(points):
-        return np.full((2, 3), np.nan)
-    return np.asarray(np.percentile(points, _ROBUST, axis=0), dtype=np.float64)
+    lost, odd = counted(cloud.distrusted, "point"), counted(cloud.not_finite, "point")
+    empty = not left + cloud.outside + cloud.not_finite + cloud.distrusted
+    notes = {
+        f"left out: {lost} of too little confidence": cloud.distrusted > 0,
+        f"left out: {odd}, NaN, infinite or too large": cloud.not_finite > 0,
+        f"{share:.0%} of the prediction lies outside the scored region, uncounted": share >= 0.005,
+        "the prediction holds no point, or no depth within the protocol's range": empty,
+        "no point is left to compare: it scores 0 and infinite distances": not left,
+    }
+    return [note for note, holds in notes.items() if holds]
 
 
 def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     """Guess from bounds (2, 3) in which other coordinates a cloud may be."""
-    if not (np.isfinite(cloud).all() and np.isfinite(truth).all()):
-        return None
     span, true_span = np.ptp(cloud, axis=0), np.ptp(truth, axis=0)
     size, true_size = (max(float(np.linalg.norm(one)), 1e-300) for one in (span, true_span))
     flat, ratio, overlap = span[:2].max(), size / true_size, _overlap(cloud, truth)
     away = float(np.linalg.norm(cloud.mean(axis=0) - truth.mean(axis=0)))
     in_degrees = 0.0 < flat < 5.0 and (np.abs(cloud[:, :2]) <= 180.0).all()
     upright = 0.1 * true_span[2] < span[2] < 10.0 * true_span[2]
-    unit = next((unit for factor, unit in _UNITS if 0.5 < ratio / factor < 2.0), "another unit")
     spans = "it spans {}, the truth {}".format(
         *(" x ".join(f"{side:.4g}" for side in one) for one in (span, true_span))
     )
@@ -380,6 +340,7 @@ def check_bounds(cloud: Floats, truth: Floats) -> str | None:
     if not overlap and (np.abs(cloud[:, :2] * _FOOT_M - truth[:, :2]) < true_span[:2]).all():
         return "the cloud looks like feet: in metres it would lie on the truth"
     if not 1 / _FACTOR < ratio < _FACTOR and min(span.max(), true_span.max()) > 0.0:
+        unit = "millimetres" if 500.0 < ratio < 2000.0 else "another unit"
         return f"the cloud looks like {unit}: {spans}"
     if not overlap and _overlap(cloud[:, [1, 0, 2]], truth):
         return "the cloud has x and y exchanged: with easting first it would lie on the truth"
@@ -395,8 +356,8 @@ def check_datum(cloud: Floats, truth: Floats) -> str | None:
     elsewhere = not _overlap(cloud[:, :2], truth[:, :2]) or _overlap(cloud[:, 2:], truth[:, 2:])
     if elsewhere or not _UNDULATIONS_M[0] < abs(apart) < _UNDULATIONS_M[1]:
         return None
-    where = "above" if apart > 0 else "below"
-    return f"the cloud lies {abs(apart):.3g} m {where} the truth: are its heights of another datum?"
+    said = f"{abs(apart):.3g} m {'above' if apart > 0 else 'below'} the truth"
+    return f"the cloud lies {said}: are its heights of another datum?"
 
 
 def _overlap(one: Floats, other: Floats) -> bool:
@@ -410,8 +371,6 @@ def check_mirror(
 
     Most of it has to lie nearer than one of some distances then, and not now.
     """
-    if not (len(cloud) and len(truth)):
-        return None
     some = cloud[:: max(1, len(cloud) // _TRIED)]
     tree, own, limits = cKDTree(truth - truth[0]), transform.inverse().apply(some), np.sort(near)
 

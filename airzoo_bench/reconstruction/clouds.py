@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.formats.clouds.cloud import ArrayPieces, Cloud, CloudSource
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, project
@@ -83,8 +83,7 @@ def transform_cloud(
 
 def finite_rows(points: Floats) -> Bools:
     """Mark the points (N, 3) that are finite, also when squared."""
-    finite: Bools = np.all(np.abs(points) < _ENDLESS, axis=1)
-    return finite
+    return np.asarray(np.all(np.abs(points) < _ENDLESS, axis=1))
 
 
 def finite_pieces(source: CloudSource, points: int) -> Iterator[Floats]:
@@ -104,12 +103,9 @@ def gather_points(pieces: Iterable[Floats], *, on_disk: bool) -> Floats:
                 stream.write(np.ascontiguousarray(piece).data)
             stream.flush()
         except OSError as error:
-            raise UserError(
-                f"clouds cannot be kept on disk: {error.strerror or error}",
-                where=tempfile.gettempdir(),
-                expected="48 bytes of room for each point of both clouds",
-                fix="make room, or set TMPDIR (TEMP on Windows) to another folder",
-            ) from error
+            what = f"clouds cannot be kept on disk: {error.strerror or error}"
+            fix = "make room of 48 bytes a point, or set TMPDIR to another folder"
+            raise UserError(what, where=tempfile.gettempdir(), fix=fix) from error
         shape = (stream.tell() // 24, 3)
         return np.memmap(stream, np.float64, "r", shape=shape) if shape[0] else np.zeros(shape)
 
@@ -154,18 +150,14 @@ class VoxelGrid:
         self._merge()
         ((cells, sums),) = self._parts
         mean = sums[:, :3] / sums[:, 3:] / _UNIT
-        points: Floats = (cells + mean) * self._size + self._origin
-        return points
+        return np.asarray((cells + mean) * self._size + self._origin)
 
     def _merge(self) -> None:
         cells, sums = map(np.concatenate, zip(*self._parts, strict=True))
         self._parts = [_merged(cells, sums)]
         if self._most is not None and len(self._parts[0][0]) > self._most:
-            raise UsageError(
-                f"a cloud occupies more than {self._most:,} voxels of {self._size:g} m, which is "
-                "all that memory may hold",
-                fix="raise --max-memory, or choose larger voxels in the protocol",
-            )
+            what = f"a cloud occupies more than the {self._most:,} voxels that memory may hold"
+            raise UsageError(what, fix="raise --max-memory, or use larger voxels")
 
 
 def _merged(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:
@@ -215,9 +207,8 @@ class Cells:
 
     def places(self) -> Ints:
         """Return places (C, 3) of the cells along the axes."""
-        mask = (1 << _AXIS_BITS) - 1
-        places: Ints = self.keys[:, None] >> np.array((2 * _AXIS_BITS, _AXIS_BITS, 0)) & mask
-        return places
+        shifts, mask = np.array((2 * _AXIS_BITS, _AXIS_BITS, 0)), (1 << _AXIS_BITS) - 1
+        return np.asarray(self.keys[:, None] >> shifts & mask)
 
 
 def cell_keys(places: Floats) -> Ints:
@@ -265,15 +256,10 @@ def cropped_region(
     truth: CloudSource, box: Floats, settings: Preparation, block_points: int
 ) -> Region | None:
     """Return the region that a protocol crops both clouds to, or None."""
-    if settings.crop == "covered":
-        pieces = finite_pieces(truth, block_points)
-        return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
-    low, high = box[0] - settings.crop_margin_m, box[1] + settings.crop_margin_m
-
-    def holds(points: Floats) -> Bools:
-        return np.asarray(((points >= low) & (points <= high)).all(axis=1))
-
-    return holds if settings.crop == "box" else None
+    if settings.crop == "none":
+        return None
+    pieces = finite_pieces(truth, block_points)
+    return covered_columns(pieces, settings.crop_cell_m, box, settings.crop_margin_m)
 
 
 # --- clouds as they are compared ---
@@ -356,10 +342,8 @@ def observed_cells(
         times += seen_by(centres, camera, pose, cell, settings.hidden_beyond_m)
     keys = occupied.keys[times >= settings.observed_photos]
     if not len(keys):
-        raise BenchmarkError(
-            f"no point of the true cloud is seen by {counted(settings.observed_photos, 'photo')}",
-            expected="a cloud of what the photos show, in the same coordinates",
-        )
+        what = f"no point of the true cloud is seen by {settings.observed_photos} of the photos"
+        raise BenchmarkError(what, expected="a cloud in the coordinates of the photos")
     return replace(occupied, keys=keys)
 
 

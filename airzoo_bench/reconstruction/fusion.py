@@ -132,9 +132,8 @@ def fuse(maps: DepthMaps, transform: Similarity, settings: Fusion) -> PieceCloud
     origin = np.asarray(origin + _OFF_GRID * settings.tsdf_voxel_m)
     o3d = load_open3d()
     kinds, sizes = [o3d.core.float32] * 2, [(1,), (1,)]
-    grid = o3d.t.geometry.VoxelBlockGrid(
-        ["tsdf", "weight"], kinds, sizes, settings.tsdf_voxel_m, _BLOCK, _FIRST_BLOCKS
-    )
+    shape = kinds, sizes, settings.tsdf_voxel_m, _BLOCK, _FIRST_BLOCKS
+    grid = o3d.t.geometry.VoxelBlockGrid(["tsdf", "weight"], *shape)
     distrusted = 0
     for row in range(len(maps.values)):
         depth, pose = _scaled_depth(maps, row, transform, settings), poses.take(row)
@@ -172,11 +171,8 @@ def _integrate(
 
 def _check_room(blocks: int, settings: Fusion) -> None:
     if blocks * _BLOCK**3 > settings.tsdf_max_voxels:
-        raise PredictionError(
-            f"the fused surface takes more than {settings.tsdf_max_voxels:,} voxels of "
-            f"{settings.tsdf_voxel_m:g}",
-            fix="check the scale of the depth maps against that of the poses",
-        )
+        what = f"the fused surface takes more than {settings.tsdf_max_voxels:,} voxels"
+        raise PredictionError(what, fix="check the scale of the depths against that of the poses")
 
 
 def _touched_blocks(

@@ -45,39 +45,23 @@ class Curve:
     f1: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class CloudScores:
-    """All scores of one predicted cloud; distances are infinite where nothing is predicted.
+def mean_distances(
+    to_truth: Floats, to_prediction: Floats, max_distance: float | None
+) -> dict[str, float]:
+    """Average the distances of P predicted points to the truth, and of T true ones to them.
 
-    Accuracy and completeness are mean distances, the Chamfer distance is the mean of both.
-    """
-
-    accuracy: float
-    completeness: float
-    chamfer: float
-    accuracy_median: float
-    completeness_median: float
-    curve: Curve
-
-
-def score_distances(
-    to_truth: Floats, to_prediction: Floats, *, thresholds: Floats, max_distance: float | None
-) -> CloudScores:
-    """Score a prediction from the distances of its P points to the truth, and of T true ones to it.
-
-    A distance above `max_distance` counts as this in accuracy, completeness and Chamfer distance,
-    and in nothing else; an empty prediction stays infinitely far.
+    A distance above `max_distance` counts as this in all but medians; an empty prediction stays
+    infinitely far.
     """
     limit = math.inf if max_distance is None or len(to_truth) == 0 else max_distance
     accuracy, completeness = exact_mean(to_truth, limit), exact_mean(to_prediction, limit)
-    return CloudScores(
-        accuracy=accuracy,
-        completeness=completeness,
-        chamfer=(accuracy + completeness) / 2.0,
-        accuracy_median=float(np.median(to_truth)) if len(to_truth) else math.inf,
-        completeness_median=float(np.median(to_prediction)),
-        curve=curve(to_truth, to_prediction, thresholds),
-    )
+    return {
+        "chamfer": (accuracy + completeness) / 2.0,
+        "accuracy": accuracy,
+        "completeness": completeness,
+        "accuracy_median": float(np.median(to_truth)) if len(to_truth) else math.inf,
+        "completeness_median": float(np.median(to_prediction)),
+    }
 
 
 def curve(to_truth: Floats, to_prediction: Floats, thresholds: Floats) -> Curve:
@@ -96,8 +80,7 @@ def counts_below(distances: Floats, thresholds: Floats) -> Ints:
         # A distance equal to a threshold falls behind it, and so is not below it.
         behind = np.searchsorted(thresholds, distances[start : start + _CHUNK], side="right")
         histogram += np.bincount(behind, minlength=len(histogram))
-    counts: Ints = np.cumsum(histogram[:-1])
-    return counts
+    return np.cumsum(histogram[:-1])
 
 
 def exact_mean(distances: Floats, limit: float = math.inf) -> float:
@@ -235,5 +218,4 @@ def _failed(poses: Poses) -> Bools:
 
 
 def _lengths(vectors: Floats) -> Floats:
-    squared: Floats = (vectors * vectors).sum(axis=-1)
-    return np.sqrt(squared)
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))

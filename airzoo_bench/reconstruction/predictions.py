@@ -2,7 +2,7 @@
 
 An entry is ``school.ply`` or ``school/cloud.ply``, a cloud or a mesh, with its cameras in
 ``school.cameras.npz`` or ``school/cameras.npz``; or ``school.npz``, maps with cameras. A file alone
-is a prediction of one scene. Files as methods write them come from readers, as `NativeScenes`.
+is a prediction of one scene. Readers list files as methods write them as `SceneEntries`, too.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.evaluation.track import ScenePredictions
-from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES, Bundle, Member, open_bundle
+from airzoo_bench.formats.archives import Bundle, Member, open_bundle
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
@@ -44,7 +45,7 @@ _PLACE = re.compile(
 _MAPS = {"depth": ("N", "H", "W"), "world_points": ("N", "H", "W", "3")}
 _MAPS["points"] = _MAPS["world_points"]
 _CONFIDENCE, _COLOURS = ("conf", "confidence"), ("colours", "colors", "image")
-_CAMERA_FIELDS = ("intrinsics", "extrinsics", "image_names")
+_CAMERAS_OF = ("intrinsics", "extrinsics", "image_names")
 _HALF_A_PIXEL = {"half": 0.0, "integer": 0.5}
 _BYTES_A_PIXEL = 96  # depth and surface in double precision, their places, rays and points
 _ROW_TOLERANCE = 1e-6
@@ -95,76 +96,62 @@ class ScenePrediction:
 
 
 @dataclass(frozen=True)
-class NativeScenes(ScenePredictions):
-    """Scenes in a method's own files; `read_scene` takes a place and the bytes that it may hold."""
+class SceneEntries(ScenePredictions):
+    """Predictions by scene; each is opened by the bytes it may hold and how meshes are sampled."""
 
     path: Path
-    places: Mapping[str, Path]
-    read_scene: Callable[[Path, int], ScenePrediction]
+    entries: Mapping[str, Callable[[int, MeshSampling | None], AbstractContextManager[Any]]]
     unknown_files: tuple[str, ...] = ()
     protocol: str | None = None
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """Scenes that a method wrote something of, by name."""
-        return tuple(sorted(self.places))
-
-    @contextmanager
-    def opened(
-        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
-    ) -> Iterator[ScenePrediction]:
-        """See `ScenePredictions.opened`."""
-        yield self.read_scene(self.places[scene], limit_bytes)
-
-
-@dataclass(frozen=True)
-class ListedFiles(ScenePredictions):
-    """Entries of a folder or an archive: by scene a cloud or maps, and perhaps cameras."""
-
-    path: Path
-    protocol: str | None
-    entries: dict[str, tuple[Member, Member | None]]
-    unknown_files: tuple[str, ...]
-    _bundle: Bundle
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
         """Scenes that there is an entry of, by name."""
-        return tuple(self.entries)
+        return tuple(sorted(self.entries))
 
-    @contextmanager
     def opened(
         self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
-    ) -> Iterator[ScenePrediction]:
+    ) -> AbstractContextManager[ScenePrediction]:
         """See `ScenePredictions.opened`."""
-        (geometry, cameras), images = self.entries[scene], None
-        with ExitStack() as stack:
-            if cameras is not None:
-                arrays = open_arrays(stack.enter_context(self._bundle.file(cameras)), limit_bytes)
-                allowed = ("protocol", *_CAMERA_FIELDS)
-                check_fields(arrays, ("image_names", "extrinsics"), allowed, _POSES)
-                images = image_poses(arrays, len(texts(arrays, "image_names", 1)))
-            path = stack.enter_context(self._bundle.file(geometry))
-            if path.suffix.lower() != ".npz" or not _holds_maps(open_arrays(path, limit_bytes)):
-                cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
-                yield ScenePrediction(cloud, images, cloud.notes)
-                return
-            views = maps_of(open_arrays(path, limit_bytes))
-            if views.images is not None and cameras is not None:
-                where = f"{self.path}, {geometry.name}"
-                raise PredictionError(f"holds extrinsics, and so does {cameras.name}", where=where)
-            yield replace(views, images=views.images or images)
+        return self.entries[scene](limit_bytes, sampling)
+
+
+@contextmanager
+def _open_entry(
+    bundle: Bundle,
+    geometry: Member,
+    cameras: Member | None,
+    limit_bytes: int,
+    sampling: MeshSampling | None,
+) -> Iterator[ScenePrediction]:
+    """Open a cloud or maps, and perhaps cameras, of a folder or an archive."""
+    images = None
+    with ExitStack() as stack:
+        if cameras is not None:
+            arrays = open_arrays(stack.enter_context(bundle.file(cameras)), limit_bytes)
+            check_fields(arrays, ("image_names", "extrinsics"), ("protocol", *_CAMERAS_OF), _POSES)
+            images = image_poses(arrays, len(texts(arrays, "image_names", 1)))
+        path = stack.enter_context(bundle.file(geometry))
+        if path.suffix.lower() != ".npz" or not _holds_maps(open_arrays(path, limit_bytes)):
+            cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
+            yield ScenePrediction(cloud, images, cloud.notes)
+            return
+        views = maps_of(open_arrays(path, limit_bytes))
+        if views.images is not None and cameras is not None:
+            where = f"{bundle.path}, {geometry.name}"
+            raise PredictionError(f"holds extrinsics, and so does {cameras.name}", where=where)
+        yield replace(views, images=views.images or images)
 
 
 # --- listing ---
 
 
-def open_reconstruction(path: Path) -> ListedFiles:
+def open_reconstruction(path: Path) -> SceneEntries:
     """List what a prediction holds: a folder, a zip archive, or one file of a scene."""
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
         bundle = Bundle(path.parent, (member,))
-        return ListedFiles(path, None, {path.stem: (member, None)}, (), bundle)
+        return SceneEntries(path, {path.stem: partial(_open_entry, bundle, member, None)})
     bundle = open_bundle(path, _UNPACKED_BYTES)
     wrapper, protocol, unknown_files = _wrapper(bundle.members), None, []
     found: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
@@ -176,23 +163,17 @@ def open_reconstruction(path: Path) -> ListedFiles:
         elif not kind:
             unknown_files.append(name)
         elif found[kind].setdefault(scene, member) is not member:
-            raise PredictionError(
-                f"scene {scene!r} has two entries: {found[kind][scene].name} and {member.name}",
-                where=path,
-                expected="one cloud, mesh or npz a scene, and perhaps its cameras.npz",
-            )
+            both = f"{found[kind][scene].name} and {member.name}"
+            raise PredictionError(f"scene {scene!r} has two entries: {both}", where=path)
     geometry, cameras = found.values()
     unknown_files += [one.name for scene, one in cameras.items() if scene not in geometry]
     if not geometry:
-        there = f" (there are {first_of(unknown_files)})" if unknown_files else ""
-        raise UnreadableError(
-            f"holds no cloud, mesh or npz{there}",
-            where=path,
-            expected=f"an entry a scene, such as school.ply or school/cloud.ply; endings "
-            f"{KINDS}, archives {', '.join(ARCHIVE_SUFFIXES)}",
-        )
-    entries = {scene: (geometry[scene], cameras.get(scene)) for scene in sorted(geometry)}
-    return ListedFiles(path, protocol, entries, tuple(unknown_files), bundle)
+        expected = f"an entry a scene, such as school.ply or school/cloud.ply; endings {KINDS}"
+        others = f", but {first_of(unknown_files, noun='other file')}" if unknown_files else ""
+        raise UnreadableError(f"holds no cloud, mesh or npz{others}", where=path, expected=expected)
+    pairs = {scene: (one, cameras.get(scene)) for scene, one in geometry.items()}
+    entries = {scene: partial(_open_entry, bundle, *pair) for scene, pair in pairs.items()}
+    return SceneEntries(path, entries, tuple(unknown_files), protocol)
 
 
 def _wrapper(members: tuple[Member, ...]) -> str:
@@ -218,8 +199,8 @@ def _protocol_name(bundle: Bundle, member: Member) -> str:
     name = bundle.text(member, 1024).strip()
     # A file from a stranger must not choose which file of this computer is read.
     if not re.fullmatch(SAFE_NAME, name) or name.endswith(".toml"):
-        where, fix = f"{bundle.path}, {member.name}", "name a protocol's file with --protocol"
-        raise PredictionError(f"{name[:80]!r} is no protocol's name", where=where, fix=fix)
+        where = f"{bundle.path}, {member.name}"
+        raise PredictionError(f"{name[:80]!r} is no protocol's name", where=where)
     return name
 
 
@@ -229,7 +210,7 @@ def _protocol_name(bundle: Bundle, member: Member) -> str:
 def _holds_maps(arrays: Arrays) -> bool:
     """Say whether an npz holds depth maps or point maps; else it is a cloud."""
     names = arrays.names()
-    cloud = "points" in names and not names & {"depth", "world_points", *_CAMERA_FIELDS}
+    cloud = "points" in names and not names & {"depth", "world_points", *_CAMERAS_OF}
     return not cloud or arrays.map("points").ndim == 4
 
 
@@ -239,10 +220,15 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     kind = next((name for name in _MAPS if name in names), "depth")
     trust = next((name for name in _CONFIDENCE if name in names), "conf")
     needed = (kind, "intrinsics", "extrinsics") if kind == "depth" else (kind,)
-    allowed = ("protocol", "pixel_centres", kind, *_CAMERA_FIELDS, trust, *_COLOURS)
+    allowed = ("protocol", "pixel_centres", kind, *_CAMERAS_OF, trust, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
     maps = _map_maps(arrays, kind)
-    stated = _pixel_centres(arrays)
+    stated = None
+    if "pixel_centres" in names:
+        stated = "".join(map(str, arrays.read("pixel_centres").reshape(-1)[:2]))
+        if stated not in _HALF_A_PIXEL:
+            expected = "'half' (the first pixel's centre is (0.5, 0.5)) or 'integer' ((0, 0))"
+            raise _fault(arrays, f"says {stated[:20]!r}", "pixel_centres", expected)
     shift = _HALF_A_PIXEL[stated or ("half" if "image_names" in names else "integer")]
     pixels = maps.shape[1] * maps.shape[2]
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
@@ -281,16 +267,6 @@ def _map_maps(arrays: Arrays, name: str) -> NDArray[Any]:
         what = f"is {values.dtype} of shape {values.shape}"
         raise _fault(arrays, what, name, f"floating point ({', '.join(shape)})", fix)
     return values
-
-
-def _pixel_centres(arrays: Arrays) -> str | None:
-    if "pixel_centres" not in arrays.names():
-        return None
-    stated = "".join(map(str, arrays.read("pixel_centres").reshape(-1)[:2]))
-    if stated in _HALF_A_PIXEL:
-        return stated
-    expected = "'half' (the centre of the first pixel is (0.5, 0.5) for K) or 'integer' ((0, 0))"
-    raise _fault(arrays, f"says {stated[:20]!r}", "pixel_centres", expected)
 
 
 def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Cameras | None:

@@ -13,7 +13,6 @@ from airzoo_bench.protocol.model import Protocol
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]
 Share = Annotated[float, Field(gt=0, le=1)]
 Distance = Annotated[float, Field(ge=0, le=1e12, allow_inf_nan=False)]
-_LARGEST_ANGLE_DEG = 180.0
 
 
 class AlignmentSettings(Strict):
@@ -78,7 +77,7 @@ class Meshes(Strict):
 class Preparation(Strict):
     """How both clouds are prepared before distances are measured."""
 
-    crop: Literal["covered", "box", "none"]
+    crop: Literal["covered", "none"]
     crop_margin_m: Distance
     crop_cell_m: Positive
     region: Literal["observed", "all"]
@@ -106,7 +105,7 @@ class ReconstructionScores(Strict):
         whole = all(limit.is_integer() for limit in self.pose_auc_below_deg)
         if self.pose_auc_rule == "depth-anything-3" and not whole:
             raise ValueError("pose_auc_below_deg must be whole degrees for depth-anything-3")
-        if self.pose_auc_below_deg[-1] > _LARGEST_ANGLE_DEG:
+        if self.pose_auc_below_deg[-1] > 180.0:
             raise ValueError("pose_auc_below_deg are angles, at most 180")
         return self
 

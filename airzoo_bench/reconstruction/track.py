@@ -1,8 +1,4 @@
-"""The reconstruction track: photos become a cloud.
-
-A scene goes from its prediction to its scores in these steps: open, align, fuse, prepare, measure
-distances, score.
-"""
+"""The reconstruction track: a scene is opened, aligned, fused, prepared, measured and scored."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +16,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import PART, atomic_write, write_npz
-from airzoo_bench.core.progress import Headed, with_progress
+from airzoo_bench.core.progress import Headed
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, Scored, Track
@@ -41,7 +36,7 @@ from airzoo_bench.reconstruction.alignment import (
     partners,
     with_residuals,
 )
-from airzoo_bench.reconstruction.checks import match_cameras, scene_notes
+from airzoo_bench.reconstruction.checks import match_cameras, scene_notes, true_names
 from airzoo_bench.reconstruction.distances import CloudDistances, cloud_distances
 from airzoo_bench.reconstruction.icp import refine
 from airzoo_bench.reconstruction.info import INFO
@@ -58,15 +53,6 @@ _LEAST_BLOCK = 100_000
 _TEMPLATE_PX = 32  # the longer side of the maps of a template
 
 _LEFT_OUT = ("distrusted", "not_finite", "outside", "thinned")
-RECORDED = frozenset(
-    (
-        *("scene", "query", "answered", "points", *_LEFT_OUT),
-        *("truth_points", "truth_unseen", "truth_outside", "truth_thinned"),
-        *("cameras", "cameras_missing", "inlier_cameras", "alignment", "scale"),
-        *("centres_rms_m", "centres_median_m", "rotations_median_deg"),
-    )
-)
-"""Columns of the records that are neither scores nor conditions of the scenes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +97,8 @@ def score_scene(
             if run.keep and (run.limits is not None or not predictions.path.is_dir()):
                 # Once the predictions are closed, their files are gone.
                 found = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
-        named = tuple(f"scene {truth.scene}: {note}" for note in notes)
-        details = found if run.keep else None
-        return replace(scored, kind=prediction.kind, notes=named, details=details)
+        scored = replace(scored, kind=prediction.kind, details=found if run.keep else None)
+        return replace(scored, notes=tuple(f"scene {truth.scene}: {note}" for note in notes))
 
 
 @contextmanager
@@ -126,14 +111,13 @@ def open_scene(
         with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
             yield found
     except PredictionError as error:
-        if error.where is None:
-            raise error.inside(place) from error
-        unpacked = error.where.partition(f"{PART}/")[2]
-        if not unpacked or predictions.path.is_dir():
-            raise
         # A file of an archive lies somewhere else while it is read.
-        texts = {"expected": error.expected, "fix": error.fix}
-        raise PredictionError(error.what, where=f"{place}, {unpacked}", **texts) from error
+        unpacked = (error.where or "").partition(f"{PART}/")[2]
+        if unpacked and not predictions.path.is_dir():
+            error.where = unpacked
+        elif error.where is not None:
+            raise
+        raise error.inside(place) from error
 
 
 def compare(
@@ -146,23 +130,16 @@ def compare(
 ) -> Comparison:
     """Align, fuse and prepare a cloud or maps as the protocol says, and measure distances."""
     if protocol.alignment.cameras == "required" and cameras is None:
-        raise PredictionError(
-            "holds no cameras, and the protocol requires them",
-            fix="add SCENE.cameras.npz, or choose a protocol whose cameras are optional",
-        )
+        what, fix = "holds no cameras, and the protocol requires them", "add SCENE.cameras.npz"
+        raise PredictionError(what, fix=fix)
     settings, scores = protocol.preparation, protocol.scores
     block = max(run.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     progress = Headed(truth.scene, run.progress)
     box = clouds.box_of(true_cloud)
     cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
     region = clouds.cropped_region(true_cloud, box, settings, block)
-    predicted, true = (
-        with_progress(partial(clouds.prepare_cloud, one, settings, region, block), what, progress)
-        for one, what in (
-            (cloud, "preparing the prediction"),
-            (true_cloud, "preparing the true cloud"),
-        )
-    )
+    both = progress((cloud, true_cloud), "preparing clouds", 2)
+    predicted, true = (clouds.prepare_cloud(one, settings, region, block) for one in both)
     distances = cloud_distances(
         predicted.source, true.source, block_points=block, jobs=run.jobs, progress=progress
     )
@@ -224,14 +201,15 @@ def score_comparison(
         "inlier_cameras": alignment.inliers,
     }
     centres, turns = alignment.centres or {}, alignment.rotations_deg or {}
-    columns = {
+    columns: dict[str, Any] = {
         "alignment": alignment.method,
         "scale": alignment.transform.scale,
         "centres_rms_m": centres.get("rms", np.nan),
         "centres_median_m": centres.get("median", np.nan),
         "rotations_median_deg": turns.get("median", np.nan),
+        **_cloud_columns(distances.to_truth, found.recalled, settings),
+        **poses,
     }
-    columns |= _cloud_columns(distances.to_truth, found.recalled, settings) | poses
     return replace(_scored(scene, columns, counts), facts={"alignment": alignment.values})
 
 
@@ -249,12 +227,14 @@ def _cloud_columns(
 ) -> dict[str, float]:
     limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
     most = None if isinstance(settings.max_distance_m, str) else settings.max_distance_m
-    found = metrics.score_distances(to_truth, to_prediction, thresholds=limits, max_distance=most)
-    means = ("chamfer", "accuracy", "completeness", "accuracy_median", "completeness_median")
-    columns = {f"{name}_m": getattr(found, name) for name in means}
+    columns = {
+        f"{name}_m": one
+        for name, one in metrics.mean_distances(to_truth, to_prediction, most).items()
+    }
+    found = metrics.curve(to_truth, to_prediction, limits)
     for row, limit in enumerate(limits.tolist()):
         for share in ("precision", "recall", "f1"):
-            columns[f"{share}_{limit:g}m"] = float(getattr(found.curve, share)[row])
+            columns[f"{share}_{limit:g}m"] = float(getattr(found, share)[row])
     return columns
 
 
@@ -339,7 +319,8 @@ class ReconstructionTrack(Track):
 
     info = INFO
     protocol = ReconstructionProtocol
-    recorded = RECORDED
+    recorded = Track.recorded | {"points", *_LEFT_OUT, "truth_*", "cameras*", "inlier_cameras"}
+    recorded |= {"alignment", "scale", "centres_*", "rotations_*"}
 
     def open(self, path: Path, memory_bytes: int) -> ScenePredictions:
         """List predictions; see `open_reconstruction`."""
@@ -363,21 +344,18 @@ class ReconstructionTrack(Track):
         strange = [name[:80] for name in predictions.scenes if name not in known]
         missing = [name for name in known if name not in predictions.scenes]
         if len(missing) == len(known):
+            meant = nearest("".join(strange[:1]), known, 1)
             raise PredictionError(
-                f"holds none of the scenes of {protocol.name}: {first_of(strange)}"
-                + nearest("".join(strange[:1]), known, 1),
+                f"holds none of the scenes of {protocol.name}: {first_of(strange)}{meant}",
                 where=predictions.path,
-                expected=f"an entry a scene: {first_of(known)}",
-                fix="name files or folders by their scenes, or the right protocol with --protocol",
+                expected=f"files or folders named by scenes: {first_of(known)}",
             )
+        others = [name + nearest(name, missing, 1) for name in strange]
+        unknown = [name[:80] for name in predictions.unknown_files]
         left_out = {
             "scenes that the predictions lack, scored at their worst": missing,
-            "scenes that the protocol lacks, left aside": [
-                name + nearest(name, missing, 1) for name in strange
-            ],
-            "files that belong to no scene, left aside": [
-                name[:80] for name in predictions.unknown_files
-            ],
+            "scenes that the protocol lacks, left aside": others,
+            "files that belong to no scene, left aside": unknown,
         }
         notes = [f"{what}: {first_of(names)}" for what, names in left_out.items() if names]
         covered = f"{len(known) - len(missing):,} of {counted(len(known), 'scene')}"
@@ -411,13 +389,15 @@ class ReconstructionTrack(Track):
         if scene not in predictions.scenes:
             return Scored()
         with open_scene(predictions, scene, protocol, run.memory_bytes) as prediction:
+            if prediction.images is not None and prediction.images.named:
+                true_names(prediction.images, truth, f"{predictions.path}, scene {scene}")
             if isinstance(prediction.geometry, FileCloud):
                 for _piece in prediction.geometry.pieces(_LEAST_BLOCK):
                     pass  # a file that is cut off is found out where it is read
             return Scored(notes=tuple(f"scene {scene}: {note}" for note in prediction.notes))
 
     def scores(self, protocol: ReconstructionProtocol) -> list[Score]:
-        """Return all scores; without cameras, records lack the pose scores."""
+        """See `Track.scores`."""
         return reconstruction_scores(protocol.scores)
 
     def template(
@@ -448,8 +428,7 @@ def _random_views(
     turned *= np.linalg.det(turned)[:, None, None]
     middle = np.zeros(3) if truth.is_sealed else truth.poses.centres.mean(axis=0)
     moved = -(turned @ (middle + random.normal(0.0, 50.0, (count, 3)))[..., None])
-    focal = float(max(width, height))
-    matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    matrix = [[_TEMPLATE_PX, 0, width / 2], [0, _TEMPLATE_PX, height / 2], [0, 0, 1]]
     return {
         "image_names": truth.photos["image"].to_numpy(str),
         "pixel_centres": np.array("half"),

@@ -30,8 +30,6 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import PosedCameras
 
-_NOT_CHOSEN = "not among the photos of the reconstruction"
-
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionTruth:
@@ -63,11 +61,11 @@ class ReconstructionTruth:
         """True poses of the photos."""
         return poses_of(self.photos)
 
-    @cached_property
+    @property
     def posed(self) -> PosedCameras:
         """The true poses by the names of the photos."""
-        names = tuple(self.photos["image"])
-        return PosedCameras(names, self.poses.centres, self.poses.rotation)
+        poses = self.poses
+        return PosedCameras(tuple(self.photos["image"]), poses.centres, poses.rotation)
 
     @property
     def fingerprint(self) -> str:
@@ -91,23 +89,19 @@ def build_truth(
         raise UsageError("no such cloud", where=cloud)
     photos = inputs.photos
     kept = pd.Series(True, index=photos.index) if chosen is None else chosen
-    excluded = photos[~kept][["id", "image"]].reset_index(drop=True).assign(reason=_NOT_CHOSEN)
-    return ReconstructionTruth(
-        inputs.scene,
-        photos[kept].reset_index(drop=True),
-        cloud,
-        sha256_of_tree(cloud),
-        with_unposed(excluded, inputs),
-    )
+    excluded = photos[~kept][["id", "image"]].reset_index(drop=True)
+    excluded = excluded.assign(reason="not among the photos of the reconstruction")
+    chosen_photos, digest = photos[kept].reset_index(drop=True), sha256_of_tree(cloud)
+    unused = with_unposed(excluded, inputs)
+    return ReconstructionTruth(inputs.scene, chosen_photos, cloud, digest, unused)
 
 
 def write_truth(folder: Path, truth: ReconstructionTruth) -> None:
     """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "reconstruction"
     home.mkdir(parents=True, exist_ok=True)
-    photos = truth.photos[["id", "image"]]
-    photos.to_csv(home / "photos.csv", index=False, lineterminator="\n")
-    truth.excluded.to_csv(home / "excluded.csv", index=False, lineterminator="\n")
+    for name, table in (("photos", truth.photos[["id", "image"]]), ("excluded", truth.excluded)):
+        table.to_csv(home / f"{name}.csv", index=False, lineterminator="\n")
 
 
 def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:

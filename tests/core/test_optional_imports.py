@@ -1,4 +1,4 @@
-"""Matplotlib draws alike whatever its settings; Open3D imports; nothing else pulls them in."""
+"""Matplotlib draws alike whatever its settings, and commands start without heavy imports."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import matplotlib
-import numpy as np
 
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.report.figures import figure_bytes, new_canvas
@@ -43,20 +42,6 @@ def test_neither_a_folder_nor_a_program_rules_pictures(tmp_path: Path) -> None:
     (tmp_path / "matplotlibrc").write_text(USETEX)
     script = f"import sys; from {__name__} import drawn; sys.stdout.buffer.write(drawn())"
     assert run(script, tmp_path) == plain
-
-
-def test_open3d_computes(tmp_path: Path) -> None:
-    script = (
-        "from airzoo_bench.core.optional_imports import load_open3d\n"
-        "o3d = load_open3d()\n"
-        "import numpy as np\n"
-        "cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.eye(3)))\n"
-        "moved = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.eye(3) + [0, 0, 2]))\n"
-        "print(list(cloud.compute_point_cloud_distance(moved)))\n"
-    )
-    # (1, 0, 0) to (1, 0, 2) is 2; so for the second; (0, 0, 1) to (0, 0, 3) is 2, to (1, 0, 2) is
-    # the root of 2.
-    np.testing.assert_allclose(eval(run(script, tmp_path), {}), [2, 2, np.sqrt(2)])
 
 
 def test_commands_and_scores_of_ranked_ids_start_without_heavy_imports(tmp_path: Path) -> None:

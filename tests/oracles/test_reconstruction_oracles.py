@@ -21,7 +21,7 @@ from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.clouds import VoxelGrid
 from airzoo_bench.reconstruction.distances import mutual_distances
-from airzoo_bench.reconstruction.metrics import score_distances
+from airzoo_bench.reconstruction.metrics import curve, mean_distances
 from tests.reconstruction.support import surface
 
 FAR = np.array((1_000_000.0, 4_000_000.0, 100.0))
@@ -91,13 +91,13 @@ def open3d_metrics(
 def test_metrics_of_open3d(o3d: ModuleType, name: str) -> None:
     prediction, truth = PAIRS[name]
     radii = (0.3, 1.0, 10.0)
-    scores = score_distances(
-        *mutual_distances(prediction, truth, jobs=2), thresholds=np.array(radii), max_distance=None
-    )
+    both = mutual_distances(prediction, truth, jobs=2)
+    means = mean_distances(*both, None)
     total, *shares = open3d_metrics(o3d, truth, prediction, radii)
-    assert scores.accuracy + scores.completeness == pytest.approx(total, rel=1e-4)
-    assert scores.chamfer == pytest.approx(total / 2, rel=1e-4)
-    assert (100 * scores.curve.f1).tolist() == pytest.approx(shares, rel=1e-3, abs=1e-3)
+    assert means["accuracy"] + means["completeness"] == pytest.approx(total, rel=1e-4)
+    assert means["chamfer"] == pytest.approx(total / 2, rel=1e-4)
+    f1 = curve(*both, np.array(radii)).f1
+    assert (100 * f1).tolist() == pytest.approx(shares, rel=1e-3, abs=1e-3)
 
 
 def test_cube_and_its_larger_copy_as_open3d_has_it(o3d: ModuleType) -> None:

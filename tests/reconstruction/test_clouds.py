@@ -92,7 +92,7 @@ def test_points_left_out_are_counted() -> None:
     np.testing.assert_array_equal(points_of(cloud), points[[0, 3]])
     # Voxels thin what the crop has left; they begin at 0.191 of 0.5.
     points = np.array([[0.2, 0.1, 0.1], [0.4, 0.1, 0.1], [0.7, 0.1, 0.1], [9, 9, 9.0]])
-    cloud = prepare(points, 1, crop="box", crop_margin_m=0.0, voxel_m=0.5)
+    cloud = prepare(points, 1, crop="covered", crop_margin_m=0.0, voxel_m=0.5)
     assert (cloud.outside, cloud.thinned) == (1, 1)
     np.testing.assert_allclose(points_of(cloud), [[0.3, 0.1, 0.1], [0.7, 0.1, 0.1]], atol=1e-9)
 
@@ -103,7 +103,7 @@ def test_nothing_depends_on_the_pieces(seed: int, block: int) -> None:
     random = np.random.default_rng(seed)
     points = random.normal(size=(300, 3))
     points[random.random(300) < 0.1] = np.nan
-    for used in ({"crop": "box", "crop_margin_m": 0.3}, {"voxel_m": 0.2}):
+    for used in ({"crop": "covered", "crop_margin_m": 0.3}, {"voxel_m": 0.2}):
         one, other = (prepare(points, size, **used) for size in (300, block))
         np.testing.assert_array_equal(points_of(one), points_of(other, 7))
         for name in ("not_finite", "outside", "thinned", "sample"):

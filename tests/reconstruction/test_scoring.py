@@ -84,7 +84,6 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "sim3": {},
     "none": {"alignment": {"method": "none"}},
     "icp": {"alignment": {"method": "sim3+icp", "icp_points": 500_000, "icp_iterations": 5}},
-    "box": {"preparation": {"crop": "box", "crop_margin_m": 2.0}},
     "covered": {"preparation": {"crop": "covered", "crop_margin_m": 2.0}},
     "observed": {"preparation": {"region": "observed"}},
     "voxels": {"preparation": {"voxel_m": 0.7}, "scores": {"f1_below_m": (2.0, 10.0)}},
@@ -119,7 +118,7 @@ def in_shards(folder: Path, points: Array, count: int) -> CloudSource:
 
 PREPARATIONS: list[dict[str, Any]] = [
     {"crop": "covered", "voxel_m": "none"},
-    {"crop": "box", "voxel_m": "none", "region": "observed", "observed_cell_m": 2.0},
+    {"crop": "none", "voxel_m": "none", "region": "observed", "observed_cell_m": 2.0},
     {"crop": "covered", "voxel_m": 0.1},
 ]
 
