@@ -97,19 +97,6 @@ def test_points_left_out_are_counted() -> None:
     np.testing.assert_allclose(points_of(cloud), [[0.3, 0.1, 0.1], [0.7, 0.1, 0.1]], atol=1e-9)
 
 
-@quick
-@given(seeds, st.integers(1, 400))
-def test_nothing_depends_on_the_pieces(seed: int, block: int) -> None:
-    random = np.random.default_rng(seed)
-    points = random.normal(size=(300, 3))
-    points[random.random(300) < 0.1] = np.nan
-    for used in ({"crop": "covered", "crop_margin_m": 0.3}, {"voxel_m": 0.2}):
-        one, other = (prepare(points, size, **used) for size in (300, block))
-        np.testing.assert_array_equal(points_of(one), points_of(other, 7))
-        for name in ("not_finite", "outside", "thinned", "sample"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-
-
 def test_moving_keeps_the_more_confident_points() -> None:
     points = np.array([[1.0, 0, 0], [0, 1, 0], [np.inf, 0, 0]])
     transform = Similarity(2.0, np.eye(3), np.array((10.0, 0, 0)))

@@ -80,16 +80,15 @@ def test_a_file_alone_or_a_folder_of_one_scene_is_a_scene(folder: Path) -> None:
 @pytest.mark.parametrize(
     "names",
     [
-        ["a.ply", "A.ply"],
-        ["a.ply", "a.laz"],
-        ["a/x.ply", "a/y.ply", "b.ply"],
+        *([], ["a.ply", "A.ply"], ["a.ply", "a.laz"], ["a/x.ply", "a/y.ply", "b.ply"]),
         ["a/b/c.ply", "d/e/f.ply", "a_ply"],
-        [],
         *([name] for name in ("../a.ply", "/a.ply", "a/../../b.ply", "a\\b.ply", "b\n.ply")),
         *(["a.ply", f"protocol.txt:{text}"] for text in ("../x", "a/b", "own.toml", "a b", "")),
+        [f"a.ply:{'x' * (1 << 21)}"],  # more than may be unpacked
     ],
 )
-def test_wrong_entries(names: list[str], tmp_path: Path) -> None:
+def test_wrong_entries(names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(predictions, "_UNPACKED_BYTES", 1 << 20)
     files = [(name.partition(":")[0], name.partition(":")[2].encode()) for name in names]
     with pytest.raises(PredictionError) as caught:
         open_reconstruction(pack(tmp_path / "p.zip", files))
@@ -97,14 +96,11 @@ def test_wrong_entries(names: list[str], tmp_path: Path) -> None:
     assert "\n.ply" not in str(caught.value)
 
 
-@pytest.mark.parametrize("fault", ["none", "a.rar", "bomb.zip", "link.zip", "link"])
-def test_what_is_no_prediction(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(predictions, "_UNPACKED_BYTES", 1 << 20)
+@pytest.mark.parametrize("fault", ["none", "a.rar", "link.zip", "link"])
+def test_what_is_no_prediction(fault: str, tmp_path: Path) -> None:
     path = tmp_path / fault
     if fault == "a.rar":
         path.write_bytes(b"Rar!")
-    elif fault == "bomb.zip":
-        pack(path, [("a.ply", bytes(1 << 22)), ("b.ply", bytes(9))])
     elif fault == "link.zip":
         with zipfile.ZipFile(path, "w") as archive:
             info = zipfile.ZipInfo("a.ply")
