@@ -34,7 +34,6 @@ IMAGE_SUFFIX = ".jpg"
 PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
 ECEF_COLUMNS = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
 _DIGITS = (12, 12, 6, 12, 12, 12, 6, 6, 6, 15, 15, 15, 15)  # of these columns
-_LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _FLOATING_POINT = {317: 3}  # the predictor of a TIFF
 
 
@@ -55,16 +54,15 @@ class FrameList:
             conditions(*pair)
 
     @property
-    def lens(self) -> list[float]:
-        """Parameters of the camera, as the columns of frames.csv name them."""
-        camera = self.camera
-        parts = (camera.focal, camera.principal_point, camera.distortion)
-        return [number for part in parts for number in part[0].tolist()]
+    def pinhole(self) -> tuple[float, ...]:
+        """Width, height, focal lengths and principal point of the camera."""
+        size = int(self.camera.width[0]), int(self.camera.height[0])
+        return (*size, *self.camera.focal[0].tolist(), *self.camera.principal_point[0].tolist())
 
 
 def frames_csv(frames: FrameList) -> str:
     """Return the table of frames, a row each."""
-    poses, camera = frames.poses, frames.camera
+    poses = frames.poses
     lonlat = to_lonlat(CRS, poses.centres[:, :2])
     place = np.column_stack([lonlat, poses.centres[:, 2]])
     convergence = grid_convergence_deg(CRS, lonlat)
@@ -85,18 +83,13 @@ def frames_csv(frames: FrameList) -> str:
         # Adding 0 makes a negative zero positive.
         rounded = (np.round(values, digits) + 0.0).tolist()
         table[name] = [f"{value:.{digits}f}" for value in rounded]
-    lens = zip(_LENS, frames.lens, strict=True)
-    table = table.assign(width=int(camera.width[0]), height=int(camera.height[0]), **dict(lens))
+    names = ("width", "height", "fx", "fy", "cx", "cy")
+    table = table.assign(**dict(zip(names, frames.pinhole, strict=True)))
     return table.to_csv(index=False, lineterminator="\n")
 
 
 def colmap_texts(frames: FrameList, offset: Floats) -> dict[str, str]:
     """Return the files of a COLMAP text model by name: the camera and the poses, and no points."""
-    *params, k3 = frames.lens
-    model, params = ("OPENCV", params) if any(params[4:]) else ("PINHOLE", params[:4])
-    if k3 != 0.0:
-        model, params = "FULL_OPENCV", [*frames.lens, 0.0, 0.0, 0.0]
-    size = f"{frames.camera.width[0]} {frames.camera.height[0]}"
     local = Poses(rotation=frames.poses.rotation, centres=frames.poses.centres - offset)
     numbers = np.column_stack([matrix_to_quaternion(local.rotation), local.translation])
     images = ""
@@ -106,7 +99,7 @@ def colmap_texts(frames: FrameList, offset: Floats) -> dict[str, str]:
     shown = offset.tolist()
     world = f"# world: {CRS} less {' '.join(f'{value:g}' for value in shown)} (x y z, metres)\n"
     heads = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then an empty line\n"
-    camera = f"1 {model} {size} {' '.join(map(repr, params))}\n"
+    camera = f"1 PINHOLE {' '.join(map(repr, frames.pinhole))}\n"
     return {
         "cameras.txt": f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS\n{camera}",
         "images.txt": heads + world + images,
@@ -158,12 +151,11 @@ def render_frames(
 
 def _marks(frames: FrameList, key: str) -> list[str]:
     """Return the fingerprint of each frame's inputs."""
-    size = [int(frames.camera.width[0]), int(frames.camera.height[0])]
     marks = []
     for row, name in enumerate(frames.names):
         given = [frames.weather[row], frames.time_of_day[row]]
         pose = [frames.poses.rotation[row].tolist(), frames.poses.centres[row].tolist()]
-        parts = [key, size, frames.lens, pose, given, seed_of(frames.seed, name)]
+        parts = [key, frames.pinhole, pose, given, seed_of(frames.seed, name)]
         marks.append(fingerprint([RENDERER_VERSION, *parts]))
     return marks
 

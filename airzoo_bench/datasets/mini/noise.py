@@ -13,11 +13,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
 
@@ -141,43 +140,20 @@ def octaves(seed: int, stream: int, size: int, cells: dict[int, int]) -> NDArray
     return result // np.int32(16)
 
 
-class Textures(NamedTuple):
-    """Noise that all painters share, each (size, size) int16, from -128 to 127."""
+def textures(seed: int, size: int) -> list[NDArray[np.int16]]:
+    """Make the noise that all painters share, fine, middle and coarse, (size, size), -128 to 127.
 
-    fine: NDArray[np.int16]  # structure of 1 to 3 pixels
-    middle: NDArray[np.int16]  # of 6 to 24
-    coarse: NDArray[np.int16]  # of 60 to 240
-
-
-def textures(seed: int, size: int) -> Textures:
-    """Make the noise of a raster of `size` pixels a side."""
+    Its structure is of 1 to 3, 6 to 24 and 60 to 240 pixels.
+    """
     streams = {1_000: {1: 7, 3: 9}, 2_000: {6: 7, 13: 6, 24: 5}, 3_000: {60: 7, 130: 6, 240: 5}}
-    return Textures(
-        *((octaves(seed, stream, size, c) >> 4).astype(np.int16) for stream, c in streams.items())
-    )
-
-
-def hash64(counter: _Hashes, seed: int) -> _Hashes:
-    """Hash counters (N,) by SplitMix64; other seeds, modulo 2^64, give other values."""
-    state: _Hashes = _mixed(counter * np.uint64(_GOLDEN) + np.uint64(seed & _MASK))
-    return state
+    parts = (octaves(seed, stream, size, cells) for stream, cells in streams.items())
+    return [(part >> 4).astype(np.int16) for part in parts]
 
 
 def uniforms(hashes: _Hashes, lane: int = 0) -> Singles:
     """Turn hashes (N,) into numbers in [0, 1); lanes 0 to 3 are independent."""
     bits = (hashes >> np.uint64(16 * lane)) & np.uint64(0xFFFF)
     return bits.astype(np.float32) * np.float32(1.0 / 65536.0)
-
-
-def gaussians(hashes: _Hashes) -> Singles:
-    """Turn hashes (N,) into four independent standard normal numbers each, (4, N)."""
-    lanes = hashes.view(np.uint16).reshape(-1, 4).T
-    return np.stack([_normal_quantiles().take(lane) for lane in lanes])
-
-
-@cache
-def _normal_quantiles() -> Singles:
-    return np.asarray(ndtri((np.arange(1 << 16) + 0.5) / (1 << 16)), np.float32)
 
 
 def floor_log2(values: Singles) -> NDArray[np.int64]:
@@ -210,8 +186,7 @@ def _volume() -> tuple[Singles, NDArray[np.int64]]:
     side = _VOLUME_SIDE
     volume = np.zeros((side, side, side), np.float32)
     for octave, weight in enumerate((1.0, 0.9, 0.8)):
-        counters = np.arange((side >> octave) ** 3, dtype=np.uint64)
-        grains = uniforms(hash64(counters, seed_of("grain", octave)))
+        grains = uniforms(hash_of(octave, np.arange((side >> octave) ** 3)))
         grains = grains.reshape((side >> octave,) * 3)
         for axis in range(3):
             grains = np.repeat(grains, 1 << octave, axis=axis)

@@ -1,11 +1,13 @@
-"""The layout of a region: forms on the ground, and a flat list each of decals, buildings, trees."""
+"""The layout of a region: forms, and lists of decals, buildings and trees, each of a season."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +19,22 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 Point = tuple[float, float]
 Line = tuple[Point, ...]
 Window = tuple[slice, slice]
+Colour = tuple[int, int, int]
+
+LOOKS = tomllib.loads(Path(__file__).with_name("looks.toml").read_text("utf-8"))
+ALWAYS, SURVEY, OLDER = 0, 1, 2
+"""Seasons: both, that of the survey, and that of the older mosaic."""
+GRID_M = 2.0
+"""Spacing of the grid on whose corners the land's heights are given."""
+LAND_X: Floats = np.arange(round(SIDE_M / GRID_M) + 1).astype(np.float64)[None, :] * GRID_M
+LAND_Y: Floats = LAND_X.T
 _FAR_M = 10_000.0
+
+
+def colours(text: str) -> list[Colour]:
+    """Return the colours of hexadecimal triples."""
+    triples = (bytes.fromhex(word) for word in text.split())
+    return [(red, green, blue) for red, green, blue in triples]
 
 
 class Frame(NamedTuple):
@@ -34,11 +51,6 @@ class Frame(NamedTuple):
         length = distance(start, end)
         return cls(*start, (end[0] - start[0]) / length, (end[1] - start[1]) / length)
 
-    @property
-    def origin(self) -> Point:
-        """Where u and v are 0."""
-        return self.x, self.y
-
     def to_local(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return u and v of points."""
         x, y = x - self.x, y - self.y
@@ -54,9 +66,9 @@ class Frame(NamedTuple):
         turn = (-self.sine, self.cosine) if turned else (self.cosine, self.sine)
         return Frame(*self.to_world(u, v), *turn)
 
-    def box(self, half_u: float, half_v: float) -> Rect:
-        """Return a rectangle about the origin."""
-        return Rect(self, -half_u, half_u, -half_v, half_v)
+    def box(self, half_u: float, half_v: float) -> Box:
+        """Return a box about the origin."""
+        return Box(self, -half_u, half_u, -half_v, half_v)
 
 
 class Patch(NamedTuple):
@@ -69,30 +81,36 @@ class Patch(NamedTuple):
 
 
 class Raster(NamedTuple):
-    """A square raster over a region, first row in the north."""
+    """A square raster over a region, first row in the north, whose corner may be moved."""
 
     size: int
     pixel_m: float
+    west: float = 0.0
+    south: float = 0.0
 
-    def window(self, points: Line, reach: float = 0.0) -> Window:
+    def window(self, points: Sequence[Point], reach: float = 0.0) -> Window:
         """Return rows and columns that may lie within reach of the box of points."""
-        side = self.size * self.pixel_m
+        north = self.south + self.size * self.pixel_m
         x, y = zip(*points, strict=True)
         spans = []
-        for low, high in ((side - max(y), side - min(y)), (min(x), max(x))):
+        for low, high in (
+            (north - max(y), north - min(y)),
+            (min(x) - self.west, max(x) - self.west),
+        ):
             start = min(max(int((low - reach) // self.pixel_m), 0), self.size)
             stop = max(int((high + reach) // self.pixel_m) + 2, start)
             spans.append(slice(start, min(stop, self.size)))
         return spans[0], spans[1]
 
-    def centres(self, rows: slice, columns: slice) -> tuple[Floats, Floats]:
+    def centres(self, window: Window | None = None) -> tuple[Any, Any]:
         """Return x of the columns, shape (1, w), and y of the rows, shape (h, 1)."""
-        x = (np.arange(columns.start, columns.stop) + 0.5) * self.pixel_m
-        y = (self.size - 0.5 - np.arange(rows.start, rows.stop)) * self.pixel_m
+        rows, columns = window or (slice(0, self.size), slice(0, self.size))
+        x = (np.arange(columns.start, columns.stop) + 0.5) * self.pixel_m + self.west
+        y = (self.size - 0.5 - np.arange(rows.start, rows.stop)) * self.pixel_m + self.south
         return x[None, :], y[:, None]
 
 
-class Rect(NamedTuple):
+class Box(NamedTuple):
     """A rectangle along the axes of a frame, from (u0, v0) to (u1, v1)."""
 
     frame: Frame
@@ -116,10 +134,13 @@ class Rect(NamedTuple):
         """Its axes about its middle."""
         return self.frame.at((self.u0 + self.u1) / 2, (self.v0 + self.v1) / 2)
 
-    def corners(self) -> Line:
-        """Return the four corners, counter-clockwise."""
-        local = ((self.u0, self.v0), (self.u1, self.v0), (self.u1, self.v1), (self.u0, self.v1))
-        return tuple(self.frame.to_world(u, v) for u, v in local)
+    def part(self, u0: float, u1: float, v0: float, v1: float) -> Box:
+        """Return another rectangle in the same axes."""
+        return Box(self.frame, u0, u1, v0, v1)
+
+    def inset(self, margin: float) -> Box:
+        """Return it smaller by a margin on each side."""
+        return self.part(self.u0 + margin, self.u1 - margin, self.v0 + margin, self.v1 - margin)
 
     def grid(self, steps: int) -> Line:
         """Return points at even shares of its sides, the corners among them."""
@@ -127,15 +148,10 @@ class Rect(NamedTuple):
         local = [(self.u0 + a * self.long, self.v0 + b * self.deep) for a in shares for b in shares]
         return tuple(self.frame.to_world(u, v) for u, v in local)
 
-    def inset(self, margin: float) -> Rect:
-        """Return it smaller by a margin on each side."""
-        u0, u1, v0, v1 = self.u0 + margin, self.u1 - margin, self.v0 + margin, self.v1 - margin
-        return Rect(self.frame, u0, u1, v0, v1)
-
     def patch(self, raster: Raster) -> Patch:
         """Return the pixels with a centre inside."""
-        window = raster.window(self.corners())
-        u, v = self.frame.to_local(*raster.centres(*window))
+        window = raster.window(self.grid(1))
+        u, v = self.frame.to_local(*raster.centres(window))
         mask = (u >= self.u0) & (u < self.u1) & (v >= self.v0) & (v < self.v1)
         return Patch(window, mask, u, v)
 
@@ -149,8 +165,8 @@ class Ellipse(NamedTuple):
 
     def patch(self, raster: Raster) -> Patch:
         """Return the pixels with a centre inside."""
-        window = raster.window((self.frame.origin,), max(self.a, self.b))
-        u, v = self.frame.to_local(*raster.centres(*window))
+        window = raster.window((self.frame[:2],), max(self.a, self.b))
+        u, v = self.frame.to_local(*raster.centres(window))
         return Patch(window, (u / self.a) ** 2 + (v / self.b) ** 2 < 1.0, u, v)
 
 
@@ -170,7 +186,7 @@ class Polygon(NamedTuple):
     def patch(self, raster: Raster) -> Patch:
         """Return the pixels with a centre inside."""
         window = raster.window(self.points)
-        x, y = raster.centres(*window)
+        x, y = raster.centres(window)
         return Patch(window, self.holds(x, y), *self.frame.to_local(x, y))
 
 
@@ -187,14 +203,14 @@ class Stroke(NamedTuple):
         away = np.full((rows.stop - rows.start, columns.stop - columns.start), _FAR_M)
         for segment in pairwise(self.points):
             near = raster.window(segment, reach)
+            off = distance_to_line(*raster.centres(near), segment)
             top, left = near[0].start - rows.start, near[1].start - columns.start
-            off = distance_to_line(*raster.centres(*near), segment)
             part = away[top : top + off.shape[0], left : left + off.shape[1]]
             np.minimum(part, off, out=part)
         return Patch((rows, columns), away < reach, away, np.zeros_like(away))
 
 
-Form = Rect | Ellipse | Polygon | Stroke
+Form = Box | Ellipse | Polygon | Stroke
 
 
 def edges(outline: Line) -> list[tuple[Point, Point]]:
@@ -208,9 +224,10 @@ def distance(a: Point, b: Point) -> float:
     return math.sqrt(x * x + y * y)
 
 
-def between(start: Point, end: Point, share: float) -> Point:
-    """Return the point at a share of the way from one to another."""
-    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+def between(start: Point, end: Point, share: float, left: float = 0.0) -> Point:
+    """Return the point at a share of the way, moved to the left by a share of its length."""
+    x, y = end[0] - start[0], end[1] - start[1]
+    return start[0] + share * x - left * y, start[1] + share * y + left * x
 
 
 def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
@@ -226,11 +243,8 @@ def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
 def bend(points: Line) -> Line:
     """Round the corners of a line by cutting them thrice (Chaikin, 1974); the ends stay."""
     for _ in range(3):
-        cut = [points[0]]
-        for (x0, y0), (x1, y1) in pairwise(points):
-            cut.append((0.75 * x0 + 0.25 * x1, 0.75 * y0 + 0.25 * y1))
-            cut.append((0.25 * x0 + 0.75 * x1, 0.25 * y0 + 0.75 * y1))
-        points = (*cut, points[-1])
+        cut = [between(*ends, share) for ends in pairwise(points) for share in (0.25, 0.75)]
+        points = (points[0], *cut, points[-1])
     return points
 
 
@@ -239,78 +253,44 @@ def steps(start: float, stop: float, gap: float) -> list[float]:
     return [start + index * gap for index in range(max(math.ceil((stop - start) / gap), 0))]
 
 
-GRID_M = 2.0
-"""Spacing of the grid on whose corners the land's heights are given."""
-LAND_X: Floats = np.arange(round(SIDE_M / GRID_M) + 1).astype(np.float64)[None, :] * GRID_M
-LAND_Y: Floats = LAND_X.T
-
-
 def rolling(seed: int, stream: int, cells: dict[int, int], relief_m: float) -> Floats:
     """Return smooth hills about zero on the land's grid, most within half of `relief_m`."""
     return octaves(seed, stream, LAND_X.size, cells).astype(np.float64) * (relief_m / 4096)
 
 
-def smooth_share(away: Floats, near: float, far: float) -> Floats:
-    """Return 0 up to a distance `near`, 1 from `far` on, and smoothly between."""
-    share = np.clip((away - near) / (far - near), 0.0, 1.0)
-    return share * share * (3.0 - 2.0 * share)
-
-
-def blended(
-    heights: Floats, away: Floats, level: Floats | float, near: float, far: float
-) -> Floats:
+def blended(land: Floats, away: Floats, level: Floats | float, near: float, far: float) -> Floats:
     """Return heights that are `level` up to a distance `near`, and as they were from `far` on."""
-    share = smooth_share(away, near, far)
-    return heights * share + level * (1.0 - share)
-
-
-Colour = tuple[int, int, int]
-
-
-def colours(text: str) -> tuple[Colour, ...]:
-    """Return the colours of hexadecimal triples."""
-    triples = (bytes.fromhex(word) for word in text.split())
-    return tuple((red, green, blue) for red, green, blue in triples)
-
-
-TILES = colours("ac6048 9c5240 886456 68686e ba7654 80463a 5c585c")
-METAL = colours("4e76a6 a6aaae 7c9482 b45446 c8c6be 606874")
-_FLAT = colours("ccccc8 b2aea8 969290 787678 c0b09a a09688 626268 946858")
-_WALLS = colours("cec6b8 bca084 d8d4cc aa745c b8baba d6be92 96928e c4ac9e")
-_GLASS = colours("3a4858 4a5a68 2e363c 58686e")
-_NO_WINDOWS: Colour = (70, 84, 98)
-# Half the length and depth of equipment on flat roofs, and its height.
-_ROOF_BOXES = (
-    (2.4, 1.6, 2.7), (1.0, 1.0, 1.8), (1.8, 0.9, 1.4), (1.2, 0.8, 1.2), (3.0, 2.0, 2.8)
-)  # fmt: skip
+    share = np.clip((away - near) / (far - near), 0.0, 1.0)
+    share = share * share * (3.0 - 2.0 * share)
+    return land * share + level * (1.0 - share)
 
 
 class Decal(NamedTuple):
-    """Something painted on the ground."""
+    """Something painted on the ground or a roof."""
 
-    kind: str  # a method of `painting.DecalBrush`, or a material
+    kind: str  # of `painting.KINDS`, or a material
     form: Form
     key: int  # tells it from others of its kind: colours, phases and patterns come from it
-    side: int  # 0: painted everywhere; 1 and 2: only on one side of `Plan.divide`
-    season: int  # 0: always; 1: in the survey only; 2: in the older mosaic only
+    season: int = ALWAYS
+    side: int = 0  # 0: painted everywhere; 1 and 2: only on one side of `Plan.divide`
+    colour: Colour = (0, 0, 0)  # of a roof
 
 
 class Building(NamedTuple):
     """A box with a roof."""
 
-    rect: Rect  # its plan, centred on the frame's origin; a ridge runs along u
+    box: Box  # its plan, centred on the frame's origin; a ridge runs along u
     base_m: float  # height of the floor
     eaves_m: float  # height of the walls' top
     ridge_m: float  # height of the roof's highest line
     roof: str  # "flat", "gabled", "hipped" or "shed"
-    cover: str  # how the roof is painted: a method of `painting.RoofBrush`
-    roof_colour: Colour
-    wall_colour: Colour
-    window_colour: Colour = _NO_WINDOWS
+    decals: tuple[Decal, ...]  # on the roof
+    season: int = ALWAYS
+    wall: Colour = (188, 176, 158)
+    window: Colour = (70, 84, 98)
     storey_m: float = 3.0
     bay_m: float = 3.2
-    style: int = 0  # see `world.Buildings`
-    parent: int = -1  # the building on whose roof it stands, or -1
+    style: int = 3  # 0 single windows, 1 bands of windows, 2 balconies, 3 a barn's door, 4 none
 
 
 class Tree(NamedTuple):
@@ -320,7 +300,8 @@ class Tree(NamedTuple):
     y: float
     radius_m: float
     height_m: float
-    kind: str  # "broad", "cone", "bush" or "bale"
+    kind: str  # of the table of trees
+    season: int = ALWAYS
 
 
 @dataclass
@@ -337,14 +318,38 @@ class Plan:
     buildings: list[Building] = field(default_factory=list)
     trees: list[Tree] = field(default_factory=list)
 
-    def paint(self, kind: str, form: Form, key: int = 0, *, draw: int = 0, season: int = 0) -> None:
-        """Add a decal on top of the existing ones; `draw` is the largest key that is drawn."""
-        key = self.dice.integer(0, draw) if draw else key
-        self.decals.append(Decal(kind, form, key, self.side, season))
+    def paint(self, kind: str, form: Form, key: int | None = None, season: int = ALWAYS) -> None:
+        """Add a decal on top of the existing ones; its key is drawn where there is none."""
+        key = self.dice.integer(0, 1 << 14) if key is None else key
+        self.decals.append(Decal(kind, form, key, season, self.side))
+
+    def strew(self, what: str, lot: Box, count: int) -> None:
+        """Paint so many of a kind of clutter anywhere in a lot."""
+        dice, rows = self.dice, LOOKS["clutter"][what]
+        for _ in range(count):
+            spot = self.anywhere(lot).at(0, 0, turned=dice.chance(50))
+            season = dice.integer(ALWAYS, OLDER) if rows["moves"] else ALWAYS
+            half_u, half_v = dice.pick(rows["half_m"])
+            grown = dice.real(*rows["grown"])
+            box = spot.box(half_u * grown, half_v * grown)
+            self.paint(dice.pick(rows["kinds"]), box, season=season)
+
+    def anywhere(self, box: Box) -> Frame:
+        """Return the rectangle's axes about a point in it."""
+        return box.frame.at(self.dice.real(box.u0, box.u1), self.dice.real(box.v0, box.v1))
+
+    def park(self, spot: Frame, season: int, half_u: float = 2.2) -> None:
+        """Leave a car, or a lorry, at a place in one season."""
+        self.paint("car", spot.box(half_u, 0.9 if half_u < 4 else 1.25), season=season)
 
     def plant(self, place: Point, radius_m: float, height_m: float, kind: str = "broad") -> None:
-        """Add a tree."""
-        self.trees.append(Tree(*place, radius_m, height_m, kind))
+        """Plant a tree, which may lose its leaves."""
+        tree = Tree(*place, radius_m, height_m, kind)
+        if self.dice.chance(LOOKS["trees"][kind]["bare"]):
+            bare = tree._replace(kind="bare", season=OLDER, radius_m=0.75 * radius_m)
+            self.trees += [tree._replace(season=SURVEY), bare]
+        else:
+            self.trees.append(tree)
 
     def fell(self, stays: Callable[[Floats, Floats], Bools]) -> None:
         """Keep the trees that stay, a function of their x and y."""
@@ -364,61 +369,58 @@ class Plan:
         row, column = (min(max(round(at / GRID_M), 0), last) for at in (y, x))
         return float(self.heights[row, column])
 
-    def add_house(self, frame: Frame, half_u: float, half_v: float, storeys: float) -> None:
-        """Add a house with a pitched roof, its ridge along u where that is longer."""
-        rect = _lengthwise(frame, half_u, half_v)
-        roof = self.dice.pick(("gabled", "gabled", "hipped"))
-        rise = rect.v1 * self.dice.pick((0.5, 0.6, 0.75, 0.85))
-        cover = self.dice.pick(("tiles", "tiles", "tiles", "metal"))
-        colour = self.dice.pick(TILES if cover == "tiles" else METAL)
-        self._raise(rect, (3.0 * storeys, 0.6), rise, (roof, cover, colour), 0)
-
-    def add_block(self, frame: Frame, half_u: float, half_v: float, storeys: float) -> None:
-        """Add a building with a flat roof and its equipment."""
-        cover = self.dice.pick(("membrane", "membrane", "gravel", "slabs"))
-        top, style = ("flat", cover, self.dice.pick(_FLAT)), self.dice.integer(0, 2)
-        self._raise(frame.box(half_u, half_v), (3.0 * storeys, 1.2), 0.0, top, style)
-        self._add_roof_boxes(len(self.buildings) - 1)
-
-    def add_barn(self, frame: Frame, half_u: float, half_v: float, wall_m: float) -> None:
-        """Add a barn, hall or shed without windows."""
-        rect = _lengthwise(frame, half_u, half_v)
-        roof = self.dice.pick(("gabled", "gabled", "shed"))
-        rise = rect.v1 * (0.35 if roof == "gabled" else 0.3)
-        self._raise(rect, (wall_m, 0.0), rise, (roof, "metal", self.dice.pick(METAL)), 3)
-
-    def _raise(
-        self, rect: Rect, wall_m: Point, rise: float, top: tuple[str, str, Colour], style: int
-    ) -> None:
-        pick, base = self.dice.pick, min(self.height(*point) for point in rect.grid(4))
-        eaves = base + wall_m[0] + wall_m[1]
-        look = pick(_WALLS), pick(_GLASS)
-        sizes = pick((3.0, 3.0, 3.2, 3.5)), pick((2.6, 3.0, 3.4, 4.0))
-        self.buildings.append(Building(rect, base, eaves, eaves + rise, *top, *look, *sizes, style))
-
-    def _add_roof_boxes(self, parent: int) -> None:
-        """Add stair heads, tanks and machines, each in its own stretch of the roof."""
-        dice, (rect, _, low, *_) = self.dice, self.buildings[parent]
-        count = min(max(int(rect.long / 9), 1), 7)
-        stretch = rect.long / count
-        for place in range(count):
-            if dice.chance(25):
-                continue
-            half_u, half_v, tall = dice.pick(_ROOF_BOXES)
-            room_u, room_v = stretch / 2 - half_u - 0.6, rect.v1 - half_v - 1.0
-            if room_u < 0 or room_v < 0:
-                continue
-            u = rect.u0 + stretch * (place + 0.5) + dice.real(-room_u, room_u)
-            box = rect.frame.at(u, dice.real(-room_v, room_v)).box(half_u, half_v)
-            cover, top = "machine" if tall < 2 else "membrane", low + tall
-            look = dice.pick(_FLAT), dice.pick(_WALLS)
-            self.buildings.append(
-                Building(box, low, top, top, "flat", cover, *look, style=3, parent=parent)
+    def build(self, kind: str, frame: Frame, half_u: float, half_v: float, wall_m: float) -> None:
+        """Add a building of a kind about a frame's origin, its ridge along the longer side."""
+        pick, row = self.dice.pick, LOOKS["buildings"][kind]
+        if half_v > half_u:
+            frame, half_u, half_v = frame.at(0, 0, turned=True), half_v, half_u
+        box = frame.box(half_u, half_v)
+        base = min(self.height(*point) for point in box.grid(4))
+        eaves, roof = base + wall_m + row["parapet_m"], pick(row["roofs"])
+        rise = 0.0 if roof == "flat" else half_v * pick(row["rises"])
+        cover, small = pick(row["covers"]), half_u * half_v < 125
+        season = SURVEY if small and self.dice.chance(row["new"]) else ALWAYS
+        walls, glass = (colours(LOOKS["covers"][name]) for name in ("walls", "glass"))
+        look = pick(walls), pick(glass), pick((3.0, 3.2, 3.5)), pick((2.6, 3.0, 3.4, 4.0))
+        roofing = self._cover_roof(cover if roof != "hipped" or cover == "metal" else "hips", box)
+        self.buildings.append(
+            Building(
+                box, base, eaves, eaves + rise, roof, roofing, season, *look, pick(row["styles"])
             )
+        )
+        if roof == "flat":
+            self._equip_roof(box, eaves, season)
 
+    def _cover_roof(self, cover: str, box: Box) -> tuple[Decal, ...]:
+        """Return the cover of a roof, in a few cases another in the older season, and details."""
+        dice, palette = self.dice, colours(LOOKS["covers"][cover])
+        key, details = dice.integer(0, 1 << 14), LOOKS["details"].get(cover, {})
+        decals = [Decal(cover, box, key, colour=dice.pick(palette))]
+        if dice.chance(6):
+            decals.append(Decal(cover, box, key, OLDER, colour=dice.pick(palette)))
+        if dice.chance(details.get("often", 0)) and box.long > 6:
+            u0 = dice.real(box.u0 + 1.0, box.u0 + 0.4 * box.long)
+            top = -0.8 if cover in ("tiles", "hips") else 0.2 * box.v1
+            part = box.part(u0, u0 + 0.45 * box.long, box.v0 + dice.real(0.9, 1.5), top)
+            decals.append(Decal(dice.pick(details["large"]), part, 0))
+        for _ in range(int(box.long * box.deep * details.get("density", 0.0) * dice.real(0, 1))):
+            kind, half_u, half_v = dice.pick(details["small"])
+            spot = self.anywhere(box.inset(1.0))
+            decals.append(Decal(kind, spot.box(half_u, half_v), dice.integer(0, 99)))
+        return tuple(decals)
 
-def _lengthwise(frame: Frame, half_u: float, half_v: float) -> Rect:
-    """Return a rectangle about a frame's origin that is at least as long as deep."""
-    if half_v > half_u:
-        return frame.at(0, 0, turned=True).box(half_v, half_u)
-    return frame.box(half_u, half_v)
+    def _equip_roof(self, box: Box, low_m: float, season: int) -> None:
+        """Add stair heads, tanks and machines, each in its own stretch of a flat roof."""
+        dice, count = self.dice, min(max(int(box.long / 9), 1), 7)
+        stretch = box.long / count
+        for place in range(count):
+            half_u, half_v, tall = dice.pick(LOOKS["buildings"]["equipment"])
+            room_u, room_v = stretch / 2 - half_u - 0.6, box.v1 - half_v - 1.0
+            if min(room_u, room_v) > 0 and dice.chance(75):
+                u = box.u0 + stretch * (place + 0.5) + dice.real(-room_u, room_u)
+                part = box.frame.at(u, dice.real(-room_v, room_v)).box(half_u, half_v)
+                roof = self._cover_roof("machine" if tall < 2 else "membrane", part)
+                top, wall = low_m + tall, dice.pick(colours(LOOKS["covers"]["walls"]))
+                self.buildings.append(
+                    Building(part, low_m, top, top, "flat", roof[:1], season, wall, style=4)
+                )

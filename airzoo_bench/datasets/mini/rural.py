@@ -14,6 +14,9 @@ from airzoo_bench.datasets.mini.plan import (
     GRID_M,
     LAND_X,
     LAND_Y,
+    LOOKS,
+    OLDER,
+    SURVEY,
     Ellipse,
     Frame,
     Line,
@@ -28,7 +31,6 @@ from airzoo_bench.datasets.mini.plan import (
     distance_to_line,
     edges,
     rolling,
-    smooth_share,
     steps,
 )
 from airzoo_bench.datasets.mini.world import SIDE_M
@@ -39,6 +41,7 @@ _LARGEST_M2 = 9_500.0
 _VALLEY_M = 75.0
 # Half the level ground of a farm.
 _YARD_M = (34.0, 28.0)
+_FARMS = LOOKS["farms"]
 
 
 class _Lines(NamedTuple):
@@ -57,76 +60,78 @@ def rural_plan(seed: int) -> Plan:
     lines = _draw_lines(dice)
     plan = Plan(seed, dice, _heights(seed, lines))
     low, high = -8.0, SIDE_M + 8
-    for parcel in _parcels(dice, ((low, low), (high, low), (high, high), (low, high))):
+    for parcel in _cut_parcels(dice, ((low, low), (high, low), (high, high), (low, high))):
         _use_parcel(plan, parcel, lines.stream)
     _lay_water(plan, lines)
     _lay_ways(plan, lines)
     for farm in lines.farms:
         _add_farm(plan, farm)
     for _ in range(70):
-        radius = dice.real(2.2, 5.0)
         place = dice.real(9, SIDE_M - 9), dice.real(9, SIDE_M - 9)
-        plan.plant(place, radius, radius * dice.real(2, 2.6))
-    for start, end in pairwise(lines.road):
+        _grow(plan, place, (2.2, 5.0))
+    for ends in pairwise(lines.road):
         if dice.chance(40):
-            place = _beside(start, end, dice.pick((-1, 1)) * 0.75)
-            plan.plant(place, dice.real(2, 3), dice.real(7, 9))
+            _grow(plan, between(*ends, 0.0, dice.pick((-1, 1)) * 0.75), (2.0, 3.0), 3.2)
     plan.fell(lambda x, y: _clear_of_lines(x, y, lines))
     return plan
 
 
+def _grow(
+    plan: Plan, place: Point, radius_m: tuple[float, float], slim: float = 2.3, kind: str = "broad"
+) -> None:
+    """Plant a tree of a radius between two, and about so many times as high."""
+    radius = plan.dice.real(*radius_m)
+    plan.plant(place, radius, radius * slim * plan.dice.real(0.87, 1.13), kind)
+
+
 def _draw_lines(dice: Dice) -> _Lines:
-    stream = _winding(dice, (0.3, 0.45), 60.0)
+    stream = _winding(dice, (0.3, 0.45), 60.0, turn=dice.chance(50))
     farms: list[Frame] = []
     for _ in range(200):
         x, y = dice.real(55, SIDE_M - 55), dice.real(55, SIDE_M - 55)
         farm = Frame(x, y, *direction(dice.integer(0, 255)))
         off = distance_to_line(np.array([x]), np.array([y]), stream)[0]
-        if off > 60 and all(distance(farm.origin, other.origin) > 125 for other in farms):
+        if off > 60 and all(distance(farm[:2], other[:2]) > 125 for other in farms):
             farms.append(farm)
     farms = farms[:6]
     # The road is that of some which keeps farthest from all farms.
-    yards = np.array([farm.origin for farm in farms]).T
-    roads = [_winding(dice, (0.25, 0.8), 50.0, across=False) for _ in range(12)]
+    yards = np.array([farm[:2] for farm in farms]).T
+    roads = [_winding(dice, (0.25, 0.8), 50.0, turn=dice.chance(50)) for _ in range(12)]
     road = max(roads, key=lambda line: float(distance_to_line(yards[0], yards[1], line).min()))
-    tracks = tuple(_track(dice, farm.origin, road) for farm in farms)
-    paths = tuple(_winding(dice, (0.1, 0.9), 75.0, across=False) for _ in range(4))
+    tracks = []
+    for farm in farms:
+        near = min(road, key=lambda point: distance(point, farm[:2]))
+        x, y = between(near, farm[:2], 0.5)
+        middle = x + dice.real(-18, 18), y + dice.real(-18, 18)
+        tracks.append(bend((farm[:2], middle, near)))
+    paths = [_winding(dice, (0.1, 0.9), 75.0, turn=dice.chance(50)) for _ in range(4)]
     half = dice.real(22, 32), dice.real(14, 19)
     # The pond lies on the middle part of the stream, as far from the road as can be.
     first, last = len(stream) * 3 // 10, len(stream) * 7 // 10
-    middle = np.array(stream[first:last]).T
-    away = distance_to_line(middle[0], middle[1], road)
+    middle_x, middle_y = np.array(stream[first:last]).T
+    away = distance_to_line(middle_x, middle_y, road)
     pond = Frame(*stream[first + int(np.argmax(away))], *direction(dice.integer(0, 255)))
-    dry = tuple(farm for farm in farms if distance(farm.origin, pond.origin) > 85.0)
-    return _Lines(stream, road, tracks, paths, pond, half, dry)
+    dry = tuple(farm for farm in farms if distance(farm[:2], pond[:2]) > 85.0)
+    return _Lines(stream, road, tuple(tracks), tuple(paths), pond, half, dry)
 
 
-def _winding(
-    dice: Dice, shares: tuple[float, float], swing_m: float, *, across: bool = True
-) -> Line:
-    """Return a line between opposite borders, half of them from south to north.
-
-    The draw turns the line where it says yes with `across`, and where it says no without.
-    """
+def _winding(dice: Dice, shares: Point, swing_m: float, *, turn: bool) -> Line:
+    """Return a line from west to east, or from south to north."""
     share = dice.real(*shares)
     along = np.linspace(-70, SIDE_M + 70, 10).tolist()
     line = bend(tuple((x, share * SIDE_M + dice.real(-swing_m, swing_m)) for x in along))
-    return tuple((y, x) for x, y in line) if dice.chance(50) == across else line
-
-
-def _track(dice: Dice, farm: Point, road: Line) -> Line:
-    """Return a track from a farm's yard to the nearest point of the road."""
-    near = min(road, key=lambda point: distance(point, farm))
-    x, y = (near[0] + farm[0]) / 2, (near[1] + farm[1]) / 2
-    return bend((farm, (x + dice.real(-18, 18), y + dice.real(-18, 18)), near))
+    return tuple((y, x) for x, y in line) if turn else line
 
 
 def _heights(seed: int, lines: _Lines) -> Floats:
-    hills = 88.0 + rolling(seed, 20, {110: 8, 60: 5, 26: 2, 11: 1}, 46.0)
+    land = 88.0 + rolling(seed, 20, {110: 8, 60: 5, 26: 2, 11: 1}, 46.0)
     stream, road = (distance_to_line(LAND_X, LAND_Y, line) for line in lines[:2])
-    land = hills - 15.0 * (1.0 - smooth_share(stream, 5.0, 210.0))
-    land = land - 2.6 * (1.0 - smooth_share(stream, 1.5, 9.0))
-    land = land + 0.8 * (1.0 - smooth_share(road, 3.0, 10.0))
+    for away, rise, near, far in (
+        (stream, -15.0, 5.0, 210.0),
+        (stream, -2.6, 1.5, 9.0),
+        (road, 0.8, 3.0, 10.0),
+    ):
+        land = blended(land, away, land + rise, near, far)
     u, v = lines.pond.to_local(LAND_X, LAND_Y)
     u, v = u / lines.pond_half[0], v / lines.pond_half[1]
     off = (np.sqrt(u * u + v * v) - 1.0) * lines.pond_half[1]
@@ -142,23 +147,21 @@ def _heights(seed: int, lines: _Lines) -> Floats:
 # --- parcels ---
 
 
-def _parcels(dice: Dice, outline: Line) -> list[Polygon]:
+def _cut_parcels(dice: Dice, outline: Line) -> list[Polygon]:
     """Cut a convex polygon, counter-clockwise, until each part is small enough, some smaller."""
     x, y = middle = _middle(outline)
     longest = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
-    frame = Frame(*middle, longest.cosine, longest.sine)
-    size = _area(outline)
+    frame, size = Frame(*middle, *longest[2:]), _area(outline)
     if size < _LARGEST_M2 * dice.real(0.45, 1.0):
         return [Polygon(outline, frame)]
     # Roughly across the longest edge, near the middle.
-    cosine, sine = direction(dice.integer(-9, 9))
-    along = (-frame.sine * cosine - frame.cosine * sine, frame.cosine * cosine - frame.sine * sine)
+    along = Frame(0.0, 0.0, *frame[2:]).to_world(*direction(dice.integer(-9, 9) + 64))
     if dice.chance(18):
         along = (-along[1], along[0])
     off = dice.real(-0.16, 0.16) * math.sqrt(size)
     point = (x + along[1] * off, y - along[0] * off)
     halves = _half(outline, point, along), _half(outline, point, (-along[0], -along[1]))
-    return [part for half in halves for part in _parcels(dice, half)]
+    return [part for half in halves for part in _cut_parcels(dice, half)]
 
 
 def _half(outline: Line, point: Point, along: Point) -> Line:
@@ -201,59 +204,49 @@ def _use_parcel(plan: Plan, parcel: Polygon, stream: Line) -> None:
     plan.paint("rough", parcel)
     x, y = np.array([_middle(parcel.points)]).T
     near = float(distance_to_line(x, y, stream)[0])
-    inner = _shrink(parcel, dice.real(1.2, 3.0))
+    inner, use = _shrink(parcel, dice.real(1.2, 3.0)), dice.integer(0, 99)
     if near < _VALLEY_M and dice.chance(75):
-        plan.paint("terraces", inner, draw=1 << 14)
+        plan.paint("terraces", inner)
+    elif use < 24:
+        _grow_wood(plan, parcel)
+    elif use < 42:
+        _grow_meadow(plan, inner, orchard=use >= 34)
     else:
-        use = dice.integer(0, 99)
-        if use < 24:
-            _grow_wood(plan, parcel)
-        elif use < 34:
-            _grow_meadow(plan, inner)
-        elif use < 42:
-            _grow_orchard(plan, inner)
-        else:
-            _grow_field(plan, inner)
+        _grow_field(plan, inner)
     _add_hedges(plan, parcel)
 
 
 def _grow_field(plan: Plan, inner: Polygon) -> None:
-    dice = plan.dice
-    key = dice.integer(0, 1 << 14)
+    dice, key = plan.dice, plan.dice.integer(0, 1 << 14)
     plan.paint("field", inner, key)
     if dice.chance(25):
-        plan.paint("worn", inner, draw=3)
+        plan.paint("worn", inner)
     if key % 9 in (4, 7):
         for place in _grid(dice, _shrink(inner, 8.0), 13.0, 17.0):
             if dice.chance(70):
                 plan.plant(place, 0.85, 1.4, "bale")
 
 
-def _grow_meadow(plan: Plan, inner: Polygon) -> None:
+def _grow_meadow(plan: Plan, inner: Polygon, *, orchard: bool) -> None:
     dice = plan.dice
     plan.paint("meadow", inner)
-    plan.paint("worn", inner, draw=3)
+    if orchard:
+        gap = dice.real(5.5, 7.5)
+        for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
+            if dice.chance(93):
+                plan.paint("soil", Frame(*place, *inner.frame[2:]).box(1.2, 1.2))
+                _grow(plan, place, (1.2, 1.7), 2.0, "bush")
+        return
+    plan.paint("worn", inner)
     for place in _grid(dice, inner, 22.0, 25.0):
         if dice.chance(35):
-            radius = dice.real(1.0, 3.2)
-            plan.plant(place, radius, radius * 2.2, dice.pick(("broad", "bush")))
-
-
-def _grow_orchard(plan: Plan, inner: Polygon) -> None:
-    dice = plan.dice
-    plan.paint("meadow", inner)
-    gap = dice.real(5.5, 7.5)
-    for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
-        if dice.chance(93):
-            plan.paint("soil", Frame(*place, *inner.frame[2:]).box(1.2, 1.2))
-            plan.plant(place, dice.real(1.2, 1.7), dice.real(2.6, 3.4), "bush")
+            _grow(plan, place, (1.0, 3.2), 2.2, dice.pick(("broad", "bush")))
 
 
 def _grow_wood(plan: Plan, parcel: Polygon) -> None:
     dice = plan.dice
     plan.paint("litter", parcel)
-    share = dice.integer(80, 95)
-    conifers = dice.pick((0, 10, 60))
+    share, conifers = dice.integer(80, 95), dice.pick((0, 10, 60))
     for place in _grid(dice, parcel, 5.6, 5.6, jitter=0.42):
         if dice.chance(share):
             if dice.chance(conifers):
@@ -282,15 +275,13 @@ def _add_hedges(plan: Plan, parcel: Polygon) -> None:
     for edge in edges(parcel.points):
         if not dice.chance(26 if _area(parcel.points) > 3000 else 12):
             continue
-        length = distance(*edge)
-        along = dice.real(1.0, 4.0)
+        along, length = dice.real(1.0, 4.0), distance(*edge)
         while along < length:
-            x, y = between(*edge, along / length)
-            place = x + dice.real(-0.5, 0.5), y + dice.real(-0.5, 0.5)
+            place = between(*edge, along / length, dice.real(-0.5, 0.5) / length)
             if dice.chance(9):
-                plan.plant(place, dice.real(2, 3.4), dice.real(6, 9))
+                _grow(plan, place, (2.0, 3.4), 2.8)
             elif dice.chance(90):
-                plan.plant(place, dice.real(1.1, 1.8), dice.real(1.8, 3.0), "bush")
+                _grow(plan, place, (1.1, 1.8), 1.65, "bush")
             along += dice.real(1.9, 3.0)
 
 
@@ -302,39 +293,30 @@ def _lay_water(plan: Plan, lines: _Lines) -> None:
     plan.paint("rough", Stroke(lines.stream, 17.0))
     plan.paint("shore", Stroke(lines.stream, 8.0))
     for kind, grown in (("rough", 7.0), ("shore", 3.5), ("shallow", 0.6), ("water", -0.8)):
-        plan.paint(kind, Ellipse(pond, a + grown, b + grown), draw=9)
+        plan.paint(kind, Ellipse(pond, a + grown, b + grown))
     plan.paint("water", Stroke(lines.stream, 3.6))
     plan.paint("wood", Stroke((pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)), 1.5))
-    for (start, end), side in product(pairwise(lines.stream), (-1, 1)):
+    for ends, side in product(pairwise(lines.stream), (-1, 1)):
         if dice.chance(42):
-            place = _beside(start, end, side * dice.real(0.25, 0.4))
-            radius = dice.real(1.8, 4.0)
-            plan.plant(place, radius, radius * dice.real(2.2, 3.0))
-
-
-def _beside(start: Point, end: Point, away: float) -> Point:
-    """Return a point to the left of the start, by a share of the way to the end."""
-    return start[0] - (end[1] - start[1]) * away, start[1] + (end[0] - start[0]) * away
+            _grow(plan, between(*ends, 0.0, side * dice.real(0.25, 0.4)), (1.8, 4.0), 2.6)
 
 
 def _lay_ways(plan: Plan, lines: _Lines) -> None:
     dice = plan.dice
-    for path in lines.paths:
-        plan.paint("rough", Stroke(path, 3.2))
-        plan.paint("track", Stroke(path, 1.6))
-    for track in lines.tracks:
-        plan.paint("rough", Stroke(track, 5.0))
-        plan.paint("ruts", Stroke(track, 3.2))
-    for kind, width in (("rough", 11.0), ("gravel", 8.0), ("asphalt", 6.4)):
-        plan.paint(kind, Stroke(lines.road, width))
+    ways = [(line, "rough", 3.2, "track", 1.6) for line in lines.paths]
+    ways += [(line, "rough", 5.0, "ruts", 3.2) for line in lines.tracks]
+    ways += [(lines.road, "rough", 11.0, "gravel", 8.0)]
+    for line, border, wide, kind, width in ways:
+        plan.paint(border, Stroke(line, wide))
+        plan.paint(kind, Stroke(line, width))
+    plan.paint("asphalt", Stroke(lines.road, 6.4))
     for index, ends in enumerate(pairwise(lines.road)):
         if index % 2:
             plan.paint("marking", Stroke(ends, 0.3))
         if dice.chance(12):
             plan.paint(dice.pick(("patch", "tar", "lane")), Stroke(ends, dice.real(1, 4)))
         if dice.chance(14):
-            spot = Frame.along(*ends).at(0, dice.pick((-1.6, 1.6)))
-            plan.paint("car", spot.box(2.2, 0.9), dice.integer(0, 99), season=dice.integer(1, 2))
+            plan.park(Frame.along(*ends).at(0, dice.pick((-1.6, 1.6))), dice.integer(SURVEY, OLDER))
 
 
 def _add_farm(plan: Plan, frame: Frame) -> None:
@@ -342,47 +324,31 @@ def _add_farm(plan: Plan, frame: Frame) -> None:
     dice, real = plan.dice, plan.dice.real
     plan.paint("rough", Ellipse(frame, _YARD_M[0] + 4, _YARD_M[1] + 4))
     plan.paint("meadow", Ellipse(frame, *_YARD_M))
-    plan.paint(dice.pick(("gravel", "plates", "track")), frame.box(23.0, 15.0), draw=99)
-    plan.paint("worn", frame.box(25.0, 17.0), draw=3)
+    plan.paint(dice.pick(("gravel", "plates", "track")), frame.box(23.0, 15.0))
+    plan.paint("worn", frame.box(25.0, 17.0), dice.integer(0, 1))
     for u, v in ((0.0, -21.5), (19.0, -21.0)):
         bed = frame.at(u + real(-2, 2), v).box(8.0, 4.5)
-        plan.paint(dice.pick(("beds", "beds", "lawn")), bed, draw=99)
-    house = frame.at(real(-17, -13), real(-9, -6))
-    plan.add_house(house, real(5.5, 7.5), real(4.5, 5.5), dice.integer(1, 2))
-    barn = frame.at(real(-6, 0), real(16, 18))
-    plan.paint("plates", barn.box(15.0, 8.0), draw=99)
-    plan.add_barn(barn, real(10, 14), real(5.5, 7), real(4.5, 6.0))
-    side = frame.at(real(17, 20), real(-4, 3), turned=True)
-    plan.add_barn(side, real(7, 11), real(4, 5.5), real(3.5, 5.0))
-    plan.add_barn(frame.at(real(-3, 3), real(-12, -10)), real(2.5, 4), real(2, 2.8), 2.6)
+        plan.paint(dice.pick(("beds", "beds", "lawn")), bed)
+    for row in _FARMS["buildings"]:
+        u, v, half_u, half_v, wall_m = (
+            real(*row[name]) for name in ("u", "v", "half_u", "half_v", "wall_m")
+        )
+        if dice.chance(row["often"]):
+            spot = frame.at(u, v, turned=row["turned"])
+            plan.paint("plates", spot.box(half_u + 1, half_v + 1))
+            plan.build(row["kind"], spot, half_u, half_v, wall_m)
+    for season, _ in product((SURVEY, OLDER), range(dice.integer(2, 5))):
+        plan.park(frame.at(real(-9, 12), real(-5, 7), turned=dice.chance(50)), season)
+    for v0, v1 in ((-14.0, -9.0), (9.0, 14.0)):
+        plan.strew("heaps", frame.box(24.0, 0.0)._replace(v0=v0, v1=v1), 7)
     if dice.chance(60):
-        wing = frame.at(-25.0, real(6.5, 9), turned=True)
-        plan.add_house(wing, real(4.5, 6), real(3.4, 4.2), 1)
-    _strew_farm(plan, frame)
-    for _ in range(dice.integer(7, 12)):
-        u, v = dice.pick((-1, 1)) * real(24, 33), real(-24, 24)
-        radius = real(1.6, 3.6)
-        kind = dice.pick(("broad", "broad", "bush", "cone"))
-        plan.plant(frame.to_world(u, v), radius, radius * (3.2 if kind == "cone" else 2.4), kind)
-
-
-def _strew_farm(plan: Plan, frame: Frame) -> None:
-    """Leave cars, heaps, bales and what has gone since."""
-    dice, real = plan.dice, plan.dice.real
-    for season in (1, 2):
-        for _ in range(dice.integer(2, 5)):
-            spot = frame.at(real(-9, 12), real(-5, 7), turned=dice.chance(50))
-            plan.paint("car", spot.box(2.2, 0.95), draw=99, season=season)
-    for _ in range(14):
-        spot = frame.at(real(-24, 24), dice.pick((-1, 1)) * real(9, 14))
-        half = dice.pick(((1.5, 1.0), (0.8, 0.8), (2.5, 1.2)))
-        kind = dice.pick(("wood", "rubbish", "tar", "sand", "soil"))
-        plan.paint(kind, spot.box(*half), season=dice.integer(0, 2))
-    if dice.chance(60):
-        gone = frame.at(real(-3, 8), -21).box(real(4, 7), real(2.5, 4))
-        plan.paint("old_roof", gone, draw=99, season=2)
+        plan.strew("gone", frame.at(2.0, -21.0).box(4.0, 0.5), 1)
     for _ in range(dice.integer(0, 6)):
         plan.plant(frame.to_world(real(6, 12), real(8, 11)), 0.8, 1.3, "bale")
+    for _ in range(dice.integer(7, 12)):
+        place = frame.to_world(dice.pick((-1, 1)) * real(24, 33), real(-24, 24))
+        kind = dice.pick(("broad", "broad", "bush", "cone"))
+        _grow(plan, place, (1.6, 3.6), 3.2 if kind == "cone" else 2.4, kind)
 
 
 def _clear_of_lines(x: Floats, y: Floats, lines: _Lines) -> Bools:

@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,16 +59,15 @@ REGIONS = {
 class Material(IntEnum):
     """The material of a triangle, which decides where its colour comes from."""
 
-    GROUND = 0  # land and water inside the region: `World.ground_albedo`
-    ROOF = 1  # `World.top_albedo`
-    WALL = 2  # `World.buildings`, by owner
-    CANOPY = 3  # `World.tree_colours`, by owner
+    GROUND = 0  # land and water inside the region: `World.ground`
+    ROOF = 1  # `World.top`
+    WALL = 2  # `World.walls`, by owner
+    CANOPY = 3  # `World.leaves`, by owner
     TRUNK = 4
-    APRON = 5  # land beyond the region: `World.top_albedo`, mirrored at the border
+    APRON = 5  # land beyond the region: `World.top`, mirrored at the border
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(NamedTuple):
     """Triangles of a world, counter-clockwise as seen from outside."""
 
     vertices: Floats  # (V, 3): metres of the local frame
@@ -79,44 +78,31 @@ class Mesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Buildings:
-    """How the walls of B buildings look."""
-
-    wall_colour: NDArray[np.uint8]  # (B, 3): albedo
-    window_colour: NDArray[np.uint8]  # (B, 3)
-    base_m: Floats  # (B,): height of the floor, from which storeys are counted
-    storey_m: Floats  # (B,): height of a storey
-    bay_m: Floats  # (B,): width of a window's bay
-    # (B,): 0 single windows, 1 bands of windows, 2 balconies, 3 a barn's door
-    style: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, eq=False)
 class World:
     """One region: geometry, colours without light, and the rasters of its map."""
 
     region: Region
     seed: int
     mesh: Mesh
-    buildings: Buildings
-    tree_colours: NDArray[np.uint8]  # (trees, 3): albedo of canopies
-    ground_albedo: NDArray[np.uint8]  # (2400, 2400, 3): the land without light, at 0.25 m
-    top_albedo: NDArray[np.uint8]  # (2400, 2400, 3): all that is seen from above, likewise
-    water: NDArray[np.bool_]  # (2400, 2400): where the land is water, which mirrors the sky
+    # (B, 16): of buildings, their axes (x, y, cosine, sine) and half sizes along these; height of
+    # the floor, of a storey, width of a bay, style of windows; albedo of walls and windows, 0 to 1
+    walls: NDArray[np.float32]
+    leaves: NDArray[np.int32]  # (trees, 3): albedo of canopies
+    # (2400, 2400, 4): at 0.25 m, the albedo of the land, and 255 where water mirrors the sky
+    ground: NDArray[np.uint8]
+    top: NDArray[np.uint8]  # (2400, 2400, 4): of all that is seen from above, likewise
     # (1200, 1200): heights of what is seen from above at pixel centres, at 0.5 m
     dsm: NDArray[np.float32]
-    # (2400, 2400, 3): the orthophoto, `top_albedo` in the survey's sun, with shadows
+    # (2400, 2400, 3): the orthophoto, `top` in the survey's sun, with shadows
     dom: NDArray[np.uint8]
     # (2000, 2000, 3): the older mosaic at 0.3 m: another season, changed roofs, shifted
     satellite: NDArray[np.uint8]
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All arrays by their names, such as ``dsm`` and ``mesh.owner``."""
-        found = dict(vars(self))
-        for part in ("mesh", "buildings"):
-            found |= {f"{part}.{name}": array for name, array in vars(found[part]).items()}
-        return {name: array for name, array in found.items() if isinstance(array, np.ndarray)}
+        """All arrays by their names."""
+        own = {name: part for name, part in vars(self).items() if isinstance(part, np.ndarray)}
+        return own | self.mesh._asdict()
 
 
 @dataclass(frozen=True)
@@ -140,7 +126,7 @@ SURVEY_SUN = Light((-6 / 19, -10 / 19, 15 / 19), (0.95, 0.90, 0.78), (0.30, 0.36
 OLDER_SUN = Light((6 / 11, -6 / 11, 7 / 11), (1.02, 0.94, 0.80), (0.36, 0.40, 0.47))
 
 
-FORMAT = 4
+FORMAT = 5
 """To be raised when the files change, or the world that a seed gives: older ones are made again."""
 
 _INDEX = "world.json"
@@ -184,13 +170,10 @@ def stored_region(folder: Path) -> tuple[Region, int]:
 
 def load_world(folder: Path) -> World:
     """Load a stored world."""
-    parts: dict[str, dict[str, Any]] = {"": {}, "mesh": {}, "buildings": {}}
     with np.load(folder / "world.npz", allow_pickle=False) as arrays:
-        for name, array in arrays.items():
-            part, _, own = name.rpartition(".")
-            parts[part][own] = array
-    mesh, buildings = Mesh(**parts["mesh"]), Buildings(**parts["buildings"])
-    return World(*stored_region(folder), mesh, buildings, **parts[""])
+        found = dict(arrays)
+    mesh = Mesh(*(found.pop(name) for name in Mesh._fields))
+    return World(*stored_region(folder), mesh, **found)
 
 
 def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:

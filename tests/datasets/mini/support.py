@@ -13,7 +13,7 @@ import numpy as np
 
 from airzoo_bench.datasets.mini.build import world_of_plan
 from airzoo_bench.datasets.mini.noise import Dice
-from airzoo_bench.datasets.mini.plan import Building, Frame, Plan, Rect
+from airzoo_bench.datasets.mini.plan import Box, Building, Decal, Frame, Plan
 from airzoo_bench.datasets.mini.renderer import Renderer, default_camera
 from airzoo_bench.datasets.mini.world import Region, World
 from airzoo_bench.geometry.arrays import Floats
@@ -27,7 +27,6 @@ CORNER = np.array([REGION.west, REGION.south, 0.0])
 # west, south, east, north, top
 BLOCK = (20.0, 30.0, 40.0, 50.0, 32.0)
 TREES = ((50.0, 20.0, 3.0), (58.0, 24.0, 2.5), (80.0, 40.0, 3.5), (15.0, 70.0, 3.0))
-LENS = ((-0.12, 0.04, 0.001, -0.002, 0.0),)
 
 
 @cache
@@ -37,17 +36,20 @@ def world() -> World:
     for kind, *box in (
         ("meadow", -8, 608, -8, 608), ("asphalt", 45, 51, -8, 608), ("water", 70, 88, 8, 22)
     ):  # fmt: skip
-        plan.paint(kind, Rect(origin, *map(float, box)))
+        plan.paint(kind, Box(origin, *map(float, box)))
     block, house = Frame(30.0, 40.0).box(10.0, 10.0), Frame(66.0, 66.0, 0.0, 1.0).box(10.0, 6.0)
-    look = ((150, 148, 142), (188, 176, 158))
+    covers = [
+        (Decal(kind, box, 0, colour=(150, 148, 142)),)
+        for kind, box in (("membrane", block), ("tiles", house))
+    ]
     plan.buildings += [
-        Building(block, GROUND_M, BLOCK[4], BLOCK[4], "flat", "membrane", *look),
-        Building(house, GROUND_M, 27.0, RIDGE_M, "gabled", "tiles", *look, style=2),
+        Building(block, GROUND_M, BLOCK[4], BLOCK[4], "flat", covers[0], style=0),
+        Building(house, GROUND_M, 27.0, RIDGE_M, "gabled", covers[1], style=2),
     ]
     for x, y, radius in TREES:
         plan.plant((x, y), radius, 2.5 * radius)
     whole = world_of_plan(REGION, plan)
-    names = ("ground_albedo", "top_albedo", "water", "dsm", "dom", "satellite")
+    names = ("ground", "top", "dsm", "dom", "satellite")
     maps = {name: getattr(whole, name) for name in names}
     corners = {name: pixels[-(len(pixels) * 4 // 25) :] for name, pixels in maps.items()}
     return replace(whole, **{name: part[:, : len(part)].copy() for name, part in corners.items()})
@@ -58,10 +60,8 @@ def renderer() -> Renderer:
     return Renderer(world())
 
 
-def camera(width: int = 160, height: int = 120, *, bent: bool = False) -> Cameras:
-    """Return a small camera, a pinhole or with a bent lens."""
-    straight = default_camera(width, height)
-    return Cameras.from_matrices(straight.matrices, width, height, LENS) if bent else straight
+def camera(width: int = 160, height: int = 120) -> Cameras:
+    return default_camera(width, height)
 
 
 def pose(centre: Sequence[float], yaw: float, pitch: float, roll: float = 0.0) -> Poses:

@@ -28,12 +28,12 @@ pytestmark = pytest.mark.slow
 HOME = Path(__file__).parents[3]
 SCENES = ("city", "rural")
 TRUTHS = {
-    "city retrieval": "d6985ecbe93e",
-    "city matching": "3677725d829e",
-    "city reconstruction": "3ad42d0c4a7b",
-    "rural retrieval": "20c1a28e1633",
-    "rural matching": "be0e74702099",
-    "rural reconstruction": "a767fb8de256",
+    "city retrieval": "41580b87fce5",
+    "city matching": "22bd551d6457",
+    "city reconstruction": "dc6f7d5c2bb7",
+    "rural retrieval": "02346c8a0363",
+    "rural matching": "54776295dbf3",
+    "rural reconstruction": "88b277010868",
 }
 Scores = dict[str, float]
 

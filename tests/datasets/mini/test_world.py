@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotation_ang
 from tests.datasets.mini.conftest import Prepared
 
 EACH = pytest.mark.parametrize("region", sorted(REGIONS))
+BYTES = {"city": "973ef2cb90fbe227", "rural": "16fdc6a42e2e5260"}
 
 
 def corners_of(mesh: Mesh, *materials: Material) -> Floats:
@@ -32,12 +32,10 @@ def normals(corners: Floats) -> Floats:
 @pytest.mark.slow
 @EACH
 def test_every_byte_is_as_recorded(mini: Prepared, region: str) -> None:
-    recorded = json.loads(Path(__file__).with_name("checksums.json").read_text("utf-8"))
-    found = {
-        name: hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
-        for name, array in mini.world(region).arrays.items()
-    }
-    assert found == recorded[region]
+    found = hashlib.sha256()
+    for _, array in sorted(mini.world(region).arrays.items()):
+        found.update(np.ascontiguousarray(array).tobytes())
+    assert found.hexdigest()[:16] == BYTES[region]
 
 
 @pytest.mark.slow
@@ -81,7 +79,7 @@ def test_walls_stand_roofs_face_up_and_land_goes_on(mini: Prepared, region: str)
 def test_maps_show_the_same_place_in_their_light(mini: Prepared, region: str) -> None:
     world = mini.world(region)
     # No channel is brighter than the albedo in the whole sun, none darker than in the sky alone.
-    albedo, sky = world.top_albedo.astype(float), np.array(SURVEY_SUN.sky)
+    albedo, sky = world.top[..., :3].astype(float), np.array(SURVEY_SUN.sky)
     assert (world.dom <= np.minimum(albedo * (sky + SURVEY_SUN.sun) + 0.51, 255)).all()
     assert (world.dom >= np.floor(np.minimum(albedo * sky, 255))).all()
     assert 0.6 < world.dom.sum() / albedo.sum() < 1.05
