@@ -35,7 +35,6 @@ LONGEST = (
     "reconstruction/test_track.py",
     "leaderboard/test_walk_through.py",
     "matching/test_baseline.py",
-    "cli/test_all_tracks.py",
     "cli/test_reconstruction_notes.py",
     "retrieval/test_descriptors.py",
     "engines/test_engines.py",

@@ -103,34 +103,28 @@ def check_geometry(
         expected = "DATA, perhaps with --scene; or --poses and --images, perhaps with --crs"
         raise UsageError("what is to be checked is not clear", expected=expected)
     sampling = {"kind": depth_kind, "scale_m": depth_scale, "median_below": median_below}
-    checked = [_checked(one, depth, sampling) for one in found]
+    checked = [_check_scene(one, depth, sampling) for one in found]
     cli.show(scenes.geometry_table(checked), form)
     if any(one.failures for one in checked):
         raise typer.Exit(1)
 
 
-def _checked(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
-    from airzoo_bench.datasets.depth_maps import find_depths
-    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency
+def _check_scene(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
+    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
     from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
     from airzoo_bench.datasets.geometry_checks.scenes import SceneGeometry
 
-    folder = scene.folder.resolve().parent / "depth" if depth is None else depth
-    if depth is not None and (depth / scene.name).is_dir():
-        folder = depth / scene.name
-    has_depth = depth is not None or folder.is_dir()
-    if scene.crs is None and not has_depth:
-        raise UsageError(
-            f"nothing can be checked of {scene.name}: its poses have no CRS, and there is no depth",
-            where=folder,
-            expected="depth maps, or poses in a projected CRS",
-            fix="name the folder of the depth maps with --depth, or the CRS with --crs",
-        )
-    chain = None if scene.crs is None else check_frame_chain(scene.cameras, scene.poses, scene.crs)
-    found = None
-    if has_depth:
+    folder = depth or scene.folder.resolve().parent / "depth"
+    folder = folder / scene.name if (folder / scene.name).is_dir() else folder
+    chain, found = None, None
+    if scene.crs is not None:
+        chain = check_frame_chain(scene.cameras, scene.poses, scene.crs)
+    if depth is not None or folder.is_dir():
         posed = (scene.ids, scene.cameras, scene.poses, find_depths(folder, scene.images))
         found = check_depth_consistency(*posed, **sampling, progress=cli.progress)
+    if chain is None and found is None:
+        said = f"nothing can be checked of {scene.name}: its poses have no CRS, and it has no depth"
+        raise UsageError(said, where=folder, fix="name --depth or --crs")
     return SceneGeometry(scene, chain, found)
 
 

@@ -33,6 +33,7 @@ _OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 ROWS, _SCALE = "Rows and columns", "For scale"
 _FEW = 10  # options that need no panels
+_display: list[Any] = []
 
 
 class Format(StrEnum):
@@ -44,15 +45,6 @@ class Format(StrEnum):
     MARKDOWN = "markdown"
     HTML = "html"
     JSON = "json"
-
-
-class Layout(StrEnum):
-    """How a table lays out results."""
-
-    RESULT = "result"
-    METHODS = "methods"
-    SCENES = "scenes"
-    BENCHMARKS = "benchmarks"
 
 
 def option(help_: str, *flags: str, panel: str | None = None, **more: Any) -> Any:
@@ -301,13 +293,31 @@ def show_rows(
 
 
 def progress(items: Iterable[T], label: str, total: int) -> Generator[T]:
-    """Yield the items and show the time left on stderr: a bar, or lines without a terminal."""
+    """Yield the items and show the time left on stderr: a bar, or lines without a terminal.
+
+    Work may consist of work: all bars are in one display.
+    """
     if not sys.stderr.isatty():
         yield from report_progress(items, label, total, say=say)
         return
-    from airzoo_bench.cli.bars import bar
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.progress import Progress
 
-    yield from bar(items, printable(label), total)
+    is_first = not _display
+    if is_first:
+        _display.append(Progress(console=Console(stderr=True), transient=True))
+        _display[0].start()
+    bars = _display[0]
+    known = total if total > 1 else None  # one piece of work is never half done: it pulses
+    row = bars.add_task(escape(printable(label)), total=known)
+    try:
+        yield from bars.track(items, total=known, task_id=row)
+    finally:
+        bars.remove_task(row)
+        if is_first:
+            bars.stop()
+            _display.clear()
 
 
 @contextmanager

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -45,13 +44,9 @@ def download(
     published = {name: one for name, one in known.items() if one.is_published}
     cli.check_choice("airzoo-bench download", benchmark[:80], list(published))
     about, folder = published[benchmark], to or Path(benchmark)
-    if unknown := [one for one in scene or () if one not in about.scene_files]:
-        raise UsageError(
-            f"scene {unknown[0]!r} cannot be fetched by itself",
-            where="--scene",
-            expected=", ".join(about.scene_files) or "none: it can only be fetched whole",
-            fix="leave --scene out, and name scenes at `prepare`",
-        )
+    if not {*(scene or ())} <= {*about.scene_files}:
+        expected = ", ".join(about.scene_files) or "none: it can only be fetched whole"
+        raise UsageError("a scene cannot be fetched by itself", where="--scene", expected=expected)
     cli.say(f"{about.title}, licence: {about.licence}")
     if about.repository is None:
         cli.put("".join(f"{link}\n" for link in about.links or (about.page,)))
@@ -153,16 +148,6 @@ def about_lines(about: About) -> list[str]:
 # --- the world of AirZoo-Mini ---
 
 
-class _Region(StrEnum):
-    CITY = "city"
-    RURAL = "rural"
-
-
-class _Flight(StrEnum):
-    BARREL_ROLL = "barrel-roll"
-    SURVEY = "survey"
-
-
 mini = typer.Typer(
     cls=cli.LightGroup, help="Render frames of AirZoo-Mini's world.", no_args_is_help=True
 )
@@ -172,8 +157,10 @@ mini.callback()(lambda: None)
 @mini.command(cls=cli.PanelCommand)
 def render(
     out: Annotated[Path, cli.option("The folder to write into.", "--out", "-o")],
-    region: Annotated[_Region, cli.option("The region.")] = _Region.CITY,
-    flight: Annotated[_Flight, cli.option("The kind of flight.")] = _Flight.BARREL_ROLL,
+    region: Annotated[Literal["city", "rural"], cli.option("The region.")] = "city",
+    flight: Annotated[
+        Literal["barrel-roll", "survey"], cli.option("The kind of flight.")
+    ] = "barrel-roll",
     weather: Annotated[str, cli.option("sunny, cloudy, rainy, foggy, snowy.")] = "sunny",
     time_of_day: Annotated[str, cli.option("day, sunset, night.")] = "day",
     seed: Annotated[int, cli.option("Another seed makes another world.", min=0)] = 0,
@@ -197,8 +184,9 @@ def render(
     cli.put("".join(f"{made / name}.tif\n" for name in ("dom", "dsm", "satellite")))
     camera = default_camera()
     airspace = flights.Airspace.over(REGIONS[region], load_world(made).dsm)
-    orbits = flight is _Flight.BARREL_ROLL
-    flown = flights.barrel_roll(airspace, seed) if orbits else flights.survey(airspace)
+    flown = flights.survey(airspace)
+    if flight == "barrel-roll":
+        flown = flights.barrel_roll(airspace, seed)
     keys = flights.key_frames(flown, camera, airspace.ground_m, 0.5)
     frames = FrameList(
         names=tuple(f"{frame:06d}" for frame in keys),

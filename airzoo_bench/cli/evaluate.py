@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +15,6 @@ from airzoo_bench.engines.engine import LOCAL, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
-    from airzoo_bench.evaluation.run_files import SceneStore
 
 _INFOS = {name: TRACKS.get(name) for name in TRACKS.names()}
 _summaries = " ".join(f"{name}: {info.summary}" for name, info in _INFOS.items())
@@ -92,7 +88,7 @@ def evaluate(
     """
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.opening import ReadBy
-    from airzoo_bench.evaluation.run_files import check_run_folder
+    from airzoo_bench.evaluation.run_files import SceneStore, check_run_folder
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -111,11 +107,10 @@ def evaluate(
     if out is not None:
         check_run_folder(out, predictions)
         method = method or out.resolve().name or None
-    memory, jobs = cli.memory_bytes(max_memory), jobs or info.jobs
-    with (
-        open_engine(engine, jobs=jobs) as place,
-        _keep_scenes(out if resume and not extra else None) as store,
-    ):
+    memory, jobs, store = cli.memory_bytes(max_memory), jobs or info.jobs, None
+    if out is not None and resume and not extra:
+        store = SceneStore(out.resolve().with_name(f"{out.resolve().name}.unfinished"))
+    with open_engine(engine, jobs=jobs) as place:
         place.progress = cli.progress
         threads = jobs if engine == LOCAL else 1
         run = Run(memory, threads, cli.progress, bool(extra), place, _limits(memory, untrusted))
@@ -127,9 +122,10 @@ def evaluate(
             method=method,
             run=run,
             read_by=ReadBy(reader, names, image_size),
-            begun=partial(_say_replaced, out),
             store=store,
         )
+        if store is not None:
+            store.remove()
         if evaluation.given.reader is not None:
             cli.say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
         written = [] if out is None else _save(evaluation, out, acts, run)
@@ -149,37 +145,6 @@ def _limits(memory: int, untrusted: bool) -> Any:
     from airzoo_bench.core.sandbox import Limits
 
     return Limits(memory) if untrusted else None
-
-
-@contextmanager
-def _keep_scenes(out: Path | None) -> Iterator[SceneStore | None]:
-    """Open the store of scored scenes next to an output; remove it when the block is done."""
-    from airzoo_bench.evaluation.run_files import SceneStore
-
-    if out is None:
-        yield None
-        return
-    beside = out.resolve()
-    store = SceneStore(beside.with_name(f"{beside.name}.unfinished"))
-    if store.paths():
-        cli.say(
-            f"{store.folder} holds scored scenes, which are used where they are of this very run"
-        )
-    try:
-        yield store
-    except KeyboardInterrupt:
-        if store.paths():
-            cli.say(
-                f"scored scenes are kept in {store.folder}; the same command goes on from there"
-            )
-        raise
-    store.remove()
-
-
-def _say_replaced(out: Path | None) -> None:
-    """Say that an earlier run will go, once the predictions are known to be scored."""
-    if out is not None and (out / "result.json").exists():
-        cli.say(f"{out} holds a run; this one takes its place")
 
 
 def _save(evaluation: Evaluation, out: Path, acts: list[str], run: Any) -> list[Path]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,13 +18,6 @@ _BASELINES = {
     name: one for name in TRACKS.names() if (one := TRACKS.get(name).baseline) is not None
 }
 _summaries = " ".join(f"{name}: {one.summary}" for name, one in _BASELINES.items())
-
-
-class Kind(StrEnum):
-    """The content of a prediction file."""
-
-    RANKED_IDS = "ranked-ids"
-    DESCRIPTORS = "descriptors"
 
 
 def readers(
@@ -64,7 +56,8 @@ def template(
         ),
     ] = None,
     kind: Annotated[
-        Kind | None, cli.option("Content of a retrieval file (default: ranked-ids).")
+        Literal["ranked-ids", "descriptors"] | None,
+        cli.option("Content of a retrieval file (default: ranked-ids)."),
     ] = None,
     data: cli.DataOption = None,
 ) -> None:
@@ -75,7 +68,7 @@ def template(
     from airzoo_bench.evaluation.evaluate import write_template
 
     folder = cli.resolve_data(data)
-    written = write_template(protocol, data=folder, out=out, kind=kind and kind.value)
+    written = write_template(protocol, data=folder, out=out, kind=kind)
     cli.say(f"wrote {written.out}: replace its arrays, which are random, by your own")
     if written.note is not None:
         cli.say(written.note)

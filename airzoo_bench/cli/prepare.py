@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import MISSING, fields, replace
-from enum import StrEnum
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
@@ -22,7 +20,7 @@ from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.dataset import Dataset
-    from airzoo_bench.datasets.settings import Prepared, SceneSummary
+    from airzoo_bench.datasets.settings import Prepared
 
 _SOURCES = "source scene keep-going name images poses dom dsm cloud priors crs truth-accuracy"
 _MEASURED = (
@@ -32,11 +30,7 @@ _PANELS = dict.fromkeys(_SOURCES.split(), "Sources")
 _PANELS |= dict.fromkeys(_MEASURED.split(), "What is measured")
 
 
-class Parts(StrEnum):
-    """Where parts of the map are."""
-
-    WINDOWS = "windows"
-    FILES = "files"
+Parts = Literal["windows", "files"]
 
 
 class _PrepareGroup(cli.LightGroup):
@@ -114,10 +108,10 @@ def _prepare(
     tiles: Annotated[
         Parts,
         cli.option("Leave tiles as windows of the map, or write them as PNG too.", panel="Output"),
-    ] = Parts.WINDOWS,
+    ] = "windows",
     crops: Annotated[
         Parts, cli.option("Leave crops as windows, or write them as GeoTIFF too.", panel="Output")
-    ] = Parts.WINDOWS,
+    ] = "windows",
     copy: Annotated[
         bool, cli.option("Copy photos, maps and clouds into the folder.", "--copy", panel="Output")
     ] = False,
@@ -135,8 +129,8 @@ def _prepare(
         settings = PrepareSettings(
             folder,
             root,
-            tiles_on_disk=tiles is Parts.FILES,
-            crops_on_disk=crops is Parts.FILES,
+            tiles_on_disk=tiles == "files",
+            crops_on_disk=crops == "files",
             copy=copy,
             replace=force,
             progress=cli.progress,
@@ -162,11 +156,20 @@ def _prepare(
 
 
 def _print_prepared(about: About, prepared: Prepared) -> None:
-    cli.put(f"{prepared.folder}\n")
-    cli.put("".join(f"  {line}\n" for line in about_lines(about)))
     several = len(prepared.summaries) > 1
+    cli.put("".join([f"{prepared.folder}\n", *(f"  {line}\n" for line in about_lines(about))]))
     for scene, summary in prepared.summaries.items():
-        _print_scene(scene, summary, about.without_truth, several)
+        if not summary.facts or several:
+            cli.put(f"{scene}, {counted(summary.photos, 'photo')}\n")
+        lines = [*summary.facts]
+        for track, found in summary.tracks.items():
+            lines.append(f"{track:15} {found.text}")
+            if found.left_out:
+                left_out = counted(found.left_out, "photo")
+                lines.append(f"{'':15} {left_out} left out; excluded.csv says why")
+        missing = about.without_truth.items()
+        lines += [f"{track:15} no: {why}" for track, why in missing if track not in summary.tracks]
+        cli.put("".join(f"  {line}\n" for line in lines))
     for scene, summary in prepared.summaries.items():
         for sentence in (*(f"warning: {one}" for one in summary.warnings), *summary.notes):
             # Some begin so: "flight 07: ...".
@@ -174,19 +177,3 @@ def _print_prepared(about: About, prepared: Prepared) -> None:
             cli.say(sentence if named else f"scene {scene}: {sentence}")
     for scene, why in prepared.failed.items():
         cli.say(f"left out, scene {scene}: {why}")
-
-
-def _print_scene(
-    scene: str, summary: SceneSummary, reasons: Mapping[str, str], several: bool
-) -> None:
-    if not summary.facts or several:
-        cli.put(f"{scene}, {counted(summary.photos, 'photo')}\n")
-    lines = [*summary.facts]
-    for track, found in summary.tracks.items():
-        lines.append(f"{track:15} {found.text}")
-        if found.left_out:
-            left_out = counted(found.left_out, "photo")
-            lines.append(f"{'':15} {left_out} left out; excluded.csv says why")
-    missing = [track for track in reasons if track not in summary.tracks]
-    lines += [f"{track:15} no: {reasons[track]}" for track in missing]
-    cli.put("".join(f"  {line}\n" for line in lines))

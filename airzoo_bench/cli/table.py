@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -22,7 +22,7 @@ def table(
         ),
     ],
     layout: Annotated[
-        cli.Layout | None,
+        Literal["result", "methods", "scenes", "benchmarks"] | None,
         cli.option(
             "result: a row by scene; methods: a row by method; scenes: methods by scenes side by "
             "side; benchmarks: methods by benchmarks (default: result for one, methods for "

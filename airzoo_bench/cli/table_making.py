@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from airzoo_bench.benchmark.folder import data_here
-from airzoo_bench.cli.common import Layout
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.validation import nearest
@@ -55,37 +54,37 @@ def make_table(asked: Any) -> Table:
     if not any(table.rows for table in tables):
         titles = ", ".join(table.title for table in tables)
         raise UsageError(f"nothing is published on {titles} for layout {layout}")
-    if layout is Layout.RESULT:
+    if layout == "result":
         made = layouts.scenes_table(parts[0].results[0], floors=asked.floors, methods=tables[0])
-    elif layout is Layout.BENCHMARKS:
+    elif layout == "benchmarks":
         made = layouts.benchmarks_layout(tables)
-    elif layout is Layout.METHODS:
+    elif layout == "methods":
         made = layouts.methods_layout(tables[0], asked.scene)
     else:
         made = layouts.scenes_layout(tables[0])
     if asked.decimals is not None:
         made = marks.with_decimals(made, asked.decimals)
-    if layout is Layout.RESULT:
+    if layout == "result":
         return made
     made = marks.highlight(marks.mark_best(made, second=asked.second), asked.highlight or ())
     made = marks.add_citations(made, asked.cite or (), published_sources())
     return marks.add_gains(made, asked.baseline or ())
 
 
-def _choose_layout(asked: Any, parts: Sequence[_Part]) -> Layout:
+def _choose_layout(asked: Any, parts: Sequence[_Part]) -> str:
     """Return the layout for these results; refuse one that cannot show them or the options."""
     among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
     compares = any(getattr(asked, name) for name in among_methods)
     several = sum(len(part.results) for part in parts) > 1
-    layout: Layout | None = asked.layout
+    layout: str | None = asked.layout
     if layout is None:  # one result has nothing to be compared with, unless that is asked for
-        layout = Layout.METHODS if compares or several else Layout.RESULT
-        layout = Layout.BENCHMARKS if len(parts) > 1 else layout
+        layout = "methods" if compares or several else "result"
+        layout = "benchmarks" if len(parts) > 1 else layout
     allowed = {
-        Layout.RESULT: not compares and not several,
-        Layout.METHODS: len(parts) == 1,
-        Layout.SCENES: len(parts) == 1 and not asked.scene,
-        Layout.BENCHMARKS: not asked.scene,
+        "result": not compares and not several,
+        "methods": len(parts) == 1,
+        "scenes": len(parts) == 1 and not asked.scene,
+        "benchmarks": not asked.scene,
     }
     if not allowed[layout]:
         raise UsageError(
@@ -133,11 +132,11 @@ def _rename(results: Sequence[Result], paths: Sequence[Path], texts: Sequence[st
     return changed
 
 
-def _add_rows(asked: Any, layout: Layout, part: _Part) -> MethodTable:
+def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:
     """Add intervals, published rows and floors, where they are asked for."""
     table = part.table
     scenes = [OVERALL if asked.scene is None else find_scene(table.scenes, asked.scene)]
-    if layout in (Layout.RESULT, Layout.SCENES):
+    if layout in ("result", "scenes"):
         scenes = [*table.scenes, OVERALL]
     if asked.intervals and part.results:
         triples = zip(table.rows, part.results, part.paths, strict=True)
@@ -154,6 +153,6 @@ def _add_rows(asked: Any, layout: Layout, part: _Part) -> MethodTable:
     if not part.results and not asked.scores:
         printed = {key for row in table.rows for values in row.values.values() for key in values}
         table = replace(table, scores=tuple(s for s in table.scores if s.key in printed))
-    if asked.floors and part.results and layout is not Layout.RESULT:
+    if asked.floors and part.results and layout != "result":
         table = with_floors(table, part.results)
     return table

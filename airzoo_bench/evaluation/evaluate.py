@@ -85,10 +85,9 @@ def evaluate(
     method: str | None = None,
     run: Run = _HERE,
     read_by: ReadBy = _AS_FOUND,
-    begun: Callable[[], None] = lambda: None,
     store: SceneStore | None = None,
 ) -> Evaluation:
-    """Score predictions; `begun` is called once they are opened and fit the benchmark."""
+    """Score predictions."""
     asked = {"track": track, "protocol": protocol}
     given = open_predictions(path, data=data, run=run, read_by=read_by, **asked)
     chosen, known = given.protocol, given.truths
@@ -97,7 +96,6 @@ def evaluate(
     for error in assignment.errors:
         raise error
     sha256 = sha256_of_tree(path)
-    begun()
     if store is not None:
         store.begin(_run_fingerprint(given, sha256, truths, read_by, run))
     scored: dict[str, Scored] = {}

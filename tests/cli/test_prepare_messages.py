@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from airzoo_bench.datasets import prepare as scene_run
 from tests.goldens.run import unpack
 from tests.support import files_below, make_place, run_main
 
@@ -48,18 +45,7 @@ def test_other_options_or_files_do_not_replace_a_folder(
     assert "--force" in prepare(capsys, 2, source, "--scene", "01")
 
 
-def test_a_disk_that_cannot_be_written_is_named(
-    source: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuses(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(scene_run, "write_scene", refuses)
-    said = prepare(capsys, 2, source, "--scene", "01")
-    assert f"scene 01: [Errno {errno.ENOSPC}] {os.strerror(errno.ENOSPC)} fix:" in said
-
-
-@pytest.mark.parametrize("extra", [[], ["--copy"], ["--tiles", "files"]])
+@pytest.mark.parametrize("extra", [[], ["--tiles", "files"]])
 def test_stopping_leaves_nothing_half_written(
     extra: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,240 @@
+"""`table`, `compare` and `breakdown` hold what results and records hold, by query and by scene."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import ScoreColumn
+from tests.statistics.support import (
+    CHAMFER,
+    ERROR,
+    HIT,
+    SOFT,
+    made_method,
+    random_methods,
+    write_method,
+)
+from tests.support import run_main
+
+# From bad to good, with what formats must escape.
+NAMES = ("weak_1 & co", "fair #2", "good 90 %")
+F1 = SOFT.model_copy(update={"key": "f1@10", "title": "F1", "headline": True})
+Run = Callable[..., str]
+
+
+@pytest.fixture(params=["query", "scene"])
+def methods(request: pytest.FixtureRequest) -> list[Scored]:
+    """Return three methods with a record for each query, or for each scene."""
+    sizes, columns = {"east": 40, "west": 30}, (HIT, ERROR, SOFT)
+    if request.param == "scene":
+        sizes, columns = {f"s{number}": 1 for number in range(8)}, (CHAMFER, F1)
+    made = random_methods(3, sizes, columns)
+    random = np.random.default_rng(1)
+    altitudes = random.uniform(50, 400, len(made[0].records)).round(1)
+    for method in made:
+        method.records["altitude_m"] = altitudes
+        method.records["weather"] = np.where(altitudes > 200, "sunny", "rainy")
+    return [
+        Scored(
+            name,
+            one.result.model_copy(
+                update={"predictions": one.result.predictions.model_copy(update={"method": name})}
+            ).with_checksum(),
+            one.records,
+        )
+        for name, one in zip(NAMES, made, strict=True)
+    ]
+
+
+@pytest.fixture
+def paths(methods: list[Scored], tmp_path: Path) -> list[Path]:
+    return [write_method(tmp_path / str(n), method) for n, method in enumerate(methods)]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Return a function that runs a command and returns what it printed."""
+
+    def call(*arguments: object, code: int = 0) -> str:
+        capsys.readouterr()
+        found, said = run_main(*arguments), capsys.readouterr()
+        assert found == code, said.err
+        return said.err if code else said.out
+
+    return call
+
+
+def read(run: Run, *ask: object) -> tuple[list[str], list[dict[str, Any]], dict[str, Any]]:
+    """Return columns, rows by column and all of a table, whose CSV holds the same rounded."""
+    # JSON as the standard has it: without NaN and Infinity.
+    table = json.loads(run(*ask, "--format", "json"), parse_constant=pytest.fail)
+    columns = [f"{c.get('group', '')} {c['title']}".strip() for c in table["columns"]]
+    shown = pd.read_csv(io.StringIO(run(*ask, "--format", "csv")))
+    for place, name in enumerate(columns):
+        values = [row[place] for row in table["rows"]]
+        if all(isinstance(value, float) for value in values) and values:
+            assert np.allclose(shown[name].astype(float), values, atol=0.0051)
+    texts = {"Infinity": np.inf, "-Infinity": -np.inf}
+    rows = [
+        {name: texts.get(str(cell), cell) for name, cell in zip(columns, row, strict=True)}
+        for row in table["rows"]
+    ]
+    return columns, rows, table
+
+
+def one_of(rows: list[dict[str, Any]], **cells: Any) -> dict[str, Any]:
+    (row,) = (row for row in rows if cells.items() <= row.items())
+    return row
+
+
+def as_shown(column: ScoreColumn, value: float) -> float:
+    return value * 100 if column.unit == "share" else value
+
+
+def headline(methods: list[Scored]) -> list[ScoreColumn]:
+    return [column for column in methods[0].result.columns if column.headline]
+
+
+def title_of(column: ScoreColumn) -> str:
+    return f"{column.title} [{'%' if column.unit == 'share' else column.unit}]"
+
+
+def test_tables_hold_the_results(methods: list[Scored], paths: list[Path], run: Run) -> None:
+    last = list(methods[0].result.scenes)[-1]
+    for options, scene in ((), None), (("--scene", last), last):
+        _, rows, _ = read(run, "table", *paths, "--all", *options)
+        for method in methods:
+            row, result = one_of(rows, Method=method.name), method.result
+            values = result.overall if scene is None else result.scenes[scene]
+            for column in result.columns:
+                assert row[column.title] == pytest.approx(as_shown(column, values[column.key]))
+    _, rows, _ = read(run, "table", paths[0])
+    result = methods[0].result
+    for scene, title in result.truth.scene_titles.items():
+        for column in headline(methods):
+            value = as_shown(column, result.scenes[scene][column.key])
+            assert one_of(rows, Scene=title)[column.title] == pytest.approx(value)
+
+
+def test_comparisons_hold_the_differences(
+    methods: list[Scored], paths: list[Path], run: Run
+) -> None:
+    last = list(methods[0].result.scenes)[-1]
+    for options, base, scene in (
+        ((), 0, None),
+        (("--reference", NAMES[1]), 1, None),
+        (("--scene", last), 0, last),
+    ):
+        _, rows, _ = read(run, "compare", *paths, *options)
+        assert len(rows) == 2 * len(headline(methods))
+        for column in headline(methods):
+            values = [
+                as_shown(column, (m.result.scenes.get(scene or "") or m.result.overall)[column.key])
+                for m in methods
+            ]
+            for place in {0, 1, 2} - {base}:
+                row = one_of(rows, Score=title_of(column), Method=NAMES[place])
+                assert row["Value"] == pytest.approx(values[place])
+                assert row["Difference"] == pytest.approx(values[place] - values[base])
+
+
+@pytest.mark.parametrize("methods", ["query"], indirect=True)
+def test_the_numbers_of_a_comparison(methods: list[Scored], paths: list[Path], run: Run) -> None:
+    columns, rows, table = read(run, "compare", *paths, "--score", "MRR")
+    row, beside = rows[0], table["uncertainties"][0][columns.index("Difference")]
+    assert (row["Score"], row["Method"]) == ("MRR [%]", NAMES[2])  # the best comes first
+    assert beside["low"] < row["Difference"] < beside["high"]
+    assert row["p Paired"] <= row["p Holm"]
+    assert row["p McNemar"] is None
+    assert sum(row[f"Queries {kind}"] for kind in ("Win", "Tie", "Loss")) == 70
+    _, rows, _ = read(run, "compare", *paths, "--method", NAMES[2], "--score", "MRR")
+    assert {row["Against"] for row in rows} == set(NAMES[:2])
+    for row in rows:
+        assert row["Difference"] == pytest.approx(row["Value"] - row["Other"])
+        assert row["Queries Win"] > row["Queries Loss"]
+    # Of one, its table with intervals.
+    columns, rows, table = read(run, "compare", paths[0])
+    assert [row["Scene"] for row in rows] == ["East", "West", "Average", "Pooled"]
+    for row, limits in zip(rows[:3], table["uncertainties"], strict=False):
+        for name in ("R@1", "Median"):
+            beside = limits[columns.index(name)]
+            assert beside["low"] < row[name] < beside["high"]
+
+
+def test_the_best_of_a_scene_and_other_versions(tmp_path: Path, run: Run) -> None:
+    values = {"a": ([1.0] * 8, [0.0] * 8), "b": ([1.0] * 4 + [0.0] * 4, [1.0] * 8)}
+    paths = []
+    for version, (name, (first, second)) in enumerate(values.items()):
+        scenes = {"x": {"recall@1": first}, "y": {"recall@1": second}}
+        method = made_method(scenes, name=name, version=f"1.{version}")
+        paths.append(write_method(tmp_path / name, method))
+    for scene, said in (("X", "a against others"), ("y", "b against others")):
+        assert said in run("compare", *paths, "--reference", "best", "--scene", scene)
+    assert "different versions of airzoo-bench: 1.0 (a), 1.1 (b)" in run("compare", *paths)
+
+
+def test_groups_are_averages_of_their_queries(
+    methods: list[Scored], paths: list[Path], run: Run
+) -> None:
+    records, column = methods[2].records, headline(methods)[0]
+    edges = sorted({float(f"{e:.1f}") for e in records["altitude_m"].quantile([0.3, 0.7])})
+    bins = ("--bins", ",".join(map(str, edges)))
+    codes = np.searchsorted(edges, records["altitude_m"], side="right")
+    for by, options, groups in (
+        ("altitude_m", bins, codes),
+        ("weather", (), records["weather"]),
+        ("scene", (), records["scene"]),
+    ):
+        columns, rows, _ = read(
+            run, "breakdown", *paths, "--by", by, *options, "--score", column.key
+        )
+        parts = records.groupby(groups)[column.key]
+        expected = parts.median() if column.average == "median" else parts.mean()
+        assert [row[columns[1]] for row in rows] == parts.size().tolist()
+        for row, value in zip(rows, expected, strict=True):
+            assert row[NAMES[2]] == pytest.approx(as_shown(column, value))
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        ("compare", "RESULTS"),
+        ("compare x.json", "x.json: no such result file"),
+        ("compare 0 --reference best", "--reference"),
+        ("compare 0 --method x", "--method"),
+        ("compare 0 1 2 --all --score MRR", "--all and --score exclude each other"),
+        ("compare 0 1 --method x --reference y", "exclude each other"),
+        ("compare 0 1 --method fair#2", "did you mean 'fair #2'"),
+        ("breakdown 0 --by altitud", "did you mean 'altitude_m'"),
+        ("breakdown 0 --by weather --bins 1", "--bins"),
+        ("breakdown 0 --by altitude_m --bins 9,5", "--bins"),
+        ("compare 0 other", "protocol"),
+        ("breakdown 0 other --by scene", "protocol"),
+        ("table 0 other --layout methods", "layout methods"),
+        ("plot scenes 0 other -o x.png", "protocol"),
+    ],
+)
+@pytest.mark.parametrize("methods", ["query"], indirect=True)
+def test_wrong_calls(
+    call: str,
+    named: str,
+    paths: list[Path],
+    tmp_path: Path,
+    run: Run,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    other = made_method({"x": {"recall@1": [1.0, 0.0]}}, protocol="q" * 64)
+    used = other.result.protocol.model_copy(update={"name": "another"})
+    result = other.result.model_copy(update={"protocol": used}).with_checksum()
+    write_method(tmp_path / "other", Scored("other", result, other.records))
+    assert named in run(*call.split(), code=2)
