@@ -110,7 +110,8 @@ def check_geometry(
 
 
 def _check_scene(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
-    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency, find_depths
+    from airzoo_bench.datasets.depth_maps import find_depths
+    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency
     from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
     from airzoo_bench.datasets.geometry_checks.scenes import SceneGeometry
 
