@@ -14,15 +14,7 @@ from airzoo_bench.audit.counts import (
     resolve_queries,
     without_averages,
 )
-from airzoo_bench.audit.values import (
-    Finding,
-    Grade,
-    Outcome,
-    Score,
-    Value,
-    grouped,
-    read_values,
-)
+from airzoo_bench.audit.values import Finding, Grade, Outcome, Score, Value, grouped, read_values
 from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 from airzoo_bench.tables.published import PrintedValue
@@ -79,8 +71,7 @@ def audit(printed: Sequence[PrintedValue], counts: Mapping[str, int] | None = No
     if unknown:
         scenes = ", ".join(sorted(key[2] for key in unknown))
         notes.append(f"counts: not checked in {scenes}, whose number of queries is not known")
-    concluded = [text for outcome in outcomes for text in outcome.conclusions]
-    return Audit(len(values), findings, [*notes, *conclusions, *definitions, *concluded])
+    return Audit(len(values), findings, [*notes, *conclusions, *definitions])
 
 
 def _check_order(values: Sequence[Value]) -> Outcome:
@@ -93,7 +84,7 @@ def _check_order(values: Sequence[Value]) -> Outcome:
         if _is_stricter(one.score, other.score)
     ]
     found = (_judge_order(*pair) for pair in pairs)
-    return Outcome("order", len(pairs), tuple(filter(None, found)))
+    return Outcome("order", len(pairs), [*filter(None, found)])
 
 
 def _is_stricter(first: Score, second: Score) -> bool:
@@ -124,7 +115,7 @@ def _check_bold(values: Sequence[Value]) -> Outcome:
     columns = grouped(values, lambda value: value.column).values()
     judged = [c for c in columns if c[0].score.better is not None and len(c) > 1]
     judged = [column for column in judged if any(value.cell.bold for value in column)]
-    found = tuple(finding for column in judged for finding in _judge_column(column))
+    found = [finding for column in judged for finding in _judge_column(column)]
     return Outcome("bold", len(judged), found)
 
 

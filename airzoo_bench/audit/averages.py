@@ -50,9 +50,9 @@ def check_averages(
         if not value.cell.is_summary:
             by_scene = scenes.setdefault(value.of_score, {}).setdefault(value.cell.scene, {})
             by_scene.setdefault(value.cell.method, value)
-    findings, conclusions, tested = list[Finding](), list[str](), 0
+    findings, tested = list[Finding](), 0
     summaries = [value for value in values if value.cell.is_summary]
-    for place, cells in grouped(summaries, lambda v: (v.cell.table, *v.in_scene)).items():
+    for cells in grouped(summaries, lambda v: (v.cell.table, *v.in_scene)).values():
         made = [_average(v, scenes.get(v.of_score, {}), queries, precise) for v in cells]
         known = [one for one in made if one is not None]
         pooled = False
@@ -67,11 +67,7 @@ def check_averages(
                 pooled = pooled or fitting < _MOST * len(kind)
             tested += len(kind)
             findings += filter(None, (_judge_average(one, pooled=pooled) for one in kind))
-            if kind:
-                where = ", ".join(filter(None, place))
-                over = "all queries" if pooled else "scenes"
-                conclusions.append(f"average of {where}: over {over}")
-    return Outcome("average", tested, tuple(findings), tuple(dict.fromkeys(conclusions)))
+    return Outcome("average", tested, findings)
 
 
 def _average(
@@ -128,46 +124,42 @@ class _Gain(NamedTuple):
     gain: Decimal
     base: Value | None
 
-    @property
-    def off(self) -> Fraction | None:
-        """How far the gain is from the difference; of errors, either way counts as one."""
+    def is_off_by(self, most: Fraction) -> bool:
+        """Whether the gain is further from the difference; of errors, either way counts as one."""
         if self.base is None:
-            return None
-        own = Fraction(0)
-        if decimals_of(self.gain) < max(self.value.decimals, self.base.decimals):
-            own = self.half
+            return True
         signs = (1, -1) if self.value.score.better is False else (1,)
         difference, gain = self.value.number - self.base.number, Fraction(self.gain)
-        return max(Fraction(0), min(abs(gain - sign * difference) for sign in signs) - own)
+        return min(abs(gain - sign * difference) for sign in signs) > most
 
     @property
     def half(self) -> Fraction:
-        """Half a step of the gain's last digit."""
+        """Half a step of its last digit."""
         return Fraction(1, 2 * 10 ** decimals_of(self.gain))
 
     @property
     def is_explained(self) -> bool:
         """Whether it is the difference, where all three were rounded, or cut off."""
-        if self.off is None or self.base is None:
-            return False
-        return self.off <= self.value.half + self.half + self.base.half
+        base = self.base or self.value
+        return not self.is_off_by(self.value.half + self.own_slack + self.half + base.half)
+
+    @property
+    def own_slack(self) -> Fraction:
+        """How far the gain may be off where it has fewer digits than the values."""
+        most = max(self.value.decimals, self.base.decimals if self.base else 0)
+        return self.half if decimals_of(self.gain) < most else Fraction(0)
 
 
 def check_gains(values: Sequence[Value]) -> Outcome:
     """Find printed gains that are not the difference of the printed values."""
-    findings, conclusions, tested = list[Finding](), list[str](), 0
+    findings, tested = list[Finding](), 0
     columns = grouped(values, lambda value: value.column)
     printed = [value for value in values if value.cell.gain is not None]
-    for place, gained in grouped(printed, lambda v: (v.cell.table, v.cell.method)).items():
+    for gained in grouped(printed, lambda v: (v.cell.table, v.cell.method)).values():
         base, gains = _find_baseline(gained, columns)
-        text = f"no method of the table explains more than half of {counted(len(gained), 'gain')}"
-        if base:
-            explained = sum(gain.is_explained for gain in gains)
-            text = f"over {base}, {explained} of {len(gains)} right up to the last digit"
-            tested += len(gains)
-            findings += filter(None, (_judge_gain(gain, base) for gain in gains))
-        conclusions.append(f"gain of {', '.join(filter(None, place))}: {text}")
-    return Outcome("gain", tested, tuple(findings), tuple(conclusions))
+        tested += len(gains)
+        findings += filter(None, (_judge_gain(gain, base) for gain in gains))
+    return Outcome("gain", tested, findings)
 
 
 def _find_baseline(
@@ -198,7 +190,7 @@ def _find_baseline(
 
 
 def _judge_gain(gain: _Gain, base: str) -> Finding | None:
-    if gain.off == 0:
+    if not gain.is_off_by(gain.own_slack):
         return None
     cell = gain.value.cell
     if gain.base is None:

@@ -156,7 +156,7 @@ def check_counts(values: Sequence[Value], queries: Mapping[Key, Queries]) -> Out
     """Find shares that are no whole number of queries, or of positives among K places of each."""
     shares = [value for value in values if value.in_scene in queries]
     found = (_judge_share(value, queries[value.in_scene]) for value in shares)
-    return Outcome("counts", len(shares), tuple(filter(None, found)))
+    return Outcome("counts", len(shares), [*filter(None, found)])
 
 
 def _judge_share(value: Value, queries: Queries) -> Finding | None:

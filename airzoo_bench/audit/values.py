@@ -20,40 +20,28 @@ Key = tuple[str, str, str]
 """What has one number of queries (benchmark, track and scene), or one definition of a score."""
 
 _LENGTHS = ("mm", "cm", "m", "km")
-_VALUE, _LENGTH = r"[0-9]{1,9}(?:\.[0-9]{1,9})?", r"(?:cm|mm|km|m)"
+_N, _L = r"[0-9]{1,9}(?:\.[0-9]{1,9})?", r"(?:cm|mm|km|m)"
 _RATE = r"(?:pose |translation |rotation )?(?:r|rec|recall|acc|accuracy|success|sr)"
 # By the whole name, in lower case, without arrows, with one space for any run of space, - and _:
 # shares of queries, average precisions at K (precision at K is mean precision by its very name),
 # shares of points, all else; whether more is better.
 _NAMES: tuple[tuple[str, bool, str], ...] = (
-    ("ap", True, r"(?P<stem>ap|p|precision) ?@ ?(?P<limits>[1-9][0-9]{0,3})(?:/(?P<variant>\w+))?"),
-    (
-        "cloud",
-        True,
-        rf"(?P<stem>f1?|f1? ?score|p|prec|precision) ?[@<] ?(?P<limits>{_VALUE} ?{_LENGTH}?)",
-    ),
-    (
-        "other",
-        True,
-        rf"(?P<stem>(?:pose )?m?auc|maa|mma|rra|rta|pck) ?@ ?(?P<limits>{_VALUE} ?(?:deg|°|px|m)?)",
-    ),
+    ("ap", True, r"(?P<stem>ap|p|precision) ?@ ?(?P<limits>[1-9][0-9]{0,3})(/(?P<variant>\w+))?"),
+    ("cloud", True, rf"(?P<stem>f1?( ?score)?|p|prec|precision) ?[@<] ?(?P<limits>{_N} ?{_L}?)"),
+    ("other", True, rf"(?P<stem>(pose )?m?auc|maa|mma|rra|rta|pck) ?@ ?(?P<limits>{_N}.*)"),
     ("hits", True, r"(?P<stem>r|rec|recall|hits?|hit ?rate) ?@ ?(?P<limits>[1-9][0-9]{0,8})"),
     ("hits", True, rf"(?P<stem>{_RATE})? ?@(?P<limits>.+)"),
-    ("hits", True, rf"(?P<limits>\(?<?{_VALUE} ?{_LENGTH} ?[,/].+)"),
+    ("hits", True, rf"(?P<limits>\(?<?{_N} ?{_L} ?[,/].+)"),
     ("hits", True, r"(?P<stem>d|distance|error) ?<(?P<limits>.+)"),
     ("cloud", True, r"m?f ?1?|f ?1? ?score|p|prec\.?|precision|r|rec\.?|recall"),
     ("other", False, r"(acc|comp)\.?|(accuracy|completeness)(, median| distance)?"),
     ("other", False, r"cd|chamfer( distance)?|(.* )?med(ian|\.)?( .*)?"),
     ("other", False, r"(.* )?(error|distance|ate|rpe|rmse|mae|rre|rte|te|re|mte|mre)(,? .*)?"),
     ("other", False, r"horizontal|vertical|rotation|translation|dis ?@ ?[0-9]{1,4}\b.*"),
-    (
-        "other",
-        True,
-        r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|iou|miou|cameras placed|psnr|ssim|sdm|pdm|ma)\b.*",
-    ),
+    ("other", True, r"(ap(?!@)|map|mrr|ndcg|auc[0-9]*|m?iou|psnr|ssim|sdm|pdm|ma)\b.*"),
 )
 _PARTS = re.compile(r" ?[,/] ?|(?<=[a-z°]) (?=[0-9])")
-_PART = re.compile(rf"<? ?({_VALUE}) ?({_LENGTH}|deg|°|px|%)?")
+_PART = re.compile(rf"<? ?({_N}) ?({_L}|deg|°|px|%)?")
 
 
 class Score(NamedTuple):
@@ -118,56 +106,43 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Value:
-    """A printed number with its score; a share of all is printed as `full`, 100 or 1."""
+    """A printed number, exact, with its score; a share of all is printed as `full`, 100 or 1.
+
+    `half` is half a step of its last digit. Keys are those of its row, of its column, of what has
+    one number of queries (`in_scene`) and of what has one definition (`of_score`).
+    """
 
     cell: PrintedValue
     score: Score
     full: int
-
-    @property
-    def number(self) -> Fraction:
-        """The printed number."""
-        return Fraction(self.cell.value)
-
-    @property
-    def decimals(self) -> int:
-        """How many digits are printed behind the point."""
-        return decimals_of(self.cell.value)
-
-    @property
-    def half(self) -> Fraction:
-        """Half a step of the last digit."""
-        return Fraction(1, 2 * 10**self.decimals)
+    number: Fraction
+    decimals: int
+    half: Fraction
+    row: tuple[str, ...]
+    column: tuple[str, ...]
+    in_scene: Key
+    of_score: Key
 
     @property
     def span(self) -> Span:
         """Where the true number lies; closed, so that halves may have gone up, down or to even."""
         return Span(self.number, self.number).widened(self.half)
 
-    @property
-    def group(self) -> tuple[str, str]:
-        """Benchmark and track, which scenes and their averages have in common."""
-        return self.cell.benchmark, self.cell.track
 
-    @property
-    def row(self) -> tuple[str, ...]:
-        """The key of its row."""
-        return self.cell.table, *self.group, self.cell.scene, self.cell.method
-
-    @property
-    def column(self) -> tuple[str, ...]:
-        """The key of its column."""
-        return self.cell.table, *self.group, self.cell.scene, self.cell.metric
-
-    @property
-    def in_scene(self) -> Key:
-        """The key of what has one number of queries."""
-        return *self.group, self.cell.scene
-
-    @property
-    def of_score(self) -> Key:
-        """The key of what has one definition."""
-        return *self.group, self.cell.metric
+def _value(cell: PrintedValue, score: Score, full: int) -> Value:
+    decimals, group = decimals_of(cell.value), (cell.benchmark, cell.track)
+    return Value(
+        cell,
+        score,
+        full,
+        Fraction(cell.value),
+        decimals,
+        Fraction(1, 2 * 10**decimals),
+        row=(cell.table, *group, cell.scene, cell.method),
+        column=(cell.table, *group, cell.scene, cell.metric),
+        in_scene=(*group, cell.scene),
+        of_score=(*group, cell.metric),
+    )
 
 
 def decimals_of(number: Decimal) -> int:
@@ -199,7 +174,7 @@ def read_values(cells: Sequence[PrintedValue]) -> list[Value]:
             better = False if unit in _LENGTHS else True if unit in ("%", "percent") else None
             score = score._replace(better=better)
         full = 1 if cell.is_share or small or score.kind == "other" else 100
-        values.append(Value(cell, score, full))
+        values.append(_value(cell, score, full))
     return values
 
 
@@ -222,11 +197,8 @@ def grouped(items: Iterable[S], key: Callable[[S], T]) -> dict[T, list[S]]:
 class Grade(StrEnum):
     """How sure it is that a printed number is wrong.
 
-    `IMPOSSIBLE` follows from the number itself, the others of its row, and what was given.
-    `INCONSISTENT` is a contradiction between printed numbers, or to what was concluded from others:
-    one of the two is wrong. `ROUNDING` would be no finding if each printed number involved might be
-    off by nearly one of its last digit, as one that was cut off or rounded twice is, instead of
-    half of one.
+    `IMPOSSIBLE` follows from its row and what was given, `INCONSISTENT` is a contradiction to other
+    numbers or to what they imply, and `ROUNDING` may come from digits cut off or rounded twice.
     """
 
     IMPOSSIBLE = "impossible"
@@ -244,9 +216,8 @@ class Finding(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The outcome of one check: how many values it compared, findings, conclusions."""
+    """The outcome of one check: how many values it compared, and its findings."""
 
     check: str
     tested: int
-    findings: tuple[Finding, ...] = ()
-    conclusions: tuple[str, ...] = ()
+    findings: list[Finding]

@@ -146,9 +146,8 @@ def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:
         table = with_published(
             table,
             published_values(table.benchmark, table.track),
-            by_scene=scenes != [OVERALL],
-            average=OVERALL in scenes,
-            fingerprint=part.results[0].protocol.fingerprint if part.results else "",
+            scenes,
+            part.results[0].protocol.fingerprint if part.results else "",
         )
     if not part.results and not asked.scores:
         printed = {key for row in table.rows for values in row.values.values() for key in values}

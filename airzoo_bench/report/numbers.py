@@ -116,7 +116,7 @@ def _by_scope(numbers: Result | Reference) -> dict[str, dict[str, float]]:
 
 
 def _scores_table(section: Section, found: Findings, scope: str, title: str) -> Table:
-    references, _ = shared_references([method.result for method in section.methods])
+    references = shared_references([method.result for method in section.methods])
     count, ties = len(section.methods), found.ties.get(scope, {})
     limits = found.limits.get(scope, {})
     marks = [FLOOR_MARK * bool(floor_note(method.result)) for method in section.methods]

@@ -102,7 +102,7 @@ def _part(
 ) -> dict[str, Any]:
     """Return what the template shows of a section, and in ``data`` what the script reads."""
     found, first, by_query = find(section), section.first, section.by_query
-    references, _ = shared_references([method.result for method in section.methods])
+    references = shared_references([method.result for method in section.methods])
     protocol, summary = first.protocol, summary_panes(section, found)
     facts = [counted(len(section.methods), "method"), counted(len(first.scenes), "scene")]
     facts += [counted(len(section.methods[0].records), "query")] if by_query else []

@@ -44,7 +44,6 @@ class Grouping:
     (Q,) are the group of each record.
     """
 
-    by: str
     labels: tuple[str, ...]
     codes: NDArray[np.int64]
 
@@ -102,10 +101,11 @@ def check_column(records: pd.DataFrame, by: str) -> None:
         )
 
 
-def group_records(
-    records: pd.DataFrame, by: str, bins: Sequence[float] | None = None, *, keep_empty: bool = False
-) -> Grouping:
-    """Put records into groups by a column: by its values, or by the bins that a number is in."""
+def group_records(records: pd.DataFrame, by: str, bins: Sequence[float] | None = None) -> Grouping:
+    """Put records into groups by a column: by its values, or by bins of a number.
+
+    Bins that are given stay where nothing is in them.
+    """
     check_column(records, by)
     column = records[by]
     is_number, values = _is_number(column), column.to_numpy()
@@ -124,7 +124,7 @@ def group_records(
         texts = number_texts(edges)
         between = [f"{low} to {high}" for low, high in pairwise(texts)]
         labels = [f"below {texts[0]}", *between, f"{texts[-1]} and more"] if edges else ["all"]
-        kept = len(labels) if keep_empty and bins is not None else 0
+        kept = len(labels) if bins is not None else 0
     else:
         # Who writes "unknown" means what an empty field does.
         known = (
@@ -142,7 +142,7 @@ def group_records(
     left = np.flatnonzero(
         (np.bincount(codes, minlength=len(labels)) > 0) | (np.arange(len(labels)) < kept)
     )
-    return Grouping(by, tuple(labels[k] for k in left), np.searchsorted(left, codes))
+    return Grouping(tuple(labels[k] for k in left), np.searchsorted(left, codes))
 
 
 def even_edges(values: Floats, most: int = _MOST_BINS) -> tuple[float, ...]:
@@ -173,7 +173,7 @@ def group_averages(
     return np.where(medians[:, None], middles, means)
 
 
-def group_intervals(
+def _group_intervals(
     sample: Sample, grouping: Grouping, resampling: ResamplingConfig
 ) -> list[list[Interval]]:
     """Take the intervals of averages within groups, resampled within each group."""
@@ -197,16 +197,14 @@ def breakdown_table(
     *,
     bins: Sequence[float] | None = None,
     resampling: ResamplingConfig | None = None,
-    grouping: Grouping | None = None,
 ) -> Table:
     """Lay out scores by group: over all queries of the group, whatever their scene."""
-    if grouping is None:
-        check_same_column(methods, by)
-        grouping = group_records(methods[0].records, by, bins, keep_empty=True)
+    check_same_column(methods, by)
+    grouping = group_records(methods[0].records, by, bins)
     sample, result, several = pooled_sample(methods, scores), methods[0].result, len(methods) > 1
     counts, protocol = grouping.counts.tolist(), result.protocol
     averages = group_averages(sample.values[0], sample.medians, grouping.codes, len(counts))
-    intervals = group_intervals(sample, grouping, resampling) if resampling else []
+    intervals = _group_intervals(sample, grouping, resampling) if resampling else []
     titles = result.truth.scene_titles if by == "scene" else {}
     rows, reasons = [], []
     for place, (label, count) in enumerate(zip(grouping.labels, counts, strict=True)):

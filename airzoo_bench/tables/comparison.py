@@ -13,7 +13,6 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig, difference
 from airzoo_bench.statistics.significance import LEVEL
-from airzoo_bench.tables.breakdown import condition_names, condition_title, number_texts
 from airzoo_bench.tables.intervals import brackets_note, resampled, score_cell, score_title
 from airzoo_bench.tables.method_table import UNITS, share_notes
 from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
@@ -156,12 +155,6 @@ def differences_table(
     numbers = [*values[:, chosen], difference(values[1], values[0])[chosen]]
     cells = [list(map(Cell, ids[chosen].tolist()))]
     cells += [[score_cell(score, number) for number in row.tolist()] for row in numbers]
-    conditions = condition_names(methods[0])
-    for name in conditions:
-        column = records[0][name].iloc[chosen]
-        texts = number_texts(column.tolist()) if column.dtype.kind in "iuf" else map(str, column)
-        missing = column.isna()
-        cells.append([Cell(None if m else t) for t, m in zip(texts, missing, strict=True)])
     unit = UNITS[score.unit]
     return Table(
         f"Where the methods differ most on {score.title}",
@@ -169,7 +162,6 @@ def differences_table(
             Column(methods[0].result.unit.capitalize()),
             *(Column(method.name, unit, score.higher_is_better) for method in methods),
             Column("Difference", unit),
-            *(Column(condition_title(name)) for name in conditions),
         ),
         tuple(map(Row, zip(*cells, strict=True))),
         (

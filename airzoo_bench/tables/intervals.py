@@ -13,13 +13,7 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.layouts import scenes_table
-from airzoo_bench.tables.method_table import (
-    UNITS,
-    MethodTable,
-    as_shown,
-    method_table,
-    share_notes,
-)
+from airzoo_bench.tables.method_table import UNITS, MethodTable, as_shown, method_table, share_notes
 from airzoo_bench.tables.model import Between, Cell, Table, share_to_percent
 from airzoo_bench.tables.published import OVERALL
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.comparable import find_scene
 from airzoo_bench.results.result import Result, ScoreColumn
-from airzoo_bench.tables.marks import mark_best
 from airzoo_bench.tables.method_table import (
     UNITS,
     MethodRow,
@@ -35,13 +34,6 @@ def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
         )
         for row in methods.rows
     )
-
-
-def methods_table(
-    results: Sequence[Result], *, every_score: bool = False, scene: str | None = None
-) -> Table:
-    """Lay out several results of one protocol: a row a method, the best marked."""
-    return mark_best(methods_layout(method_table(results, every_score=every_score), scene))
 
 
 def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
@@ -99,10 +91,7 @@ def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
     notes = share_notes(rest, len(parts))
     return Table(
         "Averages over scenes: " + ", ".join(part.title for part in parts),
-        (
-            Column("Method"),
-            *(score_column(s, title) for title, part in named for s in part.scores),
-        ),
+        (Column("Method"), *(score_column(s, title) for title, part in named for s in part.scores)),
         tuple(rows),
         (_units_note([score for part in parts for score in part.scores]), *legend, *notes),
         legend=tuple(legend),
@@ -124,7 +113,6 @@ def _benchmark_titles(parts: Sequence[MethodTable]) -> list[str]:
 def scenes_table(
     result: Result,
     *,
-    every_score: bool = False,
     floors: bool = False,
     methods: MethodTable | None = None,
 ) -> Table:
@@ -132,7 +120,7 @@ def scenes_table(
 
     `methods` holds the same result with chosen scores, its intervals and their notes.
     """
-    methods = methods or method_table([result], every_score=every_score)
+    methods = methods or method_table([result])
     scores, [own] = methods.scores, methods.rows
     # Where a scene is one query, their number says nothing.
     counted = "points" if result.unit == "scene" else "queries"

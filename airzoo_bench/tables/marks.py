@@ -35,22 +35,15 @@ def mark_best(table: Table, *, second: bool = False) -> Table:
 
 def mark_cells(column: Column, cells: Sequence[Cell], *, second: bool = False) -> list[Cell]:
     """Mark the best of several cells of a score, and the second best where it is asked for."""
-    several = sum(isinstance(cell.value, float) for cell in cells) > 1
-    ranked = best_texts(column, cells) if several else []
-    best, runner_up = ranked[:1], ranked[1:2] if second else []
+    numbers = [cell.value for cell in cells if isinstance(cell.value, float)]
+    finite = sorted(filter(math.isfinite, numbers), reverse=bool(column.higher_is_better))
+    shown = dict.fromkeys(Cell(number).text(column.decimals) for number in finite)
+    best, runner_up, *_ = [*shown, None, None] if len(numbers) > 1 else (None, None)
     texts = [cell.text(column.decimals) for cell in cells]
     return [
-        replace(cell, best=text in best, second=text in runner_up)
+        replace(cell, best=text == best, second=second and text == runner_up)
         for cell, text in zip(cells, texts, strict=True)
     ]
-
-
-def best_texts(column: Column, cells: Sequence[Cell]) -> list[str]:
-    """Return the different texts of a column's finite numbers, the best first."""
-    numbers = [c for c in cells if isinstance(c.value, float) and math.isfinite(c.value)]
-    better = bool(column.higher_is_better)
-    ordered = sorted(numbers, key=lambda cell: float(cell.value or 0), reverse=better)
-    return list(dict.fromkeys(cell.text(column.decimals) for cell in ordered))
 
 
 def with_decimals(table: Table, decimals: int) -> Table:

@@ -152,14 +152,12 @@ def empty_table(protocol: Protocol, scores: Sequence[ScoreColumn]) -> MethodTabl
 def with_published(
     methods: MethodTable,
     printed: Sequence[PrintedValue],
-    *,
-    by_scene: bool,
-    average: bool = True,
+    scenes: Sequence[str],
     fingerprint: str = "",
 ) -> MethodTable:
     """Put the rows of papers before the methods scored here by the protocol of a fingerprint.
 
-    A number that two tables print is that of the one by scene where these are shown, else of the
+    A number that two tables print is that of the one by scene where scenes are shown, else of the
     other.
     """
     if fingerprint and printed:
@@ -169,14 +167,13 @@ def with_published(
             methods = methods.with_notes(note + "something else")
     keys = {title: key for key, title in methods.scenes.items()} | {OVERALL: OVERALL}
     known = {score.key for score in methods.scores}
-    scenic = {cell.table for cell in printed if cell.scene != OVERALL}
+    scenic, by_scene = {v.table for v in printed if v.scene != OVERALL}, [*scenes] != [OVERALL]
     rows: dict[str, dict[str, dict[str, float]]] = {}
     sources: dict[str, dict[str, None]] = {}
     for cell in sorted(printed, key=lambda cell: (cell.table in scenic) != by_scene):
-        is_shown = average if cell.scene == OVERALL else by_scene
-        if by_scene and cell.table not in scenic and cell.method not in rows:
-            is_shown = False
-        if is_shown and cell.scene in keys and cell.metric in known:
+        # A method that is nowhere printed by scene has no row among those that are.
+        is_alone = by_scene and cell.table not in scenic and cell.method not in rows
+        if keys.get(cell.scene) in scenes and cell.metric in known and not is_alone:
             part = rows.setdefault(cell.method, {}).setdefault(keys[cell.scene], {})
             if cell.metric not in part:
                 part[cell.metric] = float(cell.value)
@@ -191,21 +188,19 @@ def with_published(
 
 def with_floors(methods: MethodTable, results: Sequence[Result]) -> MethodTable:
     """Put what scores without a method behind the rows of methods, and say what it is."""
-    references, notes = shared_references(results)
+    references = shared_references(results)
     columns = [column for result in results for column in result.columns]
     rows = tuple(
         MethodRow(name, values_by_scene(columns, found), floor=True)
         for name, found in references.items()
     )
     meanings = [f"{name}: {found.meaning}" for name, found in references.items()]
-    noted = methods.with_notes(*notes, legend=False).with_notes(*meanings)
-    return replace(noted, rows=(*methods.rows, *rows))
+    return replace(methods.with_notes(*meanings), rows=(*methods.rows, *rows))
 
 
-def shared_references(results: Sequence[Result]) -> tuple[dict[str, Reference], list[str]]:
-    """Return the references of results by name, the first of each name, and a note without any."""
+def shared_references(results: Sequence[Result]) -> dict[str, Reference]:
+    """Return the references of results by name, the first of each name."""
     found: dict[str, Reference] = {}
     for result in results:
         found = result.references | found
-    none = ["no floors: these results hold none, as those of older versions"]
-    return found, [] if found else none
+    return found

@@ -9,7 +9,6 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from itertools import groupby
 
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain, show_number
@@ -113,22 +112,16 @@ def _escape(text: str) -> str:
 
 
 def _html_block(table: Table) -> str:
-    # Attributes, since pages and sites that take in a table may allow no styles.
+    # Attributes, since pages and sites that take in a table may allow no styles. Titles are in one
+    # line: each says its group.
     sides = ["left" if table.is_text(i) else "right" for i in range(len(table.columns))]
-    head = "".join(
-        f'<th scope="col" align="{side}">{_escape(column.heading)}</th>'
+    heads = "".join(
+        f'<th scope="col" align="{side}">{_escape(f"{column.group} {column.heading}")}</th>'
         for column, side in zip(table.columns, sides, strict=True)
     )
-    above = ""
-    for group, members in groupby(table.columns, key=lambda column: column.group):
-        span = f'colspan="{len(list(members))}"'
-        above += (
-            f'<th {span} scope="colgroup">{_escape(group)}</th>' if group else f"<td {span}></td>"
-        )
-    heads = f"<tr>{above}</tr>" * table.has_groups + f"<tr>{head}</tr>"
     rows = zip(table.rows, _values_apart(table), strict=True)
     body = "".join(_html_row(row, cells, sides) for row, cells in rows)
-    return f"<table>\n<thead>{heads}</thead>\n<tbody>\n{body}</tbody>\n</table>\n"
+    return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>\n"
 
 
 def _html_row(row: Row, cells: list[tuple[Cell, str, str]], sides: list[str]) -> str:
@@ -164,10 +157,8 @@ def _json(table: Table) -> str:
         content["gains"] = rows(lambda cell: cell.gain)
     if any(cell.uncertainty for cell in cells):
         content["uncertainties"] = rows(limits)
-    if any(row.reported for row in table.rows):
-        content["reported"] = [row.standing if row.reported else None for row in table.rows]
-    if any(row.floor for row in table.rows):
-        content["floors"] = [row.floor for row in table.rows]
+    if not all(row.is_own for row in table.rows):
+        content["marked"] = [row.standing for row in table.rows]
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 

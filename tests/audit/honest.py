@@ -14,26 +14,17 @@ AT = (1, 3, 5)
 METHODS = ("Base", "Other", "Third", "Base (Ours)")
 ROUNDINGS = (ROUND_HALF_UP, ROUND_HALF_EVEN, ROUND_HALF_DOWN, ROUND_DOWN)
 GAINS = ("none", "exact", "printed", "best")
-LOWER = ("median error", "Accuracy", "Completeness", "Chamfer")
-METRES = LOWER
+LOWER = ("median error",)
 Exact = dict[str, dict[str, dict[str, Fraction]]]
 
 
 @dataclass(frozen=True)
 class Manner:
-    """How a paper prints.
+    """How a paper prints scenes of so many queries.
 
-    Attributes
-    ----------
-    scenes : tuple of int
-        The number of queries of each.
-    pooled : bool
-        Averages are over all queries, not over scenes.
-    gains : str
-        One of `GAINS`: not printed; of the last method over the first, before or after rounding;
-        over the best of the others.
-    all_bold : bool
-        Of several that print the same best value, all are bold; else only the best before rounding.
+    Averages are over scenes, or `pooled`; `gains` are not printed, or of the last method over the
+    first, before or after rounding, or over the best of the others. Of several that print the same
+    best value all are bold, or only the best before rounding.
     """
 
     seed: int
@@ -83,10 +74,7 @@ def _scores(random: np.random.Generator, queries: int) -> dict[str, Fraction]:
     scores = {name: Fraction(100 * n, queries) for name, n in counts.items()}
     scores["AP@5"] = Fraction(100 * int(hits.sum()), 5 * queries)
     scores["median error"] = Fraction(float(np.median(errors))).limit_denominator(10**7)
-    p, r = (Fraction(int(x), 10**6) for x in random.integers(1, 10**8, 2))
-    a, c = (Fraction(int(x), 10**6) for x in random.integers(1, 10**8, 2))
-    scores |= {"Precision": p, "Recall": r, "F1": 2 * p * r / (p + r)}
-    return scores | {"Accuracy": a, "Completeness": c, "Chamfer": (a + c) / 2}
+    return scores
 
 
 def _add_averages(exact: Exact, manner: Manner) -> None:
@@ -107,7 +95,7 @@ def _rows(exact: Exact, method: str, manner: Manner) -> Rows:
             column = {m: exact[m][scene][name] for m in METHODS}
             row: dict[str, object] = {"method": method, "scene": scene, "metric": name}
             row["value"] = text(value, manner)
-            row["unit"] = "m" if name in METRES else "%"
+            row["unit"] = "m" if name in LOWER else "%"
             row["gain"] = _gain(column, name, manner) if method == METHODS[-1] else ""
             row["bold"] = int(method in _bold(column, name, manner))
             rows.append(row)

@@ -74,22 +74,10 @@ def test_what_is_found(tmp_path: Path, text: str, counts: str, finding: str) -> 
     assert [" ".join(one) for one in told(found)] == [finding] * bool(finding)
 
 
-CONCLUSIONS = [
-    (AVERAGE + "33.00", "S0=10,S1=20,S2=70", "average of Average: over all queries"),
-    (BEST + "31.0 (+1.0),42.0 (+2.0)", "", "over the best of the others,"),
-    # Nothing is concluded from an impossible row.
-    (
-        "method,scene,R@1,R@5,AP@5; A,City,7.45,28.57,7.20; B,City,27.37,23.16,3.42",
-        "",
-        "it cannot be told which",
-    ),
-]
-
-
-@pytest.mark.parametrize(("text", "counts", "said"), CONCLUSIONS)
-def test_what_is_concluded(tmp_path: Path, text: str, counts: str, said: str) -> None:
-    found = audited(tmp_path, rows_of_wide(text), **parse_counts([counts] if counts else []))
-    assert sum(said in conclusion for conclusion in found.notes) == 1
+def test_nothing_is_concluded_from_an_impossible_row(tmp_path: Path) -> None:
+    text = "method,scene,R@1,R@5,AP@5; A,City,7.45,28.57,7.20; B,City,27.37,23.16,3.42"
+    notes = audited(tmp_path, rows_of_wide(text)).notes
+    assert sum("it cannot be told which" in note for note in notes) == 1
 
 
 SCORES = [

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from airzoo_bench.audit.audit import audit
-from airzoo_bench.audit.values import Grade
 from tests.audit.honest import METHODS, Manner, honest
 from tests.audit.support import Rows, published
 
@@ -55,17 +54,6 @@ def wrong_bold(rows: Rows, random: np.random.Generator) -> None:
             row["bold"] = int(row is chosen)
 
 
-def swapped_rows(rows: Rows, random: np.random.Generator) -> None:
-    """Swap the averages of two methods."""
-    first, second = random.choice(len(METHODS) - 1, 2, replace=False)
-    for score in {str(row["metric"]) for row in rows}:
-        one, other = (
-            pick(rows, random, method=METHODS[m], scene="Average", metric=score)
-            for m in (first, second)
-        )
-        one["value"], other["value"] = other["value"], one["value"]
-
-
 def swapped_values(rows: Rows, random: np.random.Generator) -> None:
     """Swap R@1 and R@5 of one row."""
     method = METHODS[random.integers(len(METHODS))]
@@ -89,11 +77,8 @@ FAULTS: dict[str, tuple[Fault, float, float]] = {
     "a digit of R@3 in a scene": (digit_of("R@3", "S1"), 0.95, 0.95),
     "a digit of AP@5 in a scene": (digit_of("AP@5", "S1"), 0.9, 0.9),
     "a digit of a recall's average": (digit_of("R@3", "Average"), 0.99, 0.99),
-    "a digit of F1": (digit_of("F1", "S2"), 0.95, 0.95),
-    "a digit of a median's average": (digit_of("median error", "Average"), 0.95, 0.95),
     "a digit of a gain": (wrong_gain, 0.99, 0.99),
     "bold that is not the best": (wrong_bold, 0.99, 0.99),
-    "averages of two methods swapped": (swapped_rows, 0.99, 0.99),
     "R@1 and R@5 swapped": (swapped_values, 0.95, 0.95),
     "an average of another kind": (pooled_average, 0.95, 0.95),
 }
@@ -103,11 +88,7 @@ def found_in(rows: Rows, counts: dict[str, int]) -> set[tuple[object, ...]]:
     with tempfile.TemporaryDirectory() as folder:
         table = published(Path(folder), rows)
     found = audit(table, counts)
-    return {
-        (f.grade, f.check, f.cell.method, f.cell.scene, f.cell.metric)
-        for f in found.findings
-        if f.grade is not Grade.ROUNDING or f.check != "bold"
-    }
+    return {(f.grade, f.check, f.cell.method, f.cell.scene, f.cell.metric) for f in found.findings}
 
 
 @cache

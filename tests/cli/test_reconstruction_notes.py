@@ -74,9 +74,6 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     "points that are no points": (clouds(yard=add_nan), ["scene yard", "3 points"]),
     "OpenGL axes": (opengl, ["scene yard", "OpenGL axes"]),
     "an empty cloud": (clouds(yard=lambda p: p[:0]), ["scene yard", "no point is left"]),
-    "millimetres": (clouds(False, yard=lambda p: p * 1000), ["millimetres", "no cameras"]),
-    "a local origin": (clouds(False, yard=lambda p: p - p.min(axis=0)), ["a local origin"]),
-    "exchanged axes": (clouds(False, yard=lambda p: p[:, [1, 0, 2]]), ["x and y exchanged"]),
     "a strange scene": (edited(lambda p: shutil.copy(p / "lot.ply", p / "plaza.ply")), ["plaza"]),
     "a mistyped scene": (
         edited(lambda p: (p / "yard.ply").rename(p / "yrad.ply")),

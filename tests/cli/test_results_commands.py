@@ -220,7 +220,7 @@ def test_groups_are_averages_of_their_queries(
         ("compare 0 other", "protocol"),
         ("breakdown 0 other --by scene", "protocol"),
         ("table 0 other --layout methods", "layout methods"),
-        ("plot scenes 0 other -o x.png", "protocol"),
+        ("plot condition 0 other --by scene -o x.png", "protocol"),
     ],
 )
 @pytest.mark.parametrize("methods", ["query"], indirect=True)

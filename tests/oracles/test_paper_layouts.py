@@ -148,7 +148,7 @@ def board_of(label: str, values: Sequence[PrintedValue]) -> MethodTable:
     scores = tuple(score for score in scores_of(first.track) if score.key in printed)
     scenes = {value.scene: value.scene for value in values if value.scene}
     empty = MethodTable(label, first.benchmark, first.track, scores, scenes)
-    board = with_published(empty, values, by_scene=bool(scenes))
+    board = with_published(empty, values, [*scenes, ""])
     assert all(entry.reported == f"airzoo-paper, {label}" for entry in board.rows)
     return replace(board, rows=tuple(replace(e, reported="") for e in board.rows))
 

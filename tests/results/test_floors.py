@@ -13,7 +13,8 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Reference, ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.comparison import comparison_table
-from airzoo_bench.tables.layouts import methods_table, scenes_table
+from airzoo_bench.tables.layouts import methods_layout, scenes_table
+from airzoo_bench.tables.method_table import method_table
 from airzoo_bench.tables.render import render
 from tests.statistics.support import ERROR, HIT, made_method
 
@@ -56,7 +57,7 @@ def test_every_face_marks_it_and_says_so() -> None:
     poor, good = scored("poor", 0.4, HITS), scored("good", 0.4, {"east": 19, "west": 18})
     note = floor_note(poor.result)
     compared = comparison_table(compare([good, poor], [HIT], resampling=PLAN))
-    for table in (methods_table([poor.result, good.result]), compared):
+    for table in (methods_layout(method_table([poor.result, good.result])), compared):
         assert f"poor: {note}" in table.notes
         assert [f"poor {FLOOR_MARK}" in row for row in table.texts()].count(True) == 1
         assert f"good {FLOOR_MARK}" not in str(table.texts())

@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import Reference, write_result
 from airzoo_bench.tables.layouts import (
     benchmarks_layout,
-    methods_table,
+    methods_layout,
     scenes_layout,
     scenes_table,
 )
@@ -28,7 +28,7 @@ LATEX = ("--format", "latex")
 
 
 def test_one_result_by_scene() -> None:
-    table = scenes_table(result(), every_score=True)
+    table = scenes_table(result(), methods=method_table([result()], every_score=True))
     assert table.texts() == [
         ["Scene", "3", "30.00", "inf"],
         ["Average", "–", "30.00", "inf"],
@@ -42,11 +42,11 @@ def test_one_result_by_scene() -> None:
 def test_several_results_side_by_side() -> None:
     one, other = result("one", **{"recall@1": 0.5}), result("other", **{"recall@1": 0.6})
     for scene in (None, "s", "Scene"):
-        table = methods_table([one, other], scene=scene)
+        table = mark_best(methods_layout(method_table([one, other]), scene))
         assert table.texts() == [["one", "50.00"], ["other", "60.00"]]
         assert [row.cells[1].best for row in table.rows] == [False, True]
     with pytest.raises(ResultError, match="no scene 'x' in the results"):
-        methods_table([one, other], scene="x")
+        methods_layout(method_table([one, other]), "x")
 
 
 def test_benchmarks_go_by_their_titles() -> None:

@@ -96,7 +96,7 @@ def test_everything_in_csv_and_json() -> None:
     assert shown["gains"] == [[None, 10.0, 7.0], [None] * 3, [None] * 3]
     assert shown["uncertainties"][0] == [None, {"low": 45.5, "high": 54.5}, None]
     assert shown["uncertainties"][2][1] == {"low": -9.0, "high": "Infinity"}
-    assert shown["reported"] == [None, None, "reported, not re-scored: a paper"]
+    assert shown["marked"] == ["", "", "reported, not re-scored: a paper"]
     assert set(json.loads(render(grouped(2), "json"))) == {"title", "columns", "rows", "notes"}
     assert json.loads(render(grouped(2), "json"))["columns"][3]["group"] == "Scene 1"
 
