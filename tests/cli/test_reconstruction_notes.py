@@ -81,7 +81,7 @@ NOTES: dict[str, tuple[Make, list[str]]] = {
     ),
     "a strange file": (edited(lambda p: (p / "readme.md").write_text("hi")), ["readme.md"]),
     "a missing scene": (edited(lambda p: (p / "lot.ply").unlink()), ["worst: 1 (lot)"]),
-    "fewer poses than photos": (four_poses, ["scene yard", "2 of 6 photos", "2 of 6 depth maps"]),
+    "fewer poses than photos": (four_poses, ["scene yard", "2 of 6 photos"]),
     "no names": (views(image_names=None), ["scene yard", "image_names"]),
 }
 

@@ -127,16 +127,22 @@ def test_cameras_that_determine_nothing_are_refused(fault: str) -> None:
     rng = np.random.default_rng(4)
     truth = grid(rng) if fault == "two cameras" else strip(rng)
     predicted = seen_from(truth, similarity(rng))
-    if fault == "truth":
-        truth = replace(truth, rotation=None)
-    elif fault == "prediction":
-        predicted = replace(predicted, rotation=None)
-    elif fault == "one point":
-        predicted = replace(predicted, centres=np.zeros((12, 3)))
-    else:
-        predicted = predicted.take(np.arange(2))
+    given = {
+        "truth": (predicted, replace(truth, rotation=None)),
+        "prediction": (replace(predicted, rotation=None), truth),
+        "two cameras": (predicted.take(np.arange(2)), truth),
+        "one point": (replace(predicted, centres=np.zeros((12, 3))), truth),
+    }
     with pytest.raises(AlignmentError):
-        sim3(predicted, truth)
+        sim3(*given[fault])
+
+
+def test_fewer_than_three_that_agree_are_no_inliers() -> None:
+    rng = np.random.default_rng(2)
+    truth = cameras(rng.uniform(0, 100, (4, 3)), rng)
+    apart = moved(truth, [0, 1, 2, 3], rng.uniform(-90, 90, (4, 3)))
+    found = sim3(apart, truth)
+    assert (found.robust, found.inliers, len(found.inlier_names)) == (False, 0, 4)
 
 
 def flight(count: int, width: float, rng: np.random.Generator) -> PosedCameras:

@@ -47,16 +47,12 @@ def test_same_bits_as_all_pairs_in_any_order(
 
 
 @pytest.mark.parametrize("east", [0.01, 500.0, 1e7])
-def test_clouds_that_lie_apart(east: float) -> None:
-    assert_exact(surface(1000, 0, far=0.05) + np.array((east, 0, 30)), surface(1000, 1))
-
-
-@pytest.mark.parametrize("scale", [1e-160, 1e3, 1e14, 1e140])
-def test_points_however_far_or_near(scale: float) -> None:
+@pytest.mark.parametrize("scale", [1e-160, 1.0, 1e14, 1e140])
+def test_points_however_far_or_near(east: float, scale: float) -> None:
     points, others = surface(400, 0, far=0.05), surface(400, 1, far=0.05)
     points[:20] *= scale
     others[: 400 if scale < 1 else 5] *= scale
-    assert_exact(points, others)
+    assert_exact(points + np.array((east, 0, 30)), others)
 
 
 def grid(shift: float = 0.0) -> Floats:
@@ -73,8 +69,8 @@ def middle() -> tuple[Floats, Floats]:
 def test_ties_that_differ_in_their_last_bits_are_decided_exactly() -> None:
     # The middles of a grid's cells have eight neighbours, equally far up to the roundings.
     assert len(np.unique(all_pairs(grid() + 0.05, grid()))) > 2
-    assert_exact(grid() + 0.05, grid())
-    assert_exact(*middle())
+    for both in ((grid() + 0.05, grid()), middle()):
+        assert_exact(*both)
 
 
 class _Careless:

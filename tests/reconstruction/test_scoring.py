@@ -117,7 +117,6 @@ def in_shards(folder: Path, points: Array, count: int) -> CloudSource:
 
 
 PREPARATIONS: list[dict[str, Any]] = [
-    {"crop": "covered", "voxel_m": "none"},
     {"crop": "none", "voxel_m": "none", "region": "observed", "observed_cell_m": 2.0},
     {"crop": "covered", "voxel_m": 0.1},
 ]
