@@ -9,15 +9,13 @@ from threading import Event, Lock, Thread
 __all__ = ["main"]
 
 _MESSAGE = "airzoo-bench: stopped; nothing was left half-written\n"
-_STOPPED = 130
-_TERMINATED = 143
+_STOPPED, _TERMINATED = 130, 143
 _PATIENCE_S = 0.5
 # A library that does not return to Python within this time of a Ctrl-C is not waited for.
 _HEARING_S = 1.0
 # Once it has, workers are ended and what is kept is said: the time for it on a busy machine.
 _UNWINDING_S = 5.0
-_HEARD = Event()
-_LEAVING = Lock()
+_HEARD, _LEAVING = Event(), Lock()
 
 
 def main() -> None:
@@ -79,8 +77,10 @@ def _stop(code: int) -> None:
     sys.stderr.write(_MESSAGE)
     from multiprocessing import active_children
 
-    workers = active_children()
-    for process in workers:
+    from airzoo_bench.core.files import remove_own
+
+    remove_own()
+    for process in (workers := active_children()):
         process.terminate()
     for process in workers:
         process.join(_PATIENCE_S)

@@ -31,7 +31,7 @@ MARK = "benchmark.toml"  # every benchmark folder holds it
 PART = ".airzoo-part"  # names of temporary folders end in it
 DATA_VARIABLE = "AIRZOO_BENCH_DATA"  # names the folder of benchmarks
 LIMIT_BYTES = 16 << 20  # of a text that a person wrote
-_LONGEST = 50  # letters of a target in another name: systems allow 255 bytes
+_own: set[Path] = set()
 
 
 @contextmanager
@@ -99,16 +99,24 @@ def temporary_folder(parent: Path, name: str) -> Iterator[Path]:
 
     Those that killed processes left there under this name are removed first.
     """
-    start = f".{Path(name).name[:_LONGEST]}."
+    start = f".{Path(name).name[:50]}."  # systems allow names of 255 bytes
     for left in [*parent.glob(f"{glob.escape(start)}*{PART}")]:
         with suppress(OSError, UsageError), only_writer(left) as is_locked:
             if is_locked:
                 shutil.rmtree(left, ignore_errors=True)
     path = Path(tempfile.mkdtemp(PART, start, parent))
+    _own.add(path)
     try:
         with only_writer(path, wait=True):
             yield path
     finally:
+        shutil.rmtree(path, ignore_errors=True)
+        _own.discard(path)
+
+
+def remove_own() -> None:
+    """Remove what this process has made, when it must end without unwinding."""
+    for path in [*_own]:
         shutil.rmtree(path, ignore_errors=True)
 
 

@@ -56,5 +56,4 @@ def rows_among(names: Texts, known: Texts) -> NDArray[np.intp]:
         return pa.FixedSizeBinaryArray.from_buffers(pa.binary(letters * 4), len(filled), parts)
 
     found = pc.index_in(as_bytes(names), value_set=as_bytes(known))
-    rows: NDArray[np.intp] = pc.fill_null(found, -1).to_numpy().astype(np.intp)
-    return rows
+    return np.asarray(pc.fill_null(found, -1).to_numpy(), np.intp)

@@ -32,8 +32,6 @@ if sys.platform == "linux":
     import resource
 
 _LIBRARIES_BYTES = 512 << 20  # that Python and all libraries take before anything is read
-_MOST_DISK_BYTES = 1 << 36
-_LAST_S = 5  # of a processor, between the signal that asks and the one that kills
 _ENVIRONMENT = {"ARROW_DEFAULT_MEMORY_POOL": "system", "OMP_NUM_THREADS": "1"}
 _ENVIRONMENT |= {"OPENBLAS_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1"}
 _SECRETS = ("GIT_TOKEN", "AIRZOO_BENCH_KEY")
@@ -119,14 +117,12 @@ def main(folder: Path, where: Path) -> None:
     memory = limits.memory_bytes + _LIBRARIES_BYTES
     for kind, soft, hard in (
         (resource.RLIMIT_DATA, memory, memory),
-        (resource.RLIMIT_CPU, limits.cpu_s, limits.cpu_s + _LAST_S),
-        (resource.RLIMIT_FSIZE, _MOST_DISK_BYTES, _MOST_DISK_BYTES),
+        (resource.RLIMIT_CPU, limits.cpu_s, limits.cpu_s + 5),
+        (resource.RLIMIT_FSIZE, 1 << 36, 1 << 36),
         (resource.RLIMIT_CORE, 0, 0),
     ):
-        most = resource.getrlimit(kind)[1]
-        most = sys.maxsize if most == resource.RLIM_INFINITY else most
+        most = resource.getrlimit(kind)[1] % (1 << 63)  # -1 is no limit
         resource.setrlimit(kind, (min(soft, most), min(hard, most)))
-    fault: UserError
     try:
         found = resolve(function)(**arguments)
         with found if isinstance(found, AbstractContextManager) else nullcontext(found) as value:

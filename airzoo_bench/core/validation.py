@@ -14,10 +14,8 @@ from airzoo_bench.core.errors import UserError, readable
 from airzoo_bench.core.files import LIMIT_BYTES, read_text
 
 M = TypeVar("M", bound=BaseModel)
-
 SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"  # of folders, parts of ids and cells of tables
 _SHOWN = 5
-_MOST_COMPARED = 5000  # names that difflib compares in a quarter of a second
 
 
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -111,6 +109,6 @@ def _known_keys(model: Any) -> list[str]:
 
 def nearest(name: str, known: list[str], offered: int = 3) -> str:
     """Offer the known names that are most like a mistyped one, for messages."""
-    spelt = {other.casefold(): other for other in known[:_MOST_COMPARED]}
+    spelt = {other.casefold(): other for other in known[:5000]}  # as many in a quarter of a second
     near = difflib.get_close_matches(name.casefold(), spelt, n=offered, cutoff=0.6)
     return f" (did you mean {' or '.join(repr(spelt[one]) for one in near)}?)" if near else ""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from functools import cache
+from importlib import metadata
 
 __version__ = "0.1.0.dev0"
 _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pykdtree", "laspy")
@@ -12,5 +12,4 @@ _PACKAGES = ("numpy", "scipy", "pandas", "pyproj", "faiss-cpu", "pycolmap", "pyk
 @cache
 def versions() -> dict[str, str]:
     """Return the versions of this package and of the libraries behind its numbers."""
-    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"airzoo-bench": __version__} | found
+    return {"airzoo-bench": __version__} | {name: metadata.version(name) for name in _PACKAGES}

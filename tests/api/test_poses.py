@@ -134,7 +134,6 @@ def test_failures_stay_and_a_truth_without_orientation_has_no_angles() -> None:
     assert ab.pose_scores(([np.inf], [np.inf]))["auc_20m"] == 0.0
     nothing = ab.pose_errors(np.zeros((0, 3, 4)), np.zeros((0, 3, 4)))
     assert nothing.translation_m.shape == (0,)
-    assert "poses" in repr(nothing)
 
 
 @pytest.mark.parametrize(
