@@ -16,11 +16,10 @@ from airzoo_bench.core.sandbox import Limits, check_limits
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answers import now
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board, write_starter
-from airzoo_bench.leaderboard.build import build_board, serve_folder
 from airzoo_bench.leaderboard.comment import Found, comment_on, read_found, write_found
 from airzoo_bench.leaderboard.data_branch import DataBranch, Try
-from airzoo_bench.leaderboard.git import RefusedError
-from airzoo_bench.leaderboard.pull_request import read_event
+from airzoo_bench.leaderboard.pages import build_board, serve_folder
+from airzoo_bench.leaderboard.pull_request import RefusedError, read_event
 from airzoo_bench.leaderboard.scoring import (
     Rules,
     score_against_truth,

@@ -104,7 +104,6 @@ class Row(Model):
     training_data: tuple[str, ...] | None = None
     stages: str | None = None
     uses: tuple[str, ...] = ()
-    bibtex: str | None = None
     notes: tuple[str, ...] = ()
     scores: dict[str, Score] = {}
     scenes: dict[str, dict[str, tuple[Number, Number, Number]]] = {}
@@ -330,18 +329,18 @@ def read_entries(runs: Path, submissions: Path) -> list[Entry]:
 
 def _read_entry(place: Place, runs: Path, submissions: Path) -> Entry | None:
     """Return the newest version that can be shown, else the reason why none can."""
-    folder, reasons = runs.joinpath(*place), []
-    versions: list[tuple[str, Submission, Answer]] = []
-    if (folder / FAULT_FILE).is_file():
-        reasons.append((folder / FAULT_FILE).read_text(encoding="utf-8").strip())
+    folder, file = runs.joinpath(*place), submissions.joinpath(*place, SUBMISSION_FILE)
+    fault, versions = folder / FAULT_FILE, list[tuple[str, Submission, Answer]]()
+    reason = fault.read_text(encoding="utf-8").strip() if fault.is_file() else ""
     for run in run_folders(folder):
         try:
-            given = read_submission(run / SUBMISSION_FILE, public=True)
-            versions.append((run.name, given, read_answer(run / RUN_FILE)))
+            stated = read_submission(run / SUBMISSION_FILE, public=True)
+            versions.append((run.name, stated, read_answer(run / RUN_FILE)))
         except UserError as error:
-            reasons.append(f"version {run.name}: {_reason(error)}")
+            if not versions:  # older ones are left out
+                reason = reason or f"version {run.name}: {_reason(error)}"
     if versions:
-        number, given, answer = versions[0]
+        number, stated, answer = versions[0]
         history = tuple(
             Version(
                 number=int(name),
@@ -351,24 +350,19 @@ def _read_entry(place: Place, runs: Path, submissions: Path) -> Entry | None:
             )
             for name, _, one in versions
         )
-        later = [f"another version is not shown: {reason}" for reason in reasons[:1]]
-        facts = {"notes": (*answer.row.notes, *later), "history": history, "version": int(number)}
-        row = answer.row.model_copy(update=_stated(given, place) | facts)
-        row = row.model_copy(update={"rescored": answer.scored[:10]})
-        return Entry(place, row, given.protocol, answer)
-    row, file = Row(id=place.folder, kind="failed", method=place.folder), SUBMISSION_FILE
+        facts = {"history": history, "version": int(number), "rescored": answer.scored[:10]}
+        if reason:
+            facts["notes"] = (*answer.row.notes, f"a later version is not shown: {reason}")
+        row = answer.row.model_copy(update=_stated(stated, place) | facts)
+        return Entry(place, row, stated.protocol, answer)
+    row = Row(id=place.folder, kind="failed", method=place.folder, reason=reason)
     try:
-        given = read_submission(submissions.joinpath(*place, file)).public()
-        row = row.model_copy(update=_stated(given, place))
-        return Entry(place, _because(row, *reasons, "not scored yet"), given.protocol)
-    except UserError as error:  # or the submission is withdrawn
-        is_there = submissions.joinpath(*place, file).exists()
-        reasons += [_reason(error)] * is_there
-        return Entry(place, _because(row, *reasons)) if reasons else None
-
-
-def _because(row: Row, reason: str, *_: str) -> Row:
-    return row.model_copy(update={"reason": reason})
+        stated = read_submission(file)
+        facts = _stated(stated, place) | {"reason": reason or "not scored yet"}
+        return Entry(place, row.model_copy(update=facts), stated.protocol)
+    except UserError as error:
+        reason = reason or (_reason(error) if file.exists() else "")  # or it is withdrawn
+        return Entry(place, row.model_copy(update={"reason": reason})) if reason else None
 
 
 def _stated(given: Submission, place: Place) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from airzoo_bench.core.errors import (
     UserError,
     agreeing,
     counted,
-    first_of,
 )
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
@@ -24,7 +23,6 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
 from airzoo_bench.leaderboard.submission import (
-    CLAIMED_FILE,
     EARLIER_KEYS,
     SUBMISSION_FILE,
     Submission,
@@ -90,15 +88,14 @@ def check_submission(
     try:
         refuse_files(folder, board.limits)
         found.submission = given = read_submission(folder / SUBMISSION_FILE)
-        names = _check_names(given, place, known), _check_claims(given, place, known)
-        for one in (*names[0], *names[1], *_check_stated(folder, given)):
+        for one in (*_check_names(given, place, known), *_told(given, place, known)):
             if isinstance(one, UserError):
                 found.errors.append(one)
             else:
                 found.warnings.append(one)
-        _check_protocol(place, given, board, data)
+        _check_place(place, given, board, data)
         path = _find_predictions(folder, given, board.limits, data, seconds)
-        if path is not None and path.exists():
+        if path is not None:
             _check_announced(path, given)
             found.predictions = path
             read_by = ReadBy(given.predictions.reader)
@@ -207,10 +204,9 @@ def _check_names(
                 yield f"the predictions are to the last byte those of {one.method!r} {whose}"
 
 
-def _check_claims(
-    given: Submission, place: Place, known: Mapping[Place, Submission]
-) -> Iterator[str]:
-    """Yield what anybody can write: a team's name, and that a method is official."""
+def _told(given: Submission, place: Place, known: Mapping[Place, Submission]) -> Iterator[str]:
+    """Yield notes on what anybody can write, and on keys of earlier submissions."""
+    yield from (f"key '{key}' is ignored" for key in EARLIER_KEYS if key in given.model_fields_set)
     others = [one for at, one in known.items() if at != place]
     accounts = {one.account for one in others if one.team == given.team}
     if accounts and given.account not in accounts:
@@ -219,34 +215,15 @@ def _check_claims(
         yield f"method {given.method!r} says that it is official: see whether it is"
 
 
-def _check_stated(folder: Path, given: Submission) -> Iterator[UserError | str]:
-    """Yield faults of submission.toml against the files next to it, and keys of earlier ones."""
-    stated, file = {SUBMISSION_FILE, CLAIMED_FILE, given.predictions.file}, given.predictions.file
-    there = {entry.name for entry in folder.iterdir()}
-    if there - stated:
-        strange = first_of(sorted(there - stated), noun="entry")
-        what = f"holds files that submission.toml does not name: {strange}"
-        yield SubmissionError(what, where=folder, fix="remove them")
-    if file is not None and file not in there:
-        yield _wrong(f"key 'predictions.file' is {file!r}, which is not there", "copy it there")
-    yield from (f"key '{key}' is ignored" for key in EARLIER_KEYS if key in given.model_fields_set)
-
-
-def _check_protocol(place: Place, given: Submission, board: Board, data: Path) -> None:
-    """Refuse a protocol that is none of the folder's place."""
+def _check_place(place: Place, given: Submission, board: Board, data: Path) -> None:
+    """Refuse a protocol by which the board does not score at the folder's place."""
     benchmarks = {one.name: one.protocols for one in board.benchmarks}
-    if place.benchmark not in benchmarks or not place.is_plain:
-        what = f"no place for a submission{nearest(place.benchmark, [*benchmarks])}"
-        expected = f"submissions/BENCHMARK/TRACK/FOLDER, BENCHMARK of {', '.join(benchmarks)}"
-        raise SubmissionError(what, where=place.path, expected=expected)
-    named, scored_by = given.protocol, benchmarks[place.benchmark]
-    if named not in scored_by:
-        what = f"key 'protocol' is {named!r}, by which this board does not score {place.benchmark}"
-        raise _wrong(f"{what}{nearest(named, [*scored_by])}", f"one of {', '.join(scored_by)}")
-    protocol = find_protocol(named, data)
-    if (protocol.benchmark, protocol.track) != place[:2]:
-        what = f"key 'protocol' is {named!r}, which is of {protocol.track}"
-        raise _wrong(f"{what}; the folder is of {place.track}", "move it, or correct the key")
+    protocols = (find_protocol(name, data) for name in benchmarks.get(place.benchmark, ()))
+    fitting = [one.name for one in protocols if one.track == place.track and place.is_plain]
+    if given.protocol not in fitting:
+        what = f"key 'protocol' is {given.protocol!r}, which does not score {place.path}"
+        fix = f"one of {', '.join(fitting or board.protocols)}, in submissions/BENCHMARK/TRACK/NAME"
+        raise _wrong(f"{what}{nearest(given.protocol, fitting)}", fix)
 
 
 # --- predictions ---
@@ -257,6 +234,8 @@ def _find_predictions(
 ) -> Path | None:
     """Return where the predictions lie, once they are fetched if they are to be."""
     stated = given.predictions
+    if stated.url is None and not (folder / str(stated.file)).exists():
+        raise _wrong(f"key 'predictions.file' is {stated.file!r}, which is not there", "copy it")
     if stated.url is None:
         return folder / str(stated.file)
     parse_address(stated.url)  # which is refused without a network too

@@ -46,9 +46,16 @@ from airzoo_bench.leaderboard.checks import (
 )
 from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.data_branch import DataBranch, answer_path
-from airzoo_bench.leaderboard.git import BoardError, RefusedError, Repository
-from airzoo_bench.leaderboard.pull_request import PullRequest, fetch_changed, write_files
-from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, commitment_of, score_sealed
+from airzoo_bench.leaderboard.pull_request import (
+    BoardError,
+    PullRequest,
+    RefusedError,
+    Repository,
+    fetch_changed,
+    write_files,
+)
+from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
+from airzoo_bench.leaderboard.sealing import commitment_of
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol

@@ -18,30 +18,22 @@ has one record a scene: shares are told to a hundredth, distances to two digits.
 
 from __future__ import annotations
 
-import io
 import math
-import os
-import shutil
-import tarfile
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from decimal import ROUND_CEILING, Context, Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
-from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
-from airzoo_bench.core.errors import BenchmarkError, SubmissionError, UserError
-from airzoo_bench.core.files import sha256_of, temporary_folder
+from airzoo_bench.benchmark.folder import find_benchmark
+from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.answers import Answer, Row, Score, head_of, now
 from airzoo_bench.leaderboard.checks import CheckedSubmission
-from airzoo_bench.leaderboard.sealing import MANIFEST, Contents, commitment, load_pyrage
+from airzoo_bench.leaderboard.sealing import commitment_of, opened_truth
 from airzoo_bench.results.result import ScoreColumn
 
 FLIPS = 4
@@ -50,7 +42,6 @@ FLIPS = 4
 _Z95 = 1.959964
 _LEAST_SHARE_OF_VALUE = 0.01
 _ONE_UP, _TWO_UP = (Context(prec=digits, rounding=ROUND_CEILING) for digits in (1, 2))
-_MEMORY = Path("/dev/shm")  # files in memory, on Linux
 
 
 class OpenedTruthError(SubmissionError):
@@ -86,11 +77,6 @@ def score_sealed(
         row=Row(kind="sealed", method=result.predictions.method, scores=scores),
         about_intervals="95 % intervals: the rounded score and 1.96 rounded standard errors.",
     )
-
-
-def commitment_of(public: Benchmark) -> str:
-    """Return SHA-256 over a sealed truth and its salt, which lies in the archive."""
-    return "" if public.file.sealed is None else public.file.sealed.commitment
 
 
 # --- how coarse ---
@@ -169,58 +155,3 @@ def _up(number: float, context: Context) -> Decimal:
 
 def _nearest(value: float, step: Decimal) -> float:
     return float(round(Decimal(repr(value)) / step) * step) if step else value
-
-
-# --- the archive ---
-
-
-@contextmanager
-def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
-    """Open as much of the folder that was sealed as scoring needs, in memory where that can be.
-
-    The folder holds the truth, and links to public files. Photos may be missing.
-    """
-    home = _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
-    committed = commitment_of(Benchmark.open(public, sealed=True))
-    with temporary_folder(home, "airzoo-truth") as folder:
-        for name in _extract(archive, key, committed, folder):
-            if not (public / name).is_file():
-                what = "a file of the public folder is missing"
-                raise BenchmarkError(what, where=public / name, fix="copy the folder again")
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).symlink_to((public / name).resolve())
-        yield folder
-
-
-def _extract(archive: Path, key: Any, committed: str, target: Path) -> list[str]:
-    """Write the sealed files of an archive, each held to its checksum; return the public ones."""
-    pyrage, plain = load_pyrage(), tempfile.TemporaryFile(dir=target)  # noqa: SIM115
-    try:
-        with plain, archive.open("rb") as stream:
-            pyrage.decrypt_io(stream, plain, [key])
-            plain.seek(0)
-            with tarfile.open(fileobj=plain, mode="r:") as tar:
-                member = tar.extractfile(MANIFEST)
-                contents = Contents.model_validate_json(member.read() if member else b"")
-                if commitment(contents) != committed:
-                    raise _wrong_archive(archive, "belongs to another public folder")
-                for name, file in contents.files.items():
-                    if file.how == "sealed":  # the manifest keeps its name inside the folder
-                        member, path = tar.extractfile(f"files/{name}"), target / name
-                        path.parent.mkdir(parents=True, exist_ok=True)
-                        with path.open("wb") as out:
-                            shutil.copyfileobj(member or io.BytesIO(), out)
-                        if sha256_of(path) != file.sha256:
-                            raise _wrong_archive(archive, f"holds {name} otherwise than sealed")
-    except (pyrage.DecryptError, tarfile.TarError, KeyError, ValidationError, OSError) as error:
-        # Of a damaged archive, pyrage raises an OSError without a number.
-        if isinstance(error, OSError) and error.errno:
-            raise UserError(f"the truth cannot be opened: {error}", where=archive) from error
-        said = "was sealed to another key" if "No matching keys" in str(error) else "is damaged"
-        raise _wrong_archive(archive, said) from None
-    return [name for name, file in contents.files.items() if file.how == "public"]
-
-
-def _wrong_archive(archive: Path, what: str) -> BenchmarkError:
-    expected = "the archive, and its key, of the run of `airzoo-bench seal` that made the folder"
-    return BenchmarkError(what, where=archive, expected=expected, fix="copy the archive again")

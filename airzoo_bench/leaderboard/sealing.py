@@ -17,13 +17,14 @@ import shutil
 import tarfile
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationError
 
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile, SealedTruth, write_benchmark_file
 from airzoo_bench.benchmark.queries import (
@@ -33,49 +34,39 @@ from airzoo_bench.benchmark.queries import (
     PRIOR_COLUMNS,
 )
 from airzoo_bench.benchmark.tables import read_table
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, first_of
 from airzoo_bench.core.files import (
     atomic_entries,
     canonical_json,
     check_new_folder,
     check_output_file,
     sha256_of,
+    temporary_folder,
 )
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.geometry.raster_files import raster_files
-from airzoo_bench.matching.truth import CROP_COLUMNS, own_map
-from airzoo_bench.retrieval.truth import BOX_COLUMNS, IMAGE_COLUMNS, POSITION_COLUMNS
+from airzoo_bench.matching.truth import own_map
+from airzoo_bench.retrieval.truth import IMAGE_COLUMNS
 
 KEY_VARIABLE = "AIRZOO_BENCH_KEY"
 """The variable of the environment that holds a key."""
 MANIFEST = "manifest.json"
 """The first member of an archive; the files of the folder stand below `files/`."""
 
+_MEMORY = Path("/dev/shm")  # files in memory, on Linux
 _SECRET = "AGE-SECRET-KEY-1"
-_GRID = ("x", "y", "width", "height")
-_TRANSFORM = (*"abcdef", "crs")
-_TILES = (
-    *("id", "size_px", "size_m", *_GRID, *BOX_COLUMNS, "valid_share", *IMAGE_COLUMNS[1:]),
-    *(name for names in POSITION_COLUMNS for name in names),
+# Below a scene's folder; `queries.csv` is cut to columns.
+_PUBLIC = (
+    *("retrieval/tiles.parquet", "retrieval/dropped_tiles.csv", "retrieval/tiles/tiles.csv"),
+    *("matching/crops.csv", "matching/maps.csv", "matching/crops/crops.csv", "matching/map.json"),
+    *("reconstruction/photos.csv", "retrieval/tiles/**/*.png", "matching/crops/**/*_d[os]m.tif"),
 )
-_TABLES = {
-    "queries.csv": (*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *PRIOR_COLUMNS),
-    "retrieval/tiles.parquet": _TILES,
-    "retrieval/dropped_tiles.csv": _TILES,
-    "retrieval/tiles/tiles.csv": ("id", "file", *BOX_COLUMNS, "size_m", *_GRID, *_TRANSFORM),
-    "matching/crops.csv": ("id", *CROP_COLUMNS),
-    "matching/maps.csv": ("id", "width", "height", *_TRANSFORM, "dsm_sha256"),
-    "matching/crops/crops.csv": ("id", "dom_file", "dsm_file", *_GRID, *_TRANSFORM),
-    "reconstruction/photos.csv": IDENTITY_COLUMNS,
-}
-"""By name below a scene's folder, their public columns."""
-_PICTURES = ("retrieval/tiles/**/*.png", "matching/crops/**/*_d[os]m.tif", "matching/map.json")
-_COPY: tuple[str, ...] = ()
-_PHOTO = ("photo",)
+_QUERIES = (*IDENTITY_COLUMNS, *CAMERA_COLUMNS, *PRIOR_COLUMNS)
 _TIME = 315_532_800  # 1980-01-01: that of files on the host's disk tells when a photo was taken
 _SAME_M, _SAME_ROTATION = 1e-3, 1e-6
 
+How = Literal["copy", "photo", "queries"]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -213,21 +204,16 @@ def _refuse_known_truth(benchmark: Benchmark) -> None:
 # --- the public folder ---
 
 
-def public_files(benchmark: Benchmark) -> dict[str, tuple[str, ...]]:
-    """Name the public files of a folder except benchmark.toml, which is written anew.
-
-    By path below the folder stand the public columns of a table; a photo, which loses its metadata,
-    has `("photo",)`, and a copy has nothing.
-    """
+def public_files(benchmark: Benchmark) -> dict[str, How]:
+    """Name the public files of a folder except benchmark.toml, by path below the folder."""
     folder = benchmark.folder
-    found = dict.fromkeys(sorted((folder / "protocols").glob("*.toml")), _COPY)
+    found: dict[Path, How] = dict.fromkeys((folder / "protocols").glob("*.toml"), "copy")
     for scene in benchmark.file.scenes:
         for place in (scene.images, scene.dom, scene.dsm, scene.gallery, scene.maps, scene.cloud):
             _below(folder, benchmark.resolve(place or "."))
         home = benchmark.scene_folder(scene.id)
-        found |= {home / name: columns for name, columns in _TABLES.items()}
-        found |= {path: _COPY for pattern in _PICTURES for path in sorted(home.glob(pattern))}
-        found |= dict(_data_files(benchmark, scene, home))
+        found |= {path: "copy" for pattern in _PUBLIC for path in home.glob(pattern)}
+        found |= {home / "queries.csv": "queries", **dict(_data_files(benchmark, scene, home))}
     return {_below(folder, path): how for path, how in found.items() if path.is_file()}
 
 
@@ -239,13 +225,11 @@ def _public_entry(scene: SceneFile, benchmark: Benchmark) -> SceneFile:
     return scene.model_copy(update=dict.fromkeys(sealed))
 
 
-def _data_files(
-    benchmark: Benchmark, scene: SceneFile, home: Path
-) -> Iterator[tuple[Path, tuple[str, ...]]]:
+def _data_files(benchmark: Benchmark, scene: SceneFile, home: Path) -> Iterator[tuple[Path, How]]:
     """Yield the photos that there are ids of, and the maps that methods are given."""
     photos = read_table(home / "queries.csv", IDENTITY_COLUMNS)
     for name in photos["image"]:
-        yield benchmark.resolve(scene.images) / name, _PHOTO
+        yield benchmark.resolve(scene.images) / name, "photo"
     given = _public_entry(scene, benchmark)
     rasters = [benchmark.resolve(named) for named in (given.dom, given.dsm) if named is not None]
     gallery = None if given.gallery is None else benchmark.resolve(given.gallery)
@@ -254,12 +238,12 @@ def _data_files(
     elif gallery is not None:
         for name in ("tiles.parquet", "dropped_tiles.csv"):
             for image in read_table(home / "retrieval" / name, IMAGE_COLUMNS)["image"]:
-                yield gallery / image, _PHOTO
+                yield gallery / image, "photo"
     for raster in rasters:
-        yield from ((path, _COPY) for path in raster_files(raster))
+        yield from ((path, "copy") for path in raster_files(raster))
     if given.maps is not None:
         for photo in photos["id"]:
-            yield from ((path, _COPY) for path in own_map(benchmark.resolve(given.maps), photo))
+            yield from ((path, "copy") for path in own_map(benchmark.resolve(given.maps), photo))
 
 
 def _below(folder: Path, path: Path) -> str:
@@ -274,36 +258,24 @@ def _below(folder: Path, path: Path) -> str:
 # --- writing ---
 
 
-def _publish(source: Path, place: Path, how: tuple[str, ...] | None) -> SealedFile:
+def _publish(source: Path, place: Path, how: How | None) -> SealedFile:
     """Write the public version of a file, if it has one, and say where the original is."""
-    size, digest = source.stat().st_size, sha256_of(source)
-    if how is None:
-        return SealedFile(sha256=digest, size=size, how="sealed")
-    place.parent.mkdir(parents=True, exist_ok=True)
-    if how == _PHOTO:
-        place.write_bytes(bare_photo(source.read_bytes(), source))
-    elif how == _COPY:
+    kind: Literal["public", "sealed", "cut"] = "public"
+    if how is not None:
+        place.parent.mkdir(parents=True, exist_ok=True)
+    if how == "copy":
         shutil.copyfile(source, place)
+    elif how == "photo":
+        content = source.read_bytes()
+        place.write_bytes(bare := bare_photo(content, source))
+        kind = "public" if bare == content else "cut"
     else:
-        _write_public_table(source, place, how)
-    same = sha256_of(place) == digest
-    return SealedFile(
-        sha256=digest, size=size, how="public" if same else "cut" if how == _PHOTO else "sealed"
-    )
-
-
-def _write_public_table(source: Path, place: Path, columns: Sequence[str]) -> None:
-    """Write a table's public columns alone, in the order of its ids, digits as they are."""
-    table, is_csv = read_table(source, ("id",)), source.suffix == ".csv"
-    if is_csv:
+        kind = "sealed"
+    if how == "queries":  # digits as they are
         table = pd.read_csv(source, dtype=str, keep_default_na=False, encoding="utf-8-sig")
-    public = table[[name for name in table.columns if name in columns]]
-    public = public.sort_values("id", kind="stable")
-    public.attrs = {}
-    if is_csv:
+        public = table[[name for name in table.columns if name in _QUERIES]].sort_values("id")
         public.to_csv(place, index=False, lineterminator="\n")
-    else:
-        public.to_parquet(place, index=False)
+    return SealedFile(sha256=sha256_of(source), size=source.stat().st_size, how=kind)
 
 
 def _write_archive(folder: Path, contents: Contents, archive: Path, to: Any) -> None:
@@ -324,6 +296,66 @@ def _write_archive(folder: Path, contents: Contents, archive: Path, to: Any) -> 
                         tar.addfile(member(f"files/{name}", file.size), source)
         plain.seek(0)
         load_pyrage().encrypt_io(plain, stream, [to])
+
+
+def commitment_of(public: Benchmark) -> str:
+    """Return SHA-256 over a sealed truth and its salt, which lies in the archive."""
+    return "" if public.file.sealed is None else public.file.sealed.commitment
+
+
+# --- opening ---
+
+
+@contextmanager
+def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
+    """Open as much of the folder that was sealed as scoring needs, in memory where that can be.
+
+    The folder holds the truth, and links to public files. Photos may be missing.
+    """
+    home = _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+    committed = commitment_of(Benchmark.open(public, sealed=True))
+    with temporary_folder(home, "airzoo-truth") as folder:
+        for name in _extract(archive, key, committed, folder):
+            if not (public / name).is_file():
+                what = "a file of the public folder is missing"
+                raise BenchmarkError(what, where=public / name, fix="copy the folder again")
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).symlink_to((public / name).resolve())
+        yield folder
+
+
+def _extract(archive: Path, key: Any, committed: str, target: Path) -> list[str]:
+    """Write the sealed files of an archive, each held to its checksum; return the public ones."""
+    pyrage, plain = load_pyrage(), tempfile.TemporaryFile(dir=target)  # noqa: SIM115
+    try:
+        with plain, archive.open("rb") as stream:
+            pyrage.decrypt_io(stream, plain, [key])
+            plain.seek(0)
+            with tarfile.open(fileobj=plain, mode="r:") as tar:
+                member = tar.extractfile(MANIFEST)
+                contents = Contents.model_validate_json(member.read() if member else b"")
+                if commitment(contents) != committed:
+                    raise _wrong_archive(archive, "belongs to another public folder")
+                for name, file in contents.files.items():
+                    if file.how == "sealed":  # the manifest keeps its name inside the folder
+                        member, path = tar.extractfile(f"files/{name}"), target / name
+                        path.parent.mkdir(parents=True, exist_ok=True)
+                        with path.open("wb") as out:
+                            shutil.copyfileobj(member or io.BytesIO(), out)
+                        if sha256_of(path) != file.sha256:
+                            raise _wrong_archive(archive, f"holds {name} otherwise than sealed")
+    except (pyrage.DecryptError, tarfile.TarError, KeyError, ValidationError, OSError) as error:
+        # Of a damaged archive, pyrage raises an OSError without a number.
+        if isinstance(error, OSError) and error.errno:
+            raise UserError(f"the truth cannot be opened: {error}", where=archive) from error
+        said = "was sealed to another key" if "No matching keys" in str(error) else "is damaged"
+        raise _wrong_archive(archive, said) from None
+    return [name for name, file in contents.files.items() if file.how == "public"]
+
+
+def _wrong_archive(archive: Path, what: str) -> BenchmarkError:
+    expected = "the archive, and its key, of the run of `airzoo-bench seal` that made the folder"
+    return BenchmarkError(what, where=archive, expected=expected, fix="copy the archive again")
 
 
 # --- photos without metadata: cut, not encoded again ---

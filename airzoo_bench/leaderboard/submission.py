@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import re
 import unicodedata
-from itertools import accumulate
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +17,7 @@ from airzoo_bench.core.validation import Name, Strict, read_toml, validated
 SUBMISSION_FILE = "submission.toml"
 CLAIMED_FILE = "result.json"
 """A result that may lie next to submission.toml, as in earlier submissions; nothing reads it."""
-EARLIER_KEYS = ("supersedes", "cost", "baseline")
+EARLIER_KEYS = ("supersedes", "cost", "baseline", "bibtex")
 """Keys of earlier submissions, which are ignored."""
 
 # A key of this many dots takes tomllib a second, and four times that of twice.
@@ -116,22 +115,6 @@ def skeleton(name: str) -> str:
 # A host without a user before it, which could pass for one, then what RFC 3986 has but quotes.
 _URL = r"^https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?$"
 _CONTACT = r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$"
-# An entry of a work; of its commands, accents, letters and escaped signs do not act.
-_WORK = re.compile(r"@(?!comment|preamble|string)[a-z]+\s*\{", re.IGNORECASE)
-_COMMAND = re.compile(r"\\([A-Za-z]*@|[A-Za-z]{3})|\\\Z|\^\^")
-
-
-def bibtex_entry(text: str) -> str:
-    """Refuse anything but one entry of a work, without commands that act."""
-    entry = text.strip()
-    if not all(line.replace("\t", " ").isprintable() for line in entry.splitlines()):
-        raise ValueError("has characters that are not shown")
-    # Braces are open from the first to the last letter, where they close.
-    depths = [*accumulate((c == "{") - (c == "}") for c in entry[entry.find("{") :])]
-    if not _WORK.match(entry) or depths[-1] or min(depths[:-1]) < 1 or _COMMAND.search(entry):
-        raise ValueError("is not one entry, such as @article{key, title = {Title}}")
-    return text
-
 
 Line = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(shown_line)]
 """A line that pages show."""
@@ -142,7 +125,6 @@ Account = Annotated[int, Field(ge=1, lt=1 << 63)]
 Contact = Annotated[
     str, Field(min_length=3, max_length=200, pattern=_CONTACT), AfterValidator(plain_line)
 ]
-Bibtex = Annotated[str, Field(max_length=4000), AfterValidator(bibtex_entry)]
 
 
 def _question(what: str, example: Any, default: Any = ...) -> Any:
@@ -197,7 +179,6 @@ class Submission(Strict):
     )
     date: datetime.date
     paper: Url | None = None
-    bibtex: Bibtex | None = None
     code: Url | None = None
     weights: Url | None = None
     licence: Line = _question(
@@ -218,6 +199,7 @@ class Submission(Strict):
     supersedes: Any = Field(None, exclude=True)
     cost: Any = Field(None, exclude=True)
     baseline: Any = Field(None, exclude=True)
+    bibtex: Any = Field(None, exclude=True)
 
     def public(self) -> Submission:
         """Return the same without the contact."""

@@ -18,8 +18,8 @@ from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.leaderboard.answers import Answer, measure
 from airzoo_bench.leaderboard.answers import write_run as keep_run
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
-from airzoo_bench.leaderboard.build import build_board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
+from airzoo_bench.leaderboard.pages import build_board
 from airzoo_bench.leaderboard.submission import Submission, submission_text
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn

@@ -17,7 +17,7 @@ import urllib.error
 import urllib.request
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -26,9 +26,7 @@ from urllib.parse import urldefrag
 import numpy as np
 import pytest
 
-from airzoo_bench.leaderboard.build import bibtex, table_csv
-from airzoo_bench.leaderboard.pages import render_pages
-from airzoo_bench.leaderboard.submission import bibtex_entry
+from airzoo_bench.leaderboard.pages import bibtex, render_pages, table_csv
 from tests.leaderboard.made import COLUMNS, PROTOCOL, board_of, built, method, write_run
 from tests.report.browser import NEEDS_CHROMIUM, Opened
 from tests.statistics.support import SOFT
@@ -151,12 +149,8 @@ def test_a_board_without_any_entry_has_its_pages(sample: dict[str, Any]) -> None
     board = copy.deepcopy(sample)
     for table in board["tables"].values():
         table |= {"rows": [], "pairs": {}, "truth": ""}
-    empty = render_pages(board)
-    assert "No entry yet" in empty["index.html"]
-    assert "No entry yet" in empty[f"{TABLE}index.html"]
-    assert f"{TABLE}compare.html" not in empty
-    nothing = sample | {"benchmarks": [], "tables": {}}
-    assert "no benchmark yet" in render_pages(nothing)["index.html"]
+    assert "No entry yet" in render_pages(board)[f"{TABLE}index.html"]
+    assert f"{TABLE}compare.html" not in render_pages(board)
 
 
 # --- downloads ---
@@ -173,9 +167,9 @@ def test_csv_has_the_numbers_of_the_board(sample: dict[str, Any]) -> None:
     assert lines[0]["source"] == "'=cmd()"
 
 
-def row(text: str = "M", own: str = "") -> dict[str, Any]:
+def row(text: str) -> dict[str, Any]:
     facts = {"id": "m", "method": text, "team": text, "authors": [text], "date": "2026-01-01"}
-    return facts | {"paper": None, "code": None, "source": "", "bibtex": own}
+    return facts | {"paper": None, "code": None, "source": ""}
 
 
 @pytest.mark.parametrize(
@@ -188,25 +182,6 @@ def test_no_name_ends_a_bibtex_entry(text: str) -> None:
     assert entry.startswith("@misc{m,\n")
     assert entry.count("@") == 1
     assert r"\input" not in entry
-
-
-@pytest.mark.parametrize(
-    ("own", "kept"),
-    [
-        ("@article{a, title = {T}}", True),
-        ("@article{a, title = {T}} @preamble{x}", False),
-        ("@article{a, title = {\\input{x}}}", False),
-        ("@article{a}}{", False),
-        ("@article{a, title = {^^5cinput{x}}}", False),
-        ("@article{a, title = {\\def\\x{\\lstinputlisting{x}}}}", False),
-        ("@article{a, title = {\\@input{x}}}", False),
-        ('@preamble{"x"}', False),
-        ('@Article{a, title = {{S}ALAD in $\\pi^3$}, author = {M\\"uller and {\\L}ukasz}}', True),
-    ],
-)
-def test_an_entry_of_the_authors_is_taken_where_it_is_one(own: str, kept: bool) -> None:
-    with nullcontext() if kept else pytest.raises(ValueError, match="one entry"):
-        assert bibtex_entry(own) == own
 
 
 def test_serving_a_built_site(root: Path) -> None:

@@ -40,7 +40,7 @@ from airzoo_bench.leaderboard.answers import Answer
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.data_branch import DataBranch, Try, check_tries
-from airzoo_bench.leaderboard.git import RefusedError
+from airzoo_bench.leaderboard.pull_request import RefusedError
 from airzoo_bench.leaderboard.sealed_scoring import opened_truth, round_score, score_sealed
 from airzoo_bench.leaderboard.sealing import (
     KEY_VARIABLE,
@@ -51,7 +51,7 @@ from airzoo_bench.leaderboard.sealing import (
     seal,
 )
 from airzoo_bench.results.result import ScoreColumn
-from tests.api.place import NAME, TILES, make_field
+from tests.api.place import NAME, make_field
 from tests.leaderboard.made import BOARD, Board, Hosted, files_of, git, submission
 from tests.shared import made_once
 from tests.statistics.support import ERROR, HIT
@@ -168,15 +168,6 @@ def test_no_true_number_and_no_metadata_is_anywhere(sealed: SealedField) -> None
     assert "cloud" not in text.split("[checksums]")[0].split("[[scenes]]")[1]
 
 
-def _more_columns(folder: Path) -> None:
-    home = folder / "scenes" / NAME
-    tiles = pd.read_parquet(home / "retrieval" / "tiles.parquet").assign(answers="field/a")
-    tiles.attrs["note"] = "answers field/a"
-    tiles.to_parquet(home / "retrieval" / "tiles.parquet", index=False)
-    crops = pd.read_csv(home / "matching" / "crops.csv").assign(error_m=0.125)[::-1]
-    crops.to_csv(home / "matching" / "crops.csv", index=False, lineterminator="\n")
-
-
 def _prior_is_true(folder: Path) -> None:
     path = folder / "scenes" / NAME / "queries.csv"
     table = pd.read_csv(path)
@@ -191,26 +182,6 @@ def _outside(folder: Path) -> None:
     path.write_text(path.read_text().replace(images, json.dumps(str(moved))))
 
 
-def sealed_again(field: Path, root: Path, change: Callable[[Path], None]) -> Path:
-    """Seal a folder that somebody has changed by hand, and return the public one."""
-    folder = Path(shutil.copytree(field, root / NAME))
-    change(folder)
-    values = read_toml(folder / "benchmark.toml", BenchmarkError, "benchmark file")
-    write_benchmark_file(folder, BenchmarkFile.model_validate(values))
-    seal(folder, root / "public", root / "truth.age", KEY.to_public())
-    return root / "public"
-
-
-def test_columns_rows_and_keys_by_hand_are_sealed(field: Path, tmp_path: Path) -> None:
-    home = sealed_again(field, tmp_path, _more_columns) / "scenes" / NAME
-    tiles = home / "retrieval" / "tiles.parquet"
-    assert set(TILES) & set(pd.read_parquet(tiles)["id"])
-    assert b"answers" not in tiles.read_bytes()
-    written = pd.read_csv(home / "matching" / "crops.csv")
-    assert "error_m" not in written
-    assert list(written["id"]) == sorted(written["id"])  # an order that tells is gone
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [(_prior_is_true, "priors equal the true pose: 1 of 5"), (_outside, "data outside the folder")],
@@ -218,8 +189,12 @@ def test_columns_rows_and_keys_by_hand_are_sealed(field: Path, tmp_path: Path) -
 def test_a_folder_that_cannot_be_sealed(
     field: Path, tmp_path: Path, change: Callable[[Path], None], said: str
 ) -> None:
+    folder = Path(shutil.copytree(field, tmp_path / NAME))
+    change(folder)
+    values = read_toml(folder / "benchmark.toml", BenchmarkError, "benchmark file")
+    write_benchmark_file(folder, BenchmarkFile.model_validate(values))
     with pytest.raises(BenchmarkError, match=said):
-        sealed_again(field, tmp_path, change)
+        seal(folder, tmp_path / "public", tmp_path / "truth.age", KEY.to_public())
 
 
 # --- photos lose all that is no picture, and no pixel ---
@@ -269,15 +244,11 @@ ZIP = b"PK\x03\x04" + SECRET
 A_XMP = segment(0xE1, XMP)
 PHOTOS: dict[str, Callable[[], bytes]] = {
     "exif": lambda: with_segments(jpeg(), segment(0xE1, EXIF)),
-    "iptc": lambda: with_segments(jpeg(), segment(0xED, b"Photoshop 3.0\0" + SECRET)),
     "icc": lambda: jpeg(icc_profile=SECRET * 9000),
-    "comment": lambda: with_segments(jpeg(), segment(0xFE, SECRET)),
+    "comment": lambda: with_segments(jpeg(), b"\xff" * 7 + segment(0xFE, SECRET)),
     "every application": lambda: with_segments(jpeg(), *APPS),
     "previews": lambda: with_segments(jpeg(), PREVIEW, JFXX),
-    "fill bytes": lambda: with_segments(jpeg(), b"\xff" * 7 + segment(0xFE, SECRET)),
-    "after its end": lambda: jpeg() + ZIP,
-    "a second picture": lambda: jpeg() + with_segments(jpeg(), A_XMP),
-    "progressive": lambda: with_segments(jpeg(progressive=True), A_XMP),
+    "a second picture": lambda: jpeg() + with_segments(jpeg(), A_XMP) + ZIP,
     "restarts": lambda: with_segments(jpeg(restart_marker_blocks=1), A_XMP),
     "grey": lambda: with_segments(jpeg("L"), A_XMP),
     "four colours": lambda: with_segments(jpeg("CMYK"), A_XMP),
@@ -285,9 +256,7 @@ PHOTOS: dict[str, Callable[[], bytes]] = {
         b"\xff\xda", segment(0xE2, SECRET) + b"\xff\xda"
     ),
     "texts and profile": png,
-    "exif chunk": lambda: with_chunk(b"eXIf", EXIF),
-    "unknown chunk": lambda: with_chunk(b"prVt", SECRET),
-    "after the end of a png": lambda: png() + ZIP,
+    "exif chunk": lambda: with_chunk(b"eXIf", EXIF) + ZIP,
 }
 
 
@@ -354,18 +323,10 @@ def test_opened_is_what_was_sealed_and_goes(sealed: SealedField) -> None:
         assert not truth.exists()
 
 
-CHANGES: dict[str, Callable[[bytearray], Any]] = {
-    "a byte in the middle": lambda d: d.__setitem__(len(d) // 2, d[len(d) // 2] ^ 1),
-    "a byte of the head": lambda d: d.__setitem__(3, d[3] ^ 1),
-    "more at its end": lambda d: d.extend(b"more"),
-    "nothing": lambda d: d.clear(),
-}
-
-
-@pytest.mark.parametrize("name", CHANGES)
-def test_a_damaged_archive_opens_nothing(name: str, sealed: SealedField, tmp_path: Path) -> None:
+@pytest.mark.parametrize("place", [3, -1, -40_000])
+def test_a_damaged_archive_opens_nothing(place: int, sealed: SealedField, tmp_path: Path) -> None:
     data = bytearray(sealed.archive.read_bytes())
-    CHANGES[name](data)
+    data[place] ^= 1
     (tmp_path / "x.age").write_bytes(data)
     with pytest.raises(BenchmarkError, match="is damaged"):
         opened(sealed.public, tmp_path / "x.age")
@@ -384,7 +345,7 @@ def test_another_key_another_run_and_a_missing_file(sealed: SealedField, tmp_pat
         opened(public, sealed.archive)
 
 
-@pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x"])
+@pytest.mark.parametrize("name", ["/etc/x", "a/../../x"])
 def test_an_archive_that_anybody_could_have_sealed_writes_nowhere_else(
     name: str, sealed: SealedField, tmp_path: Path
 ) -> None:
@@ -402,11 +363,9 @@ def test_an_archive_that_anybody_could_have_sealed_writes_nowhere_else(
         opened(sealed.public, path)
 
 
-@pytest.mark.parametrize("text", [None, "KEY\nKEY\n", "age1public", "KEY!"])
-def test_faults_of_keys_repeat_no_key(text: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(KEY_VARIABLE, raising=False)
-    if text is not None:
-        monkeypatch.setenv(KEY_VARIABLE, text.replace("KEY", str(KEY)))
+@pytest.mark.parametrize("text", ["", "KEY\nKEY\n", "KEY!"])
+def test_faults_of_keys_repeat_no_key(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(KEY_VARIABLE, text.replace("KEY", str(KEY)))
     with pytest.raises(UsageError, match=KEY_VARIABLE) as caught:
         read_key()
     assert str(KEY)[20:40] not in str(caught.value)
@@ -424,9 +383,7 @@ def test_the_command_and_places_that_it_refuses(
     out, archive = tmp_path / "p/m", tmp_path / "p/a.age"
     for folder, public, file, key, said in (
         (sealed.folder, out, archive, "me", "no public key"),
-        (sealed.folder, out, tmp_path / "q/a.age", to, "a wrong place"),
         (sealed.folder, inside, inside.with_name("a.age"), to, "a wrong place"),
-        (tmp_path / "none", out, archive, to, "none"),
         (sealed.public, out, archive, to, "is sealed"),
         (sealed.folder, out, archive, to, ""),
         (sealed.folder, out, archive, to, "exists already"),
@@ -522,12 +479,14 @@ def test_one_query_mostly_changes_nothing(column: ScoreColumn) -> None:
         one, two = (round_score(float(average(v)), [v], column) for v in (values, other))
         same += one == two
     assert same >= 400 * 0.7
-    # Nor is a scene of one query read off the mean: 4 of it would move that of 11 scenes by 4/11.
+
+
+def test_a_scene_of_one_query_is_not_read_off_the_mean() -> None:
+    random = np.random.default_rng(3)
     others = [(random.random(200) < 0.5).astype(float) for _ in range(10)]
-    if column is HIT:
-        both = [[*others, np.array([hit])] for hit in (0.0, 1.0)]
-        told = {round_score(float(np.mean([one.mean() for one in s])), s, HIT)[0] for s in both}
-        assert len(told) == 1
+    both = [[*others, np.array([hit])] for hit in (0.0, 1.0)]
+    told = {round_score(float(np.mean([one.mean() for one in s])), s, HIT)[0] for s in both}
+    assert len(told) == 1
 
 
 # --- tries ---

@@ -103,26 +103,30 @@ def test_a_withdrawn_submission_leaves_the_board_and_keeps_its_owner(
     assert "belongs to another account" in board.ci(3, board.propose(other, 3), BOB, code=1)
 
 
-def test_new_words_on_the_same_predictions_keep_their_scores(
-    board: Board, perfect: Arrays, monkeypatch: pytest.MonkeyPatch
+def test_new_words_keep_their_scores_and_another_truth_or_protocol_scores_again(
+    board: Board,
+    data: Path,
+    scenes: list[MadeScene],
+    perfect: Arrays,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     board.submit(board.main, perfect, "Salad")
     board.push_main("One")
+    children: list[object] = []
+    call = sandbox.call_limited
+    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
+    monkeypatch.setattr(
+        opening, "call_limited", lambda *given, **more: children.append(1) or call(*given, **more)
+    )
     board.step("keep", board.rescore())
+    assert children  # strangers' predictions are read under limits
     board.submit(board.main, perfect, "Salad", "--force", "--set", "summary=Other words")
     board.push_main("Other words")
-    monkeypatch.setattr(CheckedSubmission, "score", None)
-    board.step("keep", board.rescore(said="new words, the same scores"))
+    with monkeypatch.context() as patched:
+        patched.setattr(CheckedSubmission, "score", None)
+        board.step("keep", board.rescore(said="new words, the same scores"))
     assert "Other words" in board.data_file(f"{SALAD}/1/submission.toml")
-    assert board.rescore(said="")
-
-
-def test_a_run_of_an_earlier_truth_or_protocol_is_scored_again(
-    board: Board, data: Path, scenes: list[MadeScene], perfect: Arrays
-) -> None:
-    board.submit(board.main, perfect, "Salad")
-    board.push_main("One")
-    board.build()
+    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", lambda _: None)
     protocol = data / f"made/protocols/{PROTOCOL}.toml"
     text = protocol.read_text()
     protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
@@ -181,21 +185,6 @@ def test_no_account_fills_a_table_or_enters_as_another(board: Board, perfect: Ar
     assert "this account has 1 submission in this table already" in refused
     assert f"write account = {BOB}" in board.ci(2, head, BOB, code=1)
     assert "is refused" not in board.ci(2, head, MAINTAINER)
-
-
-def test_strangers_predictions_are_read_in_a_child_under_limits(
-    board: Board, perfect: Arrays, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    board.submit(board.main, perfect, "Baseline", account=MAINTAINER)
-    board.push_main("The baseline")
-    children: list[object] = []
-    call = sandbox.call_limited
-    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
-    monkeypatch.setattr(
-        opening, "call_limited", lambda *given, **more: children.append(1) or call(*given, **more)
-    )
-    assert list(board.rescore().glob("runs/made/retrieval/baseline/1/run.json"))
-    assert children
 
 
 @pytest.mark.parametrize("fault", ["event", "board", "remote", "work"])

@@ -65,27 +65,19 @@ def test_actions_are_pinned_and_nothing_of_strangers_is_run(path: Path) -> None:
         assert job["timeout-minutes"] <= 360
 
 
-def test_job_that_reads_pull_requests_has_no_right_to_write() -> None:
-    assert len(WORKFLOWS) >= 5
-    jobs = loaded(LEADERBOARD)["jobs"]
-    for name in ("score", "sealed"):
-        assert jobs[name]["permissions"] == {"contents": "read"}
-        assert jobs[name]["environment"]
-
-
-def test_key_is_in_one_step_of_one_job_without_network() -> None:
-    text = LEADERBOARD.read_text(encoding="utf-8")
-    assert text.count("secrets.") == 1
-    [step] = [s for s in steps(LEADERBOARD) if "AIRZOO_BENCH_KEY" in s.get("env", {})]
-    assert "unshare --net" in step["run"]
-    assert step in loaded(LEADERBOARD)["jobs"]["sealed"]["steps"]
-
-
-def test_trigger_and_concurrency() -> None:
+def test_rights_and_the_key() -> None:
+    """Jobs that read pull requests cannot write; the key is in one step, without network."""
     found = loaded(LEADERBOARD)
     assert list(found[True]) == ["pull_request_target"]  # YAML's "on"
     assert found["permissions"] == {}
     assert found["concurrency"]["group"].endswith("github.event.pull_request.number }}")
+    for name in ("score", "sealed"):
+        assert found["jobs"][name]["permissions"] == {"contents": "read"}
+        assert found["jobs"][name]["environment"]
+    assert LEADERBOARD.read_text(encoding="utf-8").count("secrets.") == 1
+    [step] = [s for s in steps(LEADERBOARD) if "AIRZOO_BENCH_KEY" in s.get("env", {})]
+    assert "unshare --net" in step["run"]
+    assert step in found["jobs"]["sealed"]["steps"]
 
 
 @pytest.mark.parametrize("name", ["leaderboard.yml", "board.yml"])
