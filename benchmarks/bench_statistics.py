@@ -12,7 +12,7 @@ from scipy.stats import bootstrap as scipy_bootstrap
 
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import make_sample
-from airzoo_bench.results.result import ScoreColumn, score_columns
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.statistics.intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -23,7 +23,7 @@ from tests.statistics.support import random_methods
 
 PROTOCOL = load_protocol(shipped_protocols()["uav-visloc-retrieval"])
 SCENES = {scene.id: scene.queries or 0 for scene in PROTOCOL.scenes}
-COLUMNS: tuple[ScoreColumn, ...] = score_columns(list_scores(PROTOCOL.scores))
+COLUMNS: tuple[ScoreColumn, ...] = tuple(list_scores(PROTOCOL.scores))
 
 
 def resample_all(_: Path, methods: int, resamples: int) -> Work:

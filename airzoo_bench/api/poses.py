@@ -16,7 +16,7 @@ from airzoo_bench.geometry.poses import Poses, check_rotations
 from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
 from airzoo_bench.matching import metrics, solving
 from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
-from airzoo_bench.matching.settings import MatchingScores, Solver, SolverName
+from airzoo_bench.matching.protocol import MatchingScores, Solver, SolverName
 from airzoo_bench.matching.solving import PoseEstimate
 from airzoo_bench.reconstruction.alignment import (
     LEAST_CAMERAS,
@@ -25,7 +25,7 @@ from airzoo_bench.reconstruction.alignment import (
     shipped_alignment,
     umeyama,
 )
-from airzoo_bench.results.scores import summarise
+from airzoo_bench.results.result import summarise
 
 __all__ = ["align_cameras", "pose_errors", "pose_scores", "solve_pose"]
 
@@ -123,7 +123,7 @@ def pose_scores(
     columns = pose_columns(found, settings).items()
     known = {name: values for name, values in columns if not np.isnan(values).any()}
     records = pd.DataFrame({"scene": "", **known})
-    scores = [score for score in matching_scores(settings) if score.column in known]
+    scores = [score for score in matching_scores(settings) if score.key in known]
     failures = int(np.isinf(found.translation_m).sum())
     counts = {"queries": len(records), "failures": failures}
     averages = summarise(records, scores, [""]).overall

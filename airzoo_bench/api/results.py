@@ -25,7 +25,6 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.comparison import compare as compare_methods
 from airzoo_bench.results.comparison import score_intervals
-from airzoo_bench.results.files import results_here
 from airzoo_bench.results.records import Scored, checked_records, read_scored, write_csv
 from airzoo_bench.results.result import write_result
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -132,7 +131,7 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     UserError
         It is missing, was changed since it was written, or its records do not fit it.
     """
-    (found,) = read_scored(results_here([path]))
+    (found,) = read_scored([path])
     return Result(name or found.name, found.result, found.records)
 
 
@@ -306,7 +305,6 @@ def compare(
     *,
     every: bool = False,
     reference: str | None = None,
-    method: str | None = None,
     scene: str | None = None,
 ) -> Comparison:
     """Compare results query by query: differences, intervals, tests, a verdict in words.
@@ -321,8 +319,6 @@ def compare(
         Every score instead.
     reference : str, optional
         The method to compare all others with, or "best"; by default the first.
-    method : str, optional
-        Instead of a reference: differences, verdicts and wins are this method's.
     scene : str, optional
         This scene only, by id or title.
 
@@ -343,7 +339,7 @@ def compare(
     listed = [results] if isinstance(results, kinds) else arg.listed("results", results)
     if not listed or not all(isinstance(one, kinds) for one in listed):
         raise arg.fault("results", "holds no results", "results, or paths of result.json")
-    read = iter(read_scored(results_here([one for one in listed if not isinstance(one, Scored)])))
+    read = iter(read_scored([one for one in listed if not isinstance(one, Scored)]))
     methods = [one if isinstance(one, Scored) else next(read) for one in listed]
     names = [one.name for one in methods]
     if twice := {name for name in names if names.count(name) > 1}:
@@ -361,9 +357,7 @@ def compare(
             for score, one in zip(chosen, part, strict=True)
         ]
         return Comparison(intervals_table(methods[0], chosen, plan), pd.DataFrame(rows))
-    made = compare_methods(
-        methods, chosen, reference=reference, method=method, scene=scene, resampling=plan
-    )
+    made = compare_methods(methods, chosen, reference=reference, scene=scene, resampling=plan)
     rows = [
         {**vars(pair.interval), **vars(pair), "score": pair.score.key, "p": pair.test.p_value}
         | {"verdict": verdict(pair)}

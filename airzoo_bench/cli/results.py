@@ -34,14 +34,6 @@ def compare(
     reference: Annotated[
         cli.Text, cli.option("The method to compare with, or 'best' (default: the first).")
     ] = None,
-    method: Annotated[
-        cli.Text,
-        cli.option(
-            "Instead: is NAME better than each of the others? Differences, verdicts and wins are "
-            "NAME's.",
-            metavar="NAME",
-        ),
-    ] = None,
     scene: cli.SceneOption = None,
 ) -> None:
     """Compare methods query by query: differences, intervals, tests, a verdict in words.
@@ -50,17 +42,15 @@ def compare(
 
     Example: airzoo-bench compare results/mine/result.json results/theirs/result.json
 
-    Example: airzoo-bench compare results/*/result.json --method Mine
+    Example: airzoo-bench compare results/*/result.json --reference Mine
     """
     from airzoo_bench.api.results import compare as compare_results
 
     if every and score:
         raise UsageError("--all and --score exclude each other", fix="leave one of them out")
-    if len(results) == 1 and (reference or method):
-        raise UsageError("--reference and --method need two or more results", fix="name another")
-    found = compare_results(
-        results, score or (), every=every, reference=reference, method=method, scene=scene
-    )
+    if len(results) == 1 and reference:
+        raise UsageError("--reference needs two or more results", fix="name another")
+    found = compare_results(results, score or (), every=every, reference=reference, scene=scene)
     cli.show(found.table, form)
 
 
@@ -81,14 +71,13 @@ def breakdown(
     Example: airzoo-bench breakdown results/*/result.json --by altitude_m --bins 50,100 --score R@1
     """
     from airzoo_bench.results.comparable import check_same_queries, choose_scores, score_keys
-    from airzoo_bench.results.files import result_paths, results_here
     from airzoo_bench.results.records import read_records, read_scored
-    from airzoo_bench.results.result import read_result
+    from airzoo_bench.results.result import read_result, result_paths
     from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.breakdown import breakdown_table, check_column
 
     edges, wanted = _parse_bins(bins), score or []
-    paths = result_paths(results_here(results))
+    paths = result_paths(results)
     methods = read_scored(paths, {by, *score_keys(read_result(paths[0]), wanted)})
     check_same_queries(methods)
     if by not in methods[0].records:
@@ -145,7 +134,7 @@ def plot(
     from airzoo_bench.core.files import check_output_file
     from airzoo_bench.report.draw import picture
     from airzoo_bench.report.figures import Sheet, check_ending, parse_length, save_figure
-    from airzoo_bench.results.files import results_here
+    from airzoo_bench.results.result import result_paths
 
     cli.check_choice("airzoo-bench plot", kind, list(_PLOTS))
     values: dict[str, Any] = {"score": score, "scene": scene, "up_to": up_to, "by": by}
@@ -167,7 +156,7 @@ def plot(
         given["data"] = cli.resolve_data(data)
     with cli.working(f"drawing {out}"):
         sheet = Sheet(parse_length(width))
-        save_figure(picture(kind, results_here(results), sheet, **given), out)
+        save_figure(picture(kind, result_paths(results), sheet, **given), out)
     cli.say(f"drew {out}")
 
 
@@ -189,13 +178,13 @@ def report(
     """
     from airzoo_bench.core.files import atomic_write, check_output_file
     from airzoo_bench.report.page import make_report
-    from airzoo_bench.results.files import results_here
+    from airzoo_bench.results.result import result_paths
 
     if out.suffix.lower() not in (".html", ".htm"):
         raise UsageError("a report is a page", where=out, expected="a name that ends in .html")
     check_output_file(out)
     made = make_report(
-        results_here(results),
+        result_paths(results),
         data=cli.resolve_data(data),
         data_was_named=data is not None,
         pictures=pictures,

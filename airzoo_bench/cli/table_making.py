@@ -13,9 +13,8 @@ from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.protocol.model import find_protocol, shipped_protocols
 from airzoo_bench.results.comparable import check_score, find_scene, named_scores
-from airzoo_bench.results.files import method_names, result_paths, results_here
 from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.result import Result, read_result, score_columns
+from airzoo_bench.results.result import Result, method_names, read_result, result_paths
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables import layouts, marks
 from airzoo_bench.tables.intervals import with_intervals
@@ -97,7 +96,7 @@ def _choose_layout(asked: Any, parts: Sequence[_Part]) -> str:
 def _read_parts(asked: Any) -> list[_Part]:
     """Read the results by protocol, and protocols for the numbers that are published on them."""
     names = [name for name in asked.results if asked.published and name in shipped_protocols()]
-    paths = result_paths(results_here([one for one in asked.results if one not in names]))
+    paths = result_paths([one for one in asked.results if one not in names])
     results = _rename([read_result(path) for path in paths], paths, asked.rename or ())
     every_score = asked.every or bool(asked.scores)
     groups: dict[str, list[tuple[Result, Path]]] = {}
@@ -108,7 +107,7 @@ def _read_parts(asked: Any) -> list[_Part]:
         some, files = zip(*pairs, strict=True)
         parts.append(_Part(method_table(some, paths=files, every_score=every_score), some, files))
     for protocol in (find_protocol(name, data_here()) for name in names):
-        columns = score_columns(load_track(protocol.track).scores(protocol))
+        columns = load_track(protocol.track).scores(protocol)
         scores = [column for column in columns if every_score or column.headline]
         parts.append(_Part(empty_table(protocol, scores)))
     return parts

@@ -31,8 +31,7 @@ from airzoo_bench.geometry.raster_files import (
     source_of,
 )
 from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world
-from airzoo_bench.matching.prepare import write_crop
-from airzoo_bench.matching.truth import own_map
+from airzoo_bench.matching.truth import own_map, write_crop
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.truth import write_truth as write_reconstruction_truth

@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 import pandas as pd
 
 from airzoo_bench.benchmark.queries import SceneInputs
-from airzoo_bench.matching.prepare import build_truth as build_matching_truth
-from airzoo_bench.matching.prepare import given_truth
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
+from airzoo_bench.matching.truth import build_truth as build_matching_truth
 from airzoo_bench.protocol.model import Protocol, ProtocolScene, find_protocol
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
@@ -121,11 +120,11 @@ def build_truths(
 
 
 def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol | None) -> MatchingTruth | None:
-    truth = None
-    if protocol is not None and protocol.crop is None:
-        truth = None if inputs.maps is None else given_truth(inputs, inputs.maps)
-    elif protocol is not None and protocol.crop is not None:
-        has_prior = not protocol.prior.is_measured or "prior_x" in inputs.photos.columns
-        if inputs.dom is not None and inputs.dsm is not None and has_prior:
-            truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
-    return None if truth is None or truth.queries.empty else truth
+    if protocol is None:
+        return None
+    has_prior = not protocol.prior.is_measured or "prior_x" in inputs.photos.columns
+    has_map = inputs.maps if protocol.crop is None else inputs.dom and inputs.dsm and has_prior
+    if not has_map:
+        return None
+    truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
+    return None if truth.queries.empty else truth

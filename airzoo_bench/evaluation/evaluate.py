@@ -41,10 +41,10 @@ from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
     Result,
+    ScoreColumn,
     TruthUsed,
-    score_columns,
+    summarise,
 )
-from airzoo_bench.results.scores import Score, concatenate, summarise
 
 FACTOR = 3.0
 """Errors of method and truth add as squares: a truth that is wrong by a third of a threshold makes
@@ -131,7 +131,7 @@ def evaluate(
         ),
         predictions=used,
         versions=dict(versions()),
-        columns=score_columns(scores),
+        columns=tuple(scores),
         counts={name: scene.counts for name, scene in scored.items()},
         extra_queries=assignment.strange,
         notes=_notes(given, benchmark, truths, assignment, [*scored.values()]),
@@ -171,17 +171,17 @@ def _run_fingerprint(
 
 
 def _join_records(
-    scored: Sequence[Scored], scores: list[Score]
-) -> tuple[list[Score], pd.DataFrame]:
+    scored: Sequence[Scored], scores: list[ScoreColumn]
+) -> tuple[list[ScoreColumn], pd.DataFrame]:
     """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
-    records = concatenate([scene.records for scene in scored])
-    for score in (one for one in scores if one.headline and one.column not in records):
-        raise ValueError(f"no record has the headline {score.column}, by a fault of the track")
-    scores = [score for score in scores if score.column in records]
+    records = pd.concat([scene.records for scene in scored], ignore_index=True)
+    for score in (one for one in scores if one.headline and one.key not in records):
+        raise ValueError(f"no record has the headline {score.key}, by a fault of the track")
+    scores = [score for score in scores if score.key in records]
     lacking = {
-        score.column: 0.0 if score.higher_is_better else np.inf
+        score.key: 0.0 if score.higher_is_better else np.inf
         for score in scores
-        if not all(score.column in scene.records for scene in scored)
+        if not all(score.key in scene.records for scene in scored)
     }
     return scores, records.fillna(lacking) if lacking else records
 

@@ -218,7 +218,7 @@ def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
     track = load_track(protocol.track)
     truth: Truth = track.truth(benchmark, scene)
     conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
-    taken = {*track.recorded, *(score.column for score in track.scores(protocol))}
+    taken = {*track.recorded, *(score.key for score in track.scores(protocol))}
     for name in [] if conditions is None else map(str, conditions.columns):
         if any(fnmatchcase(name, one) for one in taken):
             raise BenchmarkError(

@@ -31,8 +31,7 @@ from airzoo_bench.core.sandbox import Limits
 from airzoo_bench.engines.engine import HERE, Engine, Processes
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.results.result import Reference
-from airzoo_bench.results.scores import Score
+from airzoo_bench.results.result import Reference, ScoreColumn
 
 
 class Predictions(Structural):
@@ -191,7 +190,7 @@ class Track(ABC):
         """Score a scene; whatever is missing from its predictions gets the worst score."""
 
     @abstractmethod
-    def scores(self, protocol: Any) -> list[Score]:
+    def scores(self, protocol: Any) -> list[ScoreColumn]:
         """Return the scores that are columns of the records.
 
         Records may lack some, but no headline; a scene without a column of others is worst there.

@@ -32,14 +32,13 @@ from airzoo_bench.leaderboard.answers import (
 )
 from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import is_share
-from airzoo_bench.results.result import ScoreColumn, score_columns
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import (
     LEVEL,
     compare_all,
     correct_pairs,
     rank_ranges,
-    resamples_for,
     unpaired_p_values,
 )
 from airzoo_bench.tables.published import (
@@ -165,7 +164,7 @@ def _head_of(protocol: Protocol) -> Head:
 def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]:
     """Return the scores that any result has, the headline ones that all have first."""
     every = [one.columns for one in answers]
-    every = every or [score_columns(load_track(protocol.track).scores(protocol))]
+    every = every or [load_track(protocol.track).scores(protocol)]
     columns = {column.key: column for one in every for column in one}
     headline = set.intersection(*({c.key for c in one if c.headline} for one in every))
     marked = [c.model_copy(update={"headline": c.key in headline}) for c in columns.values()]
@@ -284,7 +283,7 @@ def _sample_of(answers: Sequence[Answer], column: ScoreColumn) -> Sample:
 def _compare_pairs(members: Sequence[_Member], column: ScoreColumn, cache: Path) -> Floats:
     """Return low, high and p of every two methods (3, V, V), and store them for the next build."""
     answers = [member.answer for member in members]
-    resampling = ResamplingConfig(resamples_for(len(members)))
+    resampling = ResamplingConfig()
     mark = repr((*_basis(answers[0]), column.key, resampling.resamples, __version__))
     path = cache / f"pairs-{hashlib.sha256(mark.encode()).hexdigest()}.npz"
     names = [

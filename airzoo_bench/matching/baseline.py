@@ -3,8 +3,7 @@
 The photo and the crop are brought to one ground resolution, that of the coarser, and the crop is
 turned as the prior says that the camera was, by quarters, which only move pixels. Features are SIFT
 (Lowe, IJCV 2004) as RootSIFT (Arandjelovic and Zisserman, CVPR 2012), matched where they are each
-other's nearest and clearly nearer than the second. The turn is no assumption: SIFT finds its own
-orientation, so a prior whose yaw is wrong does no harm.
+other's nearest and clearly nearer than the second. A prior whose yaw is wrong does no harm.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, read_rgb, to_map_pixels
 from airzoo_bench.geometry.sift import Grey, extract, mutual_nearest
 from airzoo_bench.matching.info import SiftSettings
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.matching.truth import read_truth
 
 _GREY = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
@@ -47,7 +46,7 @@ class Task:
     """
 
     photo: Path
-    camera: Cameras
+    size: tuple[int, int]
     dom: Path
     window: tuple[int, int, int, int]
     turn_deg: float = 0.0
@@ -76,7 +75,8 @@ def predict(
                 ground = needed(entry.plane_height_m, "height of the ground", scene.id)
                 lie = lie_on_map(camera, truth.priors.take(row), entry.crs, dom, ground)
             photo, window = benchmark.resolve(entry.images) / name, tuple(truth.crops[row].tolist())
-            tasks.append(Task(photo, camera, dom.path, window, *lie))
+            size = (int(camera.width[0]), int(camera.height[0]))
+            tasks.append(Task(photo, size, dom.path, window, *lie))
         matched = run.processes.map(
             match_task, tasks, shared=settings, stage="photos", name=lambda task: str(task.photo)
         )
@@ -95,8 +95,7 @@ def lie_on_map(
     camera: Cameras, prior: Poses, crs: Any, dom: RasterInfo, ground_height_m: float
 ) -> tuple[float, float]:
     """Return from a prior the turn and the ratio of ground sizes that `Task` has."""
-    right, forward = prior.rotation[0, 0], prior.rotation[0, 2]
-    centre = prior.centres[0]
+    right, forward, centre = prior.rotation[0, 0], prior.rotation[0, 2], prior.centres[0]
     ends = np.stack((centre[:2], centre[:2] + right[:2]))
     start, end = to_map_pixels(LONLAT_CRS, dom)(to_lonlat(crs, ends))
     turn = float(np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
@@ -107,49 +106,40 @@ def lie_on_map(
 
 def match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
     """Match a photo with its part of the map, in pixels of both at their full size."""
-    size = np.array((task.camera.width[0], task.camera.height[0]))
     photo_scale, crop_scale = min(1.0, task.gsd_ratio), min(1.0, 1.0 / task.gsd_ratio)
-    largest = max(size.max() * photo_scale, max(task.window[2:]) * crop_scale)
+    largest = max(max(task.size) * photo_scale, max(task.window[2:]) * crop_scale)
     fit = min(1.0, settings.long_side_px / largest)
-    width, height = np.maximum(np.round(size * photo_scale * fit), 1).astype(int).tolist()
+    width, height = (max(round(side * photo_scale * fit), 1) for side in task.size)
     colours = read_rgb(task.dom, task.window)
     # Black is where a map has no data; what is nearly black is not.
     crop = np.maximum(np.round(colours @ _GREY).astype(np.uint8), colours.any(axis=-1))
     with opened_photo(task.photo, "put the photos back where benchmark.toml says") as image:
-        if image.size != tuple(size.tolist()):
-            what = f"the photo is {image.size[0]} x {image.size[1]} px"
-            expected = f"{size[0]} x {size[1]} px, the size of its camera"
+        if image.size != task.size:
+            what = "the photo is {} x {} px".format(*image.size)
+            expected = "{} x {} px, the size of its camera".format(*task.size)
             raise BenchmarkError(what, where=task.photo, expected=expected)
         # libjpeg skips what is thrown away. Its last pixel may reach beyond the photo's edge,
         # so the box says where that is.
         reduced = image.draft("L", (width, height))
         box = reduced[1] if reduced else (0, 0, *image.size)
-        resized = image.convert("L").resize((width, height), Image.Resampling.LANCZOS, box)
-    query_xy, crop_xy = match(
-        np.asarray(resized),
-        task.camera,
-        crop,
-        turn_deg=task.turn_deg,
-        crop_scale=crop_scale * fit,
-        settings=settings,
-    )
+        query = image.convert("L").resize((width, height), Image.Resampling.LANCZOS, box)
+    size, grey, scale = task.size, np.asarray(query), crop_scale * fit
+    query_xy, crop_xy = match(grey, size, crop, task.turn_deg, scale, settings)
     return query_xy, crop_xy + task.window[:2]
 
 
 def match(
     query_grey: Grey,
-    query_camera: Cameras,
+    size: tuple[int, int],
     crop_grey: Grey,
-    *,
     turn_deg: float,
     crop_scale: float,
     settings: SiftSettings,
 ) -> tuple[Floats, Floats]:
-    """Match a photo with a crop of the map; return pixels (M, 2) of the full photo and the crop."""
+    """Match a photo of a size with a crop; return pixels (M, 2) of the full photo and the crop."""
     peak, doubled = settings.peak_threshold, settings.doubled
-    full = np.array((query_camera.width[0], query_camera.height[0]), dtype=np.float64)
     query_xy, query_found = extract(query_grey, settings.max_features, peak, doubled=doubled)
-    query_xy = query_xy * (full / query_grey.shape[::-1])
+    query_xy = query_xy * (np.array(size, np.float64) / query_grey.shape[::-1])
     turned, back = resample(crop_grey, crop_scale, turn_deg)
     there, crop_found = extract(turned, settings.max_map_features, peak, doubled=doubled)
     crop_xy = there @ back[:, :2].T + back[:, 2]

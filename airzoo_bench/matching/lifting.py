@@ -1,8 +1,4 @@
-"""Lifting matches: from pixels of the map to points on the surface model.
-
-A height is that of `HeightField.sample`, to the last bit. Points are sorted by blocks of the
-raster, so that each block is read once and the raster is never whole in memory.
-"""
+"""Lifting matches: from pixels of the map to points on the surface model, block by block."""
 
 from __future__ import annotations
 
@@ -32,16 +28,12 @@ _POINTS = 1 << 16  # that a thread handles at a time, which bounds its memory
 
 
 class LiftStatus(IntEnum):
-    """The end of a match; its name in lower case is a column of the records.
-
-    OUTSIDE_DSM is off the surface model, or beyond the domain of one of the two CRS. NO_HEIGHT:
-    no neighbour nearer than a pixel has a height, or one is not above `heights_above_m`.
-    """
+    """The end of a match; its name in lower case is a column of the records."""
 
     LIFTED = 0
     OUTSIDE_MAP = 1
-    OUTSIDE_DSM = 2
-    NO_HEIGHT = 3
+    OUTSIDE_DSM = 2  # or beyond the domain of one of the two CRS
+    NO_HEIGHT = 3  # of a neighbour nearer than a pixel, or one not above `heights_above_m`
 
 
 class Lifted(NamedTuple):
@@ -59,7 +51,11 @@ def lift(
     heights_above_m: float | None = None,
     jobs: int,
 ) -> Lifted:
-    """Lift pixels (M, 2) of the map onto the surface model in `jobs` threads."""
+    """Lift pixels (M, 2) of the map onto the surface model in `jobs` threads.
+
+    A height is that of `HeightField.sample`, to the last bit. Points are sorted by blocks of the
+    raster, so that each block is read once and the raster is never whole in memory.
+    """
     ground = dsm if isinstance(dsm, RasterInfo) else open_info(dsm)
     xy, to_dsm = np.asarray(map_xy, dtype=np.float64), change_of_plane(dom.crs, ground.crs)
     points, status = np.empty((len(xy), 3)), np.empty(len(xy), np.uint8)
@@ -85,8 +81,7 @@ def lift(
         """Find the heights of runs of points, each in one block."""
         for start, stop in runs.tolist():
             rows = order[start:stop]
-            # take() on rows is some times faster than an index.
-            world = points.take(rows, axis=0)[:, :2]
+            world = points.take(rows, axis=0)[:, :2]  # some times faster than an index
             pixel = world_to_pixel(ground.transform, world)
             found = _sample_block(dataset, ground, pixel, heights_above_m)
             points.reshape(-1)[3 * rows + 2] = found
@@ -122,8 +117,7 @@ def _sample_block(
     # The neighbours of the last cell, where the raster has them.
     right, bottom = min(int(column.max()) + 2, ground.width), min(int(row.max()) + 2, ground.height)
     heights = read_metres(dataset, Window(left, top, right - left, bottom - top))
-    local = pixel - (left, top)  # whole pixels are taken off without rounding
-    field = HeightField(heights, ground.transform, ground.crs)
+    field, local = HeightField(heights, ground.transform, ground.crs), pixel - (left, top)
     sampled = field.sample_pixels(local)
     if heights_above_m is not None:
         last = np.array(heights.shape[::-1]) - 1

@@ -7,14 +7,13 @@ denominator and in the median.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.poses import rotation_angle_deg
-from airzoo_bench.matching.settings import MatchingScores
-from airzoo_bench.results.scores import Score
+from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
+from airzoo_bench.matching.protocol import MatchingScores
+from airzoo_bench.results.result import ScoreColumn
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +56,12 @@ def pose_errors(
     return PoseErrors(metres[0], metres[1], metres[2], degrees)
 
 
+def count_near(poses: Poses, priors: Poses, metres: float, degrees: float) -> int:
+    """Count the poses, NaN where there is none, that lie as near to their priors as that."""
+    found = pose_errors(poses.rotation, poses.centres, priors.rotation, priors.centres)
+    return int(within(found.translation_m, found.rotation_deg, metres, degrees).sum())
+
+
 def within(
     translation_m: Floats, rotation_deg: Floats | None, limit_m: float, limit_deg: float = np.inf
 ) -> Floats:
@@ -71,12 +76,7 @@ def area_share(errors: Floats, limit: float) -> Floats:
     r"""Return the share of [0, limit] that lies beyond each error: :math:`\max(0, 1 - e / L)`.
 
     Its mean over Q queries is the area under the recall curve up to the limit L, as a share of the
-    best possible:
-
-    .. math:: \frac{1}{L} \int_0^L \frac{|\{q : e_q \le e\}|}{Q} \, de
-        = \frac{1}{Q} \sum_q \max\!\left(0, 1 - \frac{e_q}{L}\right)
-
-    The measure is that of SuperGlue (Sarlin, DeTone, Malisiewicz, Rabinovich, CVPR 2020, section
+    best possible: that of SuperGlue (Sarlin, DeTone, Malisiewicz, Rabinovich, CVPR 2020, section
     5.2), exact for the curve as it is, which is a step function. SuperGlue's ``pose_auc`` joins the
     steps' upper ends by straight lines, which gives up to 1 / (2 Q) more.
     """
@@ -99,17 +99,17 @@ def pose_columns(errors: PoseErrors, settings: MatchingScores) -> dict[str, Floa
     return columns | {f"auc_{m:g}m": area_share(metres, m) for m in settings.auc_up_to_m}
 
 
-def matching_scores(settings: MatchingScores) -> list[Score]:
+def matching_scores(settings: MatchingScores) -> list[ScoreColumn]:
     """Return the scores that a protocol asks for."""
-    error = partial(Score, higher_is_better=False, average="median")
-    share = Score.share
-    scores = [error("error_m", "Median", "m", headline=True)]
+    share, error = ScoreColumn.share, ScoreColumn.error
+    scores, turns = [error("error_m", "Median", "m", "median", headline=True)], []
     for m in settings.translation_below_m:
         scores.append(share(f"within_{m:g}m", f"@{m:g}m", headline=True))
-    for m, deg in settings.pose_below_m_deg if settings.orientation_is_trusted else ():
-        column = f"within_{m:g}m_{deg:g}deg"
-        scores.append(share(column, f"@{m:g}m,{deg:g}°", headline=True))
-    scores += [error("horizontal_m", "Horizontal", "m"), error("vertical_m", "Vertical", "m")]
     if settings.orientation_is_trusted:
-        scores.append(error("rotation_deg", "Rotation", "deg"))
+        for m, deg in settings.pose_below_m_deg:
+            key = f"within_{m:g}m_{deg:g}deg"
+            scores.append(share(key, f"@{m:g}m,{deg:g}°", headline=True))
+        turns.append(error("rotation_deg", "Rotation", "deg", "median"))
+    scores.append(error("horizontal_m", "Horizontal", "m", "median"))
+    scores += [error("vertical_m", "Vertical", "m", "median"), *turns]
     return scores + [share(f"auc_{m:g}m", f"AUC@{m:g}m") for m in settings.auc_up_to_m]

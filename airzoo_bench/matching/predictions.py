@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -24,7 +25,6 @@ _EXPECTED = (
     "query_ids with offsets, query_xy and map_xy (and map_frame), or offsets, query_xy and "
     "points3d, or poses, or rotations and centres"
 )
-_PIXELS = ("query_xy", "map_xy", "image_size")
 _TEXT_BYTES = 1 << 27
 
 
@@ -67,6 +67,12 @@ class Correspondences:
             None if self.image_size is None else self.image_size[rows],
         )
 
+    def on_map(self, crops: Ints) -> Correspondences:
+        """Return the matches in pixels of the whole map, by the windows (Q, 4) of crops in it."""
+        if self.map_xy is None or self.map_frame != "crop":
+            return self
+        return replace(self, map_xy=self.map_xy + crops[self.query, :2])
+
 
 @dataclass(frozen=True, eq=False)
 class GivenPoses:
@@ -105,39 +111,37 @@ def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
 
 
 def _read_correspondences(arrays: Arrays, ids: NDArray[np.str_]) -> Correspondences:
-    there = arrays.names()
-    offsets = numbers(arrays, "offsets", (None,))
-    fields = {name: _read_doubles(arrays, name, 2) for name in _PIXELS if name in there}
-    if "points3d" in there:
+    names = arrays.names()
+    pixels = [name for name in ("query_xy", "map_xy", "image_size") if name in names]
+    fields = {str(name): numbers(arrays, name, (None, 2)).astype(np.float64) for name in pixels}
+    if "points3d" in names:
         fields["points3d"] = _read_coordinates(arrays, "points3d")
-    if "image_size" in there:
-        check_length(arrays, "image_size", fields["image_size"], len(ids))
-    frame = str(arrays.read("map_frame")) if "map_frame" in there else None
+    frame = str(arrays.read("map_frame")) if "map_frame" in names else None
     if frame not in (None, "map", "crop"):
         what, expected = f"is {frame[:80]!r}", "'map' (pixels of the whole map) or 'crop'"
         raise _fault(arrays, "map_frame", what, expected)
+    offsets, rows = numbers(arrays, "offsets", (None,)), len(fields["query_xy"])
     # Compared, not subtracted: the difference of two large integers may wrap around.
-    rows, falling = len(fields["query_xy"]), np.flatnonzero(~(offsets[1:] >= offsets[:-1]))[:1]
+    falling = np.flatnonzero(~(offsets[1:] >= offsets[:-1]))
     if len(offsets) != len(ids) + 1 or falling.size or offsets[0] != 0 or offsets[-1] != rows:
-        first = f" at query {ids[falling[0]]}" if falling.size and falling[0] < len(ids) else ""
-        what = f"does not add up{first}: it has {len(offsets):,} numbers for {len(ids):,} queries"
+        places = "".join(f" at query {one}" for one in ids[falling[falling < len(ids)]][:1])
+        what = f"does not add up{places}: it has {len(offsets):,} numbers for {len(ids):,} queries"
         expected = f"{len(ids) + 1:,} whole numbers that rise from 0 to {rows}, as of np.cumsum"
         raise _fault(arrays, "offsets", what, expected)
     found = Correspondences(offsets.astype(np.int64), map_frame=frame, **fields)
-    for name in [one for one in fields if one != "image_size"]:
-        bad = np.logical_not(np.isfinite(fields[name]).all(axis=1))
-        if len(bad) != rows:
-            what = f"has {len(bad):,} rows, 'query_xy' has {rows:,}"
+    for name, values in fields.items():
+        if name == "image_size":
+            check_length(arrays, name, values, len(ids))
+            continue
+        if len(values) != rows:
+            what = f"has {len(values):,} rows, 'query_xy' has {rows:,}"
             raise _fault(arrays, name, what, "a row a match in both")
+        bad = np.logical_not(np.isfinite(values).all(axis=1))
         if bad.any():
             whose = first_of(ids[np.unique(found.query[bad])], len(ids), noun="query")
             what = f"is NaN or infinite in {whose}"
             raise _fault(arrays, name, what, "finite coordinates of each match")
     return found
-
-
-def _read_doubles(arrays: Arrays, name: str, *shape: int) -> Floats:
-    return numbers(arrays, name, (None, *shape)).astype(np.float64)
 
 
 def _fault(arrays: Arrays, name: str, what: str, expected: str) -> PredictionError:
@@ -165,19 +169,19 @@ def _read_poses(arrays: Arrays, ids: NDArray[np.str_]) -> GivenPoses:
     """Read ``poses``, or ``rotations`` with ``centres``."""
     centred = "centres" in arrays.names()
     name, columns = ("rotations", 3) if centred else ("poses", 4)
-    matrices = _read_doubles(arrays, name, 3, columns)
-    place = _read_coordinates(arrays, "centres") if centred else matrices[:, :, 3]
-    for field, values in ((name, matrices), ("centres", place)):
-        check_length(arrays, field, values, len(ids))
+    matrices = numbers(arrays, name, (None, 3, columns)).astype(np.float64)
+    check_length(arrays, name, matrices, len(ids))
+    places = _read_coordinates(arrays, "centres") if centred else matrices[:, :, 3]
+    check_length(arrays, "centres", places, len(ids))
     where = f"{arrays.path}, field '{name}'"
-    return given_poses(where, ids, matrices[:, :, :3], place, centred=centred)
+    return given_poses(where, ids, matrices[:, :, :3], places, centred=centred)
 
 
 def given_poses(
     where: object,
     names: Sequence[str] | NDArray[np.str_],
     rotation: Floats,
-    place: Floats,
+    places: Floats,
     *,
     centred: bool = False,
 ) -> GivenPoses:
@@ -185,29 +189,24 @@ def given_poses(
 
     A row is NaN where there is no pose.
     """
-    values, count = np.column_stack((rotation.reshape(len(place), -1), place)), len(place)
-    found = np.asarray(np.isfinite(values).all(axis=1))
-    half = np.array(names)[~found & ~np.isnan(values).all(axis=1)]
-    expected = "world-to-camera poses, NaN in all of a missing one"
-    if half.size:
-        what = f"poses that are NaN or infinite in part: {first_of(half, len(names))}"
-        raise PredictionError(what, where=where, expected=expected)
-    listed, place = np.array(names)[found].tolist(), place[found]
-    matrices, quaternions = rotation[found], rotation[found] if rotation.ndim == 2 else None
+    missing = np.isnan(rotation).all(axis=tuple(range(1, rotation.ndim)))
+    missing = np.asarray(missing & np.isnan(places).all(axis=1))
+    listed, there, places = np.array(names)[~missing].tolist(), rotation[~missing], places[~missing]
+    quaternions = there if rotation.ndim == 2 else None
     make = Poses.from_centres if centred else Poses.from_translations
     try:
-        if quaternions is not None:
-            matrices = quaternion_to_matrix(quaternions, listed)
-        known = make(matrices, place, listed)
+        matrices = there if quaternions is None else quaternion_to_matrix(quaternions, listed)
+        known = make(matrices, places, listed)
     except CameraError as error:
-        stated = error.expected or expected
+        stated = error.expected or "world-to-camera poses, NaN in all of a missing one"
         raise PredictionError(error.what, where=where, expected=stated, fix=error.fix) from error
     # Beside a centre, what the rotation has lost does not move the camera.
-    moved = centre_errors_m(place) if centred else pose_errors_m(matrices, place, quaternions)
+    moved = centre_errors_m(places) if centred else pose_errors_m(matrices, places, quaternions)
+    count = len(missing)
     poses = Poses(rotation=np.full((count, 3, 3), np.nan), centres=np.full((count, 3), np.nan))
     errors_m = np.full(count, np.nan)
-    poses.rotation[found], poses.centres[found] = known.rotation, known.centres
-    errors_m[found] = moved
+    poses.rotation[~missing], poses.centres[~missing] = known.rotation, known.centres
+    errors_m[~missing] = moved
     return GivenPoses(poses, errors_m, centred)
 
 
@@ -215,36 +214,23 @@ def _read_pose_list(path: Path) -> MatchingPredictions:
     """Read ``name qw qx qy qz tx ty tz``, as hloc and AerialExtreMatch write poses."""
     text = read_text(path, UnreadableError, "pose file", _TEXT_BYTES)
     lines = [line.strip() for line in text.splitlines()]
-    lines = [line for line in lines if line and line[0] != "#"]
-    rows = [_split_name(line) for line in lines]
-    wrong = [f"row {n + 1}, {lines[n].split()[0][:80]!r}" for n, row in enumerate(rows) if not row]
-    if wrong or not rows:
-        raise PredictionError(
-            f"rows that are no name and seven numbers: {first_of(wrong, len(rows))}",
-            where=path,
-            expected="name qw qx qy qz tx ty tz, world-to-camera",
-            fix="trajectories of TUM and KITTI are read with --reader tum or kitti, and --names",
-        )
-    names = np.array([row[0] for row in rows if row], dtype=str)
-    values = np.array([row[1] for row in rows if row], dtype=np.float64)
+    names, rows = [], []
+    for number, line in enumerate([one for one in lines if one and one[0] != "#"] or [""], 1):
+        name, *columns = line.rsplit(None, 7) or [""]  # a name may have spaces
+        with suppress(ValueError):
+            rows.append([float(word) for word in columns])
+        if len(rows) < number or len(columns) < 7 or not name.isprintable():
+            what, expected = "is no name and seven numbers", "name qw qx qy qz tx ty tz"
+            fix = "trajectories are read with --reader tum or kitti, and --names"
+            what = f"row {number}, {name[:80]!r}, {what}"
+            raise PredictionError(what, where=path, expected=expected, fix=fix)
+        ending = Path(name).suffix
+        names.append(name.removesuffix(ending) if ending.lower() in PHOTO_SUFFIXES else name)
+    values = np.array(rows, dtype=np.float64)
     # As AerialExtreMatch writes that there is none.
     values[(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)] = np.nan
     given = given_poses(path, names, values[:, :4], values[:, 4:])
-    return QueryPredictions(path, None, names, given)
-
-
-def _split_name(line: str) -> tuple[str, list[float]] | None:
-    """Split a line; a name may have spaces."""
-    name, *columns = line.rsplit(None, 7)
-    try:
-        pose = [float(word) for word in columns]
-    except ValueError:
-        return None
-    # What does not print, or is long, is no id and no line of a message.
-    if len(pose) < 7 or not name.isprintable() or len(name) > 256:
-        return None
-    ending = Path(name).suffix
-    return name.removesuffix(ending) if ending.lower() in PHOTO_SUFFIXES else name, pose
+    return QueryPredictions(path, None, np.array(names, dtype=str), given)
 
 
 _MATCHES, _PAIRS = ("offsets", "query_xy", "map_xy"), ("offsets", "query_xy", "points3d")

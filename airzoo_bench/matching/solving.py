@@ -19,12 +19,11 @@ import numpy as np
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_pycolmap
-from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.predictions import Correspondences
-from airzoo_bench.matching.settings import Solver
+from airzoo_bench.matching.protocol import Solver
 
 MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
 
@@ -32,9 +31,7 @@ MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
 _TRIALS_MULTIPLIER = 3.0
 # Points nearer to a line than this share of its length leave the turn about it to rounding.
 _LINE_TOLERANCE = 1e-6
-# A query may take ten seconds, and photos taken one after the other are hard together: each is a
-# block, and the engine sends short ones together. Only of very many queries some share a block.
-_BLOCKS, _QUERIES_A_THREAD = 10_000, 16
+_QUERIES_A_THREAD = 4  # of a block: a query may take ten seconds, and hard ones come together
 
 
 class Status(StrEnum):
@@ -54,23 +51,21 @@ class PoseEstimate:
 
     Attributes
     ----------
-    rotation : (3, 3) array
-        World-to-camera; NaN on failure.
-    centre : (3,) array
-        Camera centre in the coordinates of the points; NaN on failure.
+    status : Status
+        A failure is anything but ``SOLVED``.
     inliers : (M,) bool array
         Matches that the pose explains; none on failure.
-    status : Status
-        A failure is anything but ``SOLVED``, or ``GIVEN`` where a method computed it itself.
-    left_out : int
+    rotation, centre : (3, 3) array, (3,) array
+        World-to-camera, and the camera centre in the frame of the points; NaN on failure.
+    beyond_limit : int
         Matches beyond `max_matches`, which were not used.
     """
 
+    status: Status
+    inliers: Bools
     rotation: Floats
     centre: Floats
-    inliers: Bools
-    status: Status
-    left_out: int = 0
+    beyond_limit: int = 0
 
     @property
     def matrix(self) -> Floats:
@@ -82,14 +77,10 @@ def solve_queries(
     cameras: Cameras, pairs: Correspondences, solver: Solver, run: Run, name: str
 ) -> list[PoseEstimate]:
     """Solve for the poses of Q queries in blocks; `name` names them in messages."""
-    count = len(pairs.offsets) - 1
-    size = max(1, count // _BLOCKS) if run.jobs == 1 else _QUERIES_A_THREAD * run.jobs
-    blocks = run.engine.cut(count, size)
     found = run.engine.map(
         _solve_block,
-        blocks,
-        # Where all is one block, it shows how far it is; several are shown by the engine.
-        shared=(cameras, pairs, solver, run.jobs, run.progress if len(blocks) == 1 else silent),
+        run.engine.cut(len(pairs.offsets) - 1, _QUERIES_A_THREAD * run.jobs),
+        shared=(cameras, pairs, solver, run.jobs),
         stage="blocks of queries",
         name=lambda block: f"queries {block.start + 1:,} to {block.stop:,} of {name}",
     )
@@ -97,10 +88,10 @@ def solve_queries(
 
 
 def _solve_block(
-    shared: tuple[Cameras, Correspondences, Solver, int, Progress], block: slice
+    shared: tuple[Cameras, Correspondences, Solver, int], block: slice
 ) -> list[PoseEstimate]:
     """Solve some queries by threads, one a query, as long as nothing fails."""
-    cameras, pairs, solver, jobs, progress = shared
+    cameras, pairs, solver, jobs = shared
     assert pairs.points3d is not None
     load_pycolmap()  # here, since signals that it takes are given back in the main thread only
     pool, parts, points = ThreadPoolExecutor(jobs), pairs.parts(), pairs.points3d
@@ -109,9 +100,8 @@ def _solve_block(
         rows = parts[query]
         return solve_pose(cameras.take(query), pairs.query_xy[rows], points[rows], solver)
 
-    queries = range(block.start, block.stop)
     try:
-        return list(progress(pool.map(solve, queries), "poses", len(queries)))
+        return list(pool.map(solve, range(block.start, block.stop)))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -122,20 +112,18 @@ def solve_pose(camera: Cameras, query_xy: Floats, points: Floats, solver: Solver
     Takes pixels (M, 2) and points (M, 3), all finite, of one camera.
     """
     matches = np.concatenate((query_xy, points), axis=1)
-    rows, place = np.unique(matches, axis=0, return_inverse=True)
+    rows, row_of = np.unique(matches, axis=0, return_inverse=True)
     chosen, inliers = np.arange(len(rows)), np.zeros(len(rows), np.bool_)
     if len(rows) > solver.max_matches:
         random = np.random.default_rng(solver.seed)
         chosen = np.sort(random.choice(len(rows), solver.max_matches, replace=False))
-    left_out = len(points) - int(np.isin(place, chosen).sum())
-    enough = len(rows) >= MIN_MATCHES
-    found = _solve_rows(camera, rows[chosen], solver) if enough else None
-    if found is None:
-        status = Status.NO_POSE if enough else Status.TOO_FEW_MATCHES
-        nothing = np.full((3, 4), np.nan)
-        return PoseEstimate(nothing[:, :3], nothing[:, 3], inliers[place], status, left_out)
-    rotation, centre, inliers[chosen] = found
-    return PoseEstimate(rotation, centre, inliers[place], Status.SOLVED, left_out)
+    beyond = len(points) - int(np.isin(row_of, chosen).sum())
+    status, pose = Status.TOO_FEW_MATCHES, np.full((4, 3), np.nan)
+    if len(rows) >= MIN_MATCHES:
+        status, found = Status.NO_POSE, _solve_rows(camera, rows[chosen], solver)
+        if found is not None:
+            status, pose, inliers[chosen] = Status.SOLVED, np.vstack(found[:2]), found[2]
+    return PoseEstimate(status, inliers[row_of], pose[:3], pose[3], beyond)
 
 
 _Found = tuple[Floats, Floats, Bools]  # rotation; centre or translation; inliers

@@ -2,45 +2,49 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import conditions_of
 from airzoo_bench.core.errors import PredictionError, counted
-from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.queries import assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, ScenePart, count_near, open_scene
+from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, check_scene
 from airzoo_bench.matching.info import INFO
 from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
-from airzoo_bench.matching.metrics import matching_scores, pose_columns, pose_errors
+from airzoo_bench.matching.metrics import count_near, matching_scores, pose_columns, pose_errors
 from airzoo_bench.matching.predictions import (
     Correspondences,
     GivenPoses,
     MatchingPredictions,
     read_matching,
 )
-from airzoo_bench.matching.settings import Lift, MatchingProtocol, MatchingScores
-from airzoo_bench.matching.solving import PoseEstimate, Status, solve_queries
+from airzoo_bench.matching.protocol import Lift, MatchingProtocol, MatchingScores
+from airzoo_bench.matching.solving import Status, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
-from airzoo_bench.results.result import Reference
-from airzoo_bench.results.scores import Score, concatenate, summarise
+from airzoo_bench.results.result import Reference, ScoreColumn, summarise
 
 _STATUSES = [status.name.lower() for status in LiftStatus]
-_NOT_LIFTED = {
-    "outside_map": "outside the map",
-    "outside_dsm": "outside the surface model",
-    "no_height": "where the surface model has no height",
-}
-_SAME_M, _SAME_DEG = 1e-3, 1e-3  # a prior that was copied went through a file at most
+_COUNTED = ("matches", *_STATUSES, "beyond_limit")
+_SAME = (1e-3, 1e-3)  # m and degrees: a prior that was copied went through a file at most
 _TEMPLATE_MATCHES = 20  # of each query
+
+
+class SceneAnswers(NamedTuple):
+    """What predictions hold for the Q queries of a scene, in their order."""
+
+    answered: Bools  # (Q,), which queries the file has
+    content: Correspondences | GivenPoses  # in pixels of the whole map
+    doubts: tuple[str, ...]
 
 
 class MatchingTrack(Track):
@@ -68,59 +72,49 @@ class MatchingTrack(Track):
     ) -> Assignment:
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
         assignment = assign_queries(predictions, truths, protocol)
-        for place, truth in enumerate(truths):
-            rows, assignment.parts[place] = assignment.parts[place].rows, None
+        assignment.notes.append(f"{predictions.content.kind} are scored")
+        for number, truth in enumerate(truths):
+            rows, assignment.parts[number] = assignment.parts[number].rows, None
+            content, answered = predictions.content.take(rows), rows >= 0
+            if isinstance(content, Correspondences):
+                content = content.on_map(truth.crops)
             try:
-                assignment.parts[place] = open_scene(predictions, truth, rows, protocol)
+                doubts = check_scene(content, truth, answered, protocol)
+                assignment.parts[number] = SceneAnswers(answered, content, doubts)
             except PredictionError as error:
                 assignment.errors.append(error.inside(predictions.path))
         return assignment
 
     def score(
-        self, part: ScenePart, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
+        self, part: SceneAnswers, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
     ) -> Scored:
         """See `Track.score`."""
-        content, of_matches = part.content, dict[str, Ints]()
+        content, same = part.content, 0
         if isinstance(content, GivenPoses):
-            estimates = _as_estimates(content.poses)
+            poses, columns, inliers = content.poses, dict[str, NDArray[Any]](), None
+            same = count_near(poses, truth.priors, *_SAME)
         else:
-            estimates, of_matches = _solve(truth, content, protocol, run)
-        poses, records = _record(truth, part.answered, estimates, of_matches, protocol.scores)
-        counts = {
-            "queries": len(records),
-            "missing": int((~records["answered"]).sum()),
-            "failed": int(records["failed"].sum()),
-            "left_out": len(truth.excluded),
-            **{name: int(column.sum()) for name, column in of_matches.items() if name != "inliers"},
-            "equal_to_prior": 0,
-        }
-        if isinstance(content, GivenPoses):
-            counts["equal_to_prior"] = count_near(poses, truth.priors, _SAME_M, _SAME_DEG)
+            poses, columns, inliers = _solve(truth, content, protocol, run)
+        records = _record(truth, part.answered, poses, columns, protocol.scores)
+        counts = {"queries": len(records), "missing": int((~part.answered).sum())}
+        counts |= {"failed": int(records["failed"].sum()), "left_out": len(truth.excluded)}
+        counts |= {name: int(columns[name].sum()) for name in _COUNTED if name in columns}
+        counts["equal_to_prior"] = same
         if protocol.prior.is_measured:
             counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
-        notes = [f"scene {truth.scene}: {note}" for note in _notes(records, counts)]
-        details = (content, estimates) if run.keep else None
-        return Scored(records, counts, content.kind, (*part.notes, *notes), details=details)
+        notes = [f"scene {truth.scene}: {note}" for note in _notes(counts)]
+        details = (content, poses, inliers) if run.keep else None
+        return Scored(records, counts, content.kind, (*part.doubts, *notes), {}, details)
 
     def check(
-        self, part: ScenePart, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
+        self, part: SceneAnswers, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
     ) -> Scored:
         """See `Track.check`."""
-        return Scored(counts={"queries": len(truth.queries)}, notes=part.notes)
+        return Scored(counts={"queries": len(truth.queries)}, notes=part.doubts)
 
-    def scores(self, protocol: MatchingProtocol) -> list[Score]:
+    def scores(self, protocol: MatchingProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
         return matching_scores(protocol.scores)
-
-    def notes(
-        self,
-        predictions: MatchingPredictions,
-        truths: Sequence[MatchingTruth],
-        protocol: MatchingProtocol,
-        scored: Sequence[Scored],
-    ) -> list[str]:
-        """Say what was scored, which no scene says for itself."""
-        return [f"scored from {one.kind}" for one in scored[:1] if one.kind]
 
     def references(
         self, protocol: MatchingProtocol, truths: Sequence[MatchingTruth]
@@ -128,12 +122,12 @@ class MatchingTrack(Track):
         """Score the priors as if they were a method's poses; where none are measured, nothing."""
         if not protocol.prior.is_measured:
             return {}
-        records = []
-        for one in truths:
-            answered, given = np.ones(len(one.queries), np.bool_), _as_estimates(one.priors)
-            records.append(_record(one, answered, given, {}, protocol.scores)[1])
+        records = [
+            _record(one, np.ones(len(one.queries), np.bool_), one.priors, {}, protocol.scores)
+            for one in truths
+        ]
         scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
-        summary = summarise(concatenate(records), scores, scenes)
+        summary = summarise(pd.concat(records, ignore_index=True), scores, scenes)
         meaning = "what the photos' own GPS and gimbal angles score, without any matching"
         return {"Prior itself": Reference(meaning=meaning, **asdict(summary))}
 
@@ -161,48 +155,39 @@ class MatchingTrack(Track):
         return None
 
 
-def _as_estimates(poses: Poses) -> list[PoseEstimate]:
-    """Return poses that need no solving, NaN where there is none."""
-    none, found = np.zeros(0, np.bool_), np.isfinite(poses.centres).all(axis=1)
-    status = np.where(found, Status.GIVEN, Status.NOT_GIVEN).tolist()
-    rows = zip(poses.rotation, poses.centres, status, strict=True)
-    return [PoseEstimate(rotation, centre, none, Status(one)) for rotation, centre, one in rows]
-
-
 def _solve(
     truth: MatchingTruth, matches: Correspondences, protocol: MatchingProtocol, run: Run
-) -> tuple[list[PoseEstimate], dict[str, Ints]]:
-    """Lift matches and solve for poses; return these, and counts of each query's matches."""
+) -> tuple[Poses, dict[str, NDArray[Any]], Bools]:
+    """Solve for the poses of a scene; return these, columns of records, and a mask of inliers."""
     points, status = _lift_matches(truth, matches, protocol.lift, run.jobs)
-    given = np.diff(matches.offsets)
-    enough = (given >= protocol.solver.least_matches)[matches.query]
+    of_query = np.diff(matches.offsets)
+    enough = (of_query >= protocol.solver.least_matches)[matches.query]
     lifted = (status == LiftStatus.LIFTED) & enough
     offsets = np.concatenate([[0], np.cumsum(lifted)])[matches.offsets]
     pairs = Correspondences(offsets, matches.query_xy[lifted], points3d=points[lifted])
-    run = replace(run, progress=Headed(truth.scene, run.progress))
     solved = solve_queries(truth.cameras, pairs, protocol.solver, run, f"scene {truth.scene}")
     inliers = np.zeros(len(lifted), np.bool_)
     inliers[lifted] = np.concatenate([np.zeros(0, np.bool_), *(one.inliers for one in solved)])
-    parts = zip(solved, matches.parts(), strict=True)
-    estimates = [replace(one, inliers=inliers[part]) for one, part in parts]
 
     def count(chosen: Bools) -> Ints:
-        return np.bincount(matches.query[chosen], minlength=len(given))
+        return np.bincount(matches.query[chosen], minlength=len(of_query))
 
-    counts = {"matches": given}
-    counts |= {name: count(status == code) for code, name in enumerate(_STATUSES)}
-    counts["beyond_limit"] = np.array([one.left_out for one in estimates], np.int64)
-    return estimates, counts | {"inliers": count(inliers)}
+    columns = {"status": np.array([one.status.value for one in solved], str), "matches": of_query}
+    columns |= {name: count(status == code) for code, name in enumerate(_STATUSES)}
+    columns["beyond_limit"] = np.array([one.beyond_limit for one in solved], np.int64)
+    rotation = np.array([one.rotation for one in solved]).reshape(-1, 3, 3)
+    centres = np.array([one.centre for one in solved]).reshape(-1, 3)
+    poses = Poses(rotation=rotation, centres=centres)
+    return poses, columns | {"inliers": count(inliers)}, inliers
 
 
 def _lift_matches(
     truth: MatchingTruth, matches: Correspondences, lifting: Lift, jobs: int
 ) -> Lifted:
     """Lift the matches of a scene; points that were given need no lifting."""
-    if matches.map_xy is None:
-        assert matches.points3d is not None
-        lifted = np.full(len(matches.points3d), LiftStatus.LIFTED, np.uint8)
-        return Lifted(matches.points3d, lifted)
+    if matches.points3d is not None:
+        return Lifted(matches.points3d, np.zeros(len(matches.points3d), np.uint8))
+    assert matches.map_xy is not None
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     map_xy = matches.map_xy + (0.5 if lifting.map_pixel_centres == "integer" else 0.0)
     parts: Sequence[slice] = matches.parts() if truth.own_maps else [slice(None)]
@@ -216,46 +201,37 @@ def _lift_matches(
 def _record(
     truth: MatchingTruth,
     answered: Bools,
-    estimates: Sequence[PoseEstimate],
-    of_matches: dict[str, Ints],
-    settings: MatchingScores,
-) -> tuple[Poses, pd.DataFrame]:
-    """Return the estimates as poses, and the records of their errors."""
-    rotation = np.array([one.rotation for one in estimates]).reshape(-1, 3, 3)
-    centres = np.array([one.centre for one in estimates]).reshape(-1, 3)
-    true = truth.poses.rotation if settings.orientation_is_trusted else None
-    errors = pose_errors(rotation, centres, true, truth.poses.centres)
-    status = [one.status.value for one in estimates]
-    columns = {
+    poses: Poses,
+    columns: Mapping[str, NDArray[Any]],
+    scores: MatchingScores,
+) -> pd.DataFrame:
+    """Return the errors and scores of poses, a row a query; without a status they were given."""
+    true = truth.poses.rotation if scores.orientation_is_trusted else None
+    errors = pose_errors(poses.rotation, poses.centres, true, truth.poses.centres)
+    failed = ~np.isfinite(errors.translation_m)
+    status = columns.get("status", np.where(failed, Status.NOT_GIVEN.value, Status.GIVEN.value))
+    known = {
         "scene": truth.scene,
         "query": truth.queries["id"].to_numpy(),
         "answered": answered,
         "status": np.where(answered, status, Status.MISSING.value),
-        "failed": ~np.isfinite(errors.translation_m),
-        **of_matches,
-        **pose_columns(errors, settings),
+        "failed": failed,
     }
-    records = pd.concat([pd.DataFrame(columns), truth.conditions], axis=1)
-    return Poses(rotation=rotation, centres=centres), records
+    table = pd.DataFrame(known | {**columns, **known} | pose_columns(errors, scores))
+    return pd.concat([table, conditions_of(truth.queries)], axis=1)
 
 
-def _notes(records: pd.DataFrame, counts: Mapping[str, int]) -> Iterator[str]:
-    """Yield notes on failures by their reason, and on matches that were not used."""
-    failures = Counter(records["status"][records["failed"] & records["answered"]])
-    if failures:
-        who = counted(failures.total(), "answered query has", "answered queries have")
-        yield f"{who} no pose ({_listed(failures)}): infinite errors"
-    lost = {reason: counts.get(name, 0) for name, reason in _NOT_LIFTED.items()}
-    if dropped := sum(lost.values()):
-        what = f"{dropped:,} of {counts['matches']:,} matches could not be lifted"
-        yield f"{what} and were dropped: {_listed(lost)}"
+def _notes(counts: Mapping[str, int]) -> Iterator[str]:
+    """Yield notes on failures, and on matches that were not used."""
+    if failed := counts["failed"] - counts["missing"]:
+        who = counted(failed, "answered query has", "answered queries have")
+        yield f"{who} no pose: infinite errors"
+    matches = counted(counts.get("matches", 0), "match")
+    if lost := sum(counts.get(name, 0) for name in _STATUSES[1:]):
+        yield f"{lost:,} of {matches} lie where the map has no height, and were dropped"
     if beyond := counts.get("beyond_limit"):
-        what = f"{beyond:,} of {counted(counts['matches'], 'match')}"
+        what = f"{beyond:,} of {matches}"
         yield f"{what} are more than the protocol solves of a query: left out by a seeded choice"
-
-
-def _listed(reasons: Mapping[str, int]) -> str:
-    return ", ".join(f"{count:,} {reason}" for reason, count in sorted(reasons.items()) if count)
 
 
 TRACK = MatchingTrack()

@@ -1,4 +1,4 @@
-"""The truth of one scene of the matching track: queries, their crops, and maps to match them to."""
+"""The truth of a scene of the matching track: queries, crops and maps; made, written and read."""
 
 from __future__ import annotations
 
@@ -6,38 +6,78 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import rasterio
+import rasterio.shutil
+from numpy.typing import NDArray
+from rasterio.io import MemoryFile
 
 from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.queries import (
     CAMERA_COLUMNS,
     POSE_COLUMNS,
     PRIOR_COLUMNS,
+    SceneInputs,
     cameras_of,
-    conditions_of,
     poses_of,
     read_excluded,
     read_queries,
+    with_unposed,
 )
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
-from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import read_text
+from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.geometry.arrays import Ints
-from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.crs import check_same_crs
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
+from airzoo_bench.geometry.crs import change_of_plane, check_same_crs
+from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
+from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.raster_files import raster_sha256
-from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    open_info,
+    opened,
+    pixel_to_world,
+    to_map_pixels,
+    world_to_pixel,
+)
+from airzoo_bench.geometry.rays import NearestHeights, intersect_heightfield, meet_missing
+from airzoo_bench.matching.metrics import count_near
+from airzoo_bench.matching.protocol import Crop, Prior
 from airzoo_bench.storage.urls import ensure_file
 
 CROP_COLUMNS = ("crop_x", "crop_y", "crop_width", "crop_height")
 _GRID = ("width", "height", "a", "b", "c", "d", "e", "f")
 _ANEW = "prepare the benchmark again"
+# No GPS and no gimbal is as good as this in half of the photos. A truth that went through EXIF and
+# XMP comes back with the rounding of their digits: 3 mm, and up to 0.09 degrees where each of three
+# angles has one decimal.
+_SAME_M, _SAME_DEG = 0.02, 0.1
+# A few hundred rays at a time: what they need of the DSM fits into the blocks kept.
+_CAMERAS = 64
+# Pixels are rounded to this before they are made whole, so that two builds of PROJ give one crop.
+_DECIMALS = 6
+# Along each side of a window that is taken to another CRS, where sides bend.
+_SIDE_POINTS = 33
+
+
+PixelWindow = tuple[int, ...]  # x, y, width and height
+
+
+class CropStatus(StrEnum):
+    """The end of a crop; its text is the reason why a photo is left out."""
+
+    CROPPED = "cropped"
+    NO_PRIOR = "no GPS position or gimbal angles in the metadata"
+    NO_MAP = "no map of its own"
+    OFF_MAP = "by the prior pose, it does not see the map"
+    NO_RAY = "by the prior pose, no corner of the image has a ray"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +89,11 @@ class ReferenceMap:
     dsm_sha256: str
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in pixels."""
-        return self.dom.width, self.dom.height
-
-    @property
     def grid(self) -> dict[str, Any]:
         """Size, geotransform and CRS of the map."""
         transform = [float(value) for value in self.dom.transform[:6]]
-        width, height = self.size
-        crs = self.dom.crs.to_string()
-        return {"width": width, "height": height, "transform": transform, "crs": crs}
+        size = {"width": self.dom.width, "height": self.dom.height}
+        return {**size, "transform": transform, "crs": self.dom.crs.to_string()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +110,6 @@ class MatchingTruth:
     def map_of(self, query: int) -> ReferenceMap:
         """Return the map that a query is matched to."""
         return self.maps[query if self.own_maps else 0]
-
-    @property
-    def conditions(self) -> pd.DataFrame:
-        """Columns of the queries that records repeat, such as weather."""
-        return conditions_of(self.queries)
 
     @cached_property
     def cameras(self) -> Cameras:
@@ -129,19 +158,21 @@ def own_map(folder: Path, photo: str) -> tuple[Path, Path]:
     return folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
 
 
+# --- written and read ---
+
+
 def write_truth(folder: Path, truth: MatchingTruth) -> None:
     """Write a scene's truth below its folder, next to ``queries.csv``."""
-    home, ids = folder / "matching", truth.queries[["id"]]
+    home, ids = folder / "matching", truth.queries[["id"]].reset_index(drop=True)
     home.mkdir(parents=True, exist_ok=True)
     crops = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
     tables = {"crops.csv": ids.assign(**crops), "excluded.csv": truth.excluded}
     if truth.own_maps:
-        rows = [
-            (*one.size, *map(repr, one.grid["transform"]), one.grid["crs"], one.dsm_sha256)
-            for one in truth.maps
-        ]
-        grids = pd.DataFrame(rows, columns=[*_GRID, "crs", "dsm_sha256"])
-        tables["maps.csv"] = pd.concat((ids.reset_index(drop=True), grids), axis=1)
+        grids = pd.DataFrame([one.grid for one in truth.maps])
+        letters = pd.DataFrame(grids.pop("transform").tolist(), columns=_GRID[2:]).map(repr)
+        sums = pd.DataFrame({"dsm_sha256": [one.dsm_sha256 for one in truth.maps]})
+        parts = (ids, grids[["width", "height"]], letters, grids["crs"], sums)
+        tables["maps.csv"] = pd.concat(parts, axis=1)
     else:
         text = json.dumps(truth.maps[0].grid, indent=1)
         (home / "map.json").write_text(text + "\n", encoding="utf-8")
@@ -162,11 +193,8 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
         queries = with_truth_as_prior(queries)
     home, ids = folder / "matching", queries["id"].tolist()
     if entry.maps is None:
-        dom, grid = benchmark.resolve(needed(entry.dom, "map", scene)), home / "map.json"
-        try:
-            prepared = dict(json.loads(read_text(grid, BenchmarkError, "grid of the map")))
-        except (ValueError, TypeError) as error:
-            raise BenchmarkError(f"not JSON: {error}", where=grid, fix=_ANEW) from error
+        dom = benchmark.resolve(needed(entry.dom, "map", scene))
+        prepared = json.loads(read_text(home / "map.json", BenchmarkError, "grid of the map"))
         files = [(dom, benchmark.resolve(entry.dsm or ""), entry.dsm_sha256, prepared)]
     else:
         table, own = home / "maps.csv", benchmark.resolve(entry.maps)
@@ -175,10 +203,10 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
             prepared = {"width": int(row["width"]), "height": int(row["height"])}
             prepared |= {"transform": [float(row[one]) for one in _GRID[2:]], "crs": row["crs"]}
             files.append((*own_map(own, row["id"]), str(row["dsm_sha256"]), prepared))
-    maps = tuple(_checked_map(*one) for one in files)
+    maps = tuple(_open_map(*one) for one in files)
     rows = _read_rows(home / "crops.csv", CROP_COLUMNS, ids)
     crops = rows[list(CROP_COLUMNS)].to_numpy(np.int64)
-    sizes = np.broadcast_to([one.size for one in maps], (len(ids), 2))
+    sizes = np.array([(one.dom.width, one.dom.height) for one in maps]).reshape(-1, 2)
     outside = (crops < (0, 0, 1, 1)).any(axis=1) | (crops[:, :2] + crops[:, 2:] > sizes).any(axis=1)
     refuse_cells(home / "crops.csv", "id", ids, outside, "windows inside the map")
     return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=entry.maps is not None)
@@ -192,18 +220,15 @@ def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFra
     return table
 
 
-def _checked_map(
+def _open_map(
     dom: Path, dsm: Path, dsm_sha256: str | None, prepared: dict[str, Any]
 ) -> ReferenceMap:
     """Open a map with the grid and surface model that were prepared."""
     found = ReferenceMap(open_info(dom), dsm, dsm_sha256 or "")
     if prepared | {"crs": found.grid["crs"]} != found.grid:  # one CRS has several spellings
-        raise BenchmarkError(
-            f"the map has another grid than the prepared one: {json.dumps(found.grid)}",
-            where=dom,
-            expected=json.dumps(prepared),
-            fix=f"put the map back, or {_ANEW}",
-        )
+        what, fix = "the map has another grid than the prepared one", f"put it back, or {_ANEW}"
+        what, expected = f"{what}: {json.dumps(found.grid)}", json.dumps(prepared)
+        raise BenchmarkError(what, where=dom, expected=expected, fix=fix)
     check_same_crs(found.dom.crs, prepared.get("crs"), f"{dom} and the map that was prepared")
     check_dsm(dsm, dsm_sha256)
     return found
@@ -216,6 +241,122 @@ def check_dsm(dsm: Path, prepared: str | None) -> None:
             "the surface model is not there, or not the one that was prepared",
             where=dsm,
             expected=f"a raster with the SHA-256 {(prepared or 'none')[:12]}…",
-            fix="put it back where benchmark.toml says, with its side files (.aux.xml, .msk, world "
-            f"file), or prepare with --copy; or {_ANEW}",
+            fix=f"put it back with its side files (.aux.xml, .msk), or {_ANEW}",
         )
+
+
+# --- made ---
+
+
+def build_truth(inputs: SceneInputs, crop: Crop | None, prior: Prior) -> MatchingTruth:
+    """Find the crop of each photo, or without a `crop` its own map; leave out photos without."""
+    photos = inputs.photos if prior.is_measured else with_truth_as_prior(inputs.photos)
+    if crop is None:
+        windows, status, maps = _own_maps(inputs)
+    else:
+        dom = needed(inputs.dom, "map", inputs.scene)
+        dsm = needed(inputs.dsm, "surface model", inputs.scene)
+        windows, status = _crops(photos, dom, dsm, crop, prior)
+        maps = (ReferenceMap(dom, dsm, raster_sha256(dsm)),)
+    cropped = status == CropStatus.CROPPED
+    reasons = photos[["id", "image"]].assign(reason=[str(one) for one in status])[~cropped]
+    excluded, queries = with_unposed(reasons.reset_index(drop=True), inputs), photos[cropped]
+    queries = queries.reset_index(drop=True)
+    return MatchingTruth(inputs.scene, queries, windows[cropped], maps, excluded, crop is None)
+
+
+def _own_maps(inputs: SceneInputs) -> tuple[Ints, NDArray[Any], tuple[ReferenceMap, ...]]:
+    folder = needed(inputs.maps, "folder of maps", inputs.scene)
+    files = [own_map(folder, photo) for photo in inputs.photos["id"]]
+    there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
+    found = [files[row] for row in np.flatnonzero(there)]
+    maps = tuple(ReferenceMap(open_info(dom), dsm, raster_sha256(dsm)) for dom, dsm in found)
+    windows = np.zeros((len(files), 4), np.int64)
+    windows[there, 2:] = np.reshape([(one.dom.width, one.dom.height) for one in maps], (-1, 2))
+    return windows, np.where(there, CropStatus.CROPPED, CropStatus.NO_MAP), maps
+
+
+def _crops(
+    photos: pd.DataFrame, dom: RasterInfo, dsm: Path, crop: Crop, prior: Prior
+) -> tuple[Ints, NDArray[Any]]:
+    there = np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
+    cameras, priors = cameras_of(photos[there]), poses_of(photos[there], PRIOR_COLUMNS)
+    # Not number by number: a pose has two quaternions, and metadata are rounded. Not every photo:
+    # one that was moved would hide all the others.
+    same = count_near(poses_of(photos[there]), priors, _SAME_M, _SAME_DEG)
+    if prior.is_measured and 2 * same > len(priors):
+        raise BenchmarkError(
+            f"the prior poses equal the ground truth in {same} of {len(priors)} photos "
+            f"(to {_SAME_M * 100:g} cm and {_SAME_DEG:g} degrees)",
+            expected="priors from the photos' own metadata",
+            fix="a protocol that means this says prior.source = 'truth'",
+        )
+    windows = np.zeros((len(photos), 4), np.int64)
+    status = np.full(len(photos), CropStatus.NO_PRIOR, object)
+    with blocked_heights(dsm) as field:
+        windows[there], status[there] = crop_windows(cameras, priors, dom, field, crop)
+    return windows, status
+
+
+def crop_windows(
+    cameras: Cameras, priors: Poses, dom: RasterInfo, field: HeightField, crop: Crop
+) -> tuple[Ints, NDArray[np.str_]]:
+    """Find the reference crops (N, 4) of N queries, zero where there is none, and their status."""
+    # Rays of the image's corners end on the ground, or at the range.
+    directions = rays_to_world(priors, back_project(cameras, anchor_pixels(cameras, 0.0)))
+    centres, far = priors.centres, crop.max_range_m
+    ends = centres[:, None] + far * directions
+    height_at = NearestHeights(field, crop.nearest_of_px)
+    for start in range(0, len(cameras), _CAMERAS):
+        part = slice(start, start + _CAMERAS)
+        hits = intersect_heightfield(centres[part], directions[part], field, far)
+        points = meet_missing(centres[part], directions[part], hits, field, height_at, far)
+        ends[part] = np.where(np.isnan(points), ends[part], points)
+    pixels = to_map_pixels(field.crs, dom)(ends[..., :2])
+    low, high = np.fmin.reduce(pixels, axis=1), np.fmax.reduce(pixels, axis=1)
+    grown = crop.margin * (high - low)
+    blind = np.isnan(grown).any(axis=1)
+    size = (dom.width, dom.height)
+    first = np.floor(np.round(low - grown, _DECIMALS))
+    # Rays of a level camera, all cut, end on one line: it has a pixel nevertheless.
+    last = np.maximum(np.ceil(np.round(high + grown, _DECIMALS)), first + 1)
+    first, last = np.clip(first, 0, size), np.clip(last, 0, size)
+    found = (last > first).all(axis=1)
+    windows = np.where(found[:, None], np.hstack((first, last - first)), 0).astype(np.int64)
+    status = np.select((found, blind), (CropStatus.CROPPED, CropStatus.NO_RAY), CropStatus.OFF_MAP)
+    return windows, status
+
+
+def write_crop(
+    dom_path: str | Path, dsm_path: str | Path, window: PixelWindow, folder: Path, name: str
+) -> tuple[Path, Path]:
+    """Write the crop of map and surface model, ``<name>_dom.tif`` and ``<name>_dsm.tif``."""
+    dom, dsm = open_info(dom_path), open_info(dsm_path)
+    targets = folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
+    below = _window_below(window, dom, dsm)
+    layout = {"tiled": True, "blockxsize": 256, "blockysize": 256, "bigtiff": "if_safer"}
+    for source, part, target in zip((dom, dsm), (window, below), targets, strict=True):
+        # The mask goes into the file: a separate one would not be moved with it.
+        internal = rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True)
+        with opened(source.path) as dataset, internal, MemoryFile() as memory:
+            cut = f"vrt://{dataset.name}?srcwin={','.join(map(str, part))}"
+            rasterio.shutil.copy(cut, memory.name, driver="GTiff", compress="deflate", **layout)
+            with atomic_write(target) as stream:
+                stream.write(memory.getbuffer())
+    return targets
+
+
+def _window_below(window: PixelWindow, dom: RasterInfo, dsm: RasterInfo) -> PixelWindow:
+    """Return the window of the surface model that covers a window of the map and a pixel more."""
+    x, y, width, height = window
+    share = np.linspace(0.0, 1.0, _SIDE_POINTS)
+    column, row = np.meshgrid(x + width * share, y + height * share)
+    world = pixel_to_world(dom.transform, np.stack((column, row), axis=-1).reshape(-1, 2))
+    pixels = world_to_pixel(dsm.transform, change_of_plane(dom.crs, dsm.crs)(world))
+    size = (dsm.width, dsm.height)
+    low = np.clip(np.floor(np.fmin.reduce(pixels)) - 1, 0, size)
+    high = np.clip(np.ceil(np.fmax.reduce(pixels)) + 1, 0, size)
+    if not (high > low).all():
+        what = f"the surface model does not meet the window {window} of the map"
+        raise RasterError(what, where=dsm.path, expected=f"a raster that covers {dom.path}")
+    return tuple(np.concatenate((low, high - low)).astype(int).tolist())

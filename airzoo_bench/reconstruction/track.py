@@ -43,7 +43,7 @@ from airzoo_bench.reconstruction.info import INFO
 from airzoo_bench.reconstruction.predictions import ScenePrediction, open_reconstruction
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol, ReconstructionScores
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, open_true_cloud, read_truth
-from airzoo_bench.results.scores import Score
+from airzoo_bench.results.result import ScoreColumn
 
 Geometry = CloudSource | fusion.DepthMaps | fusion.PointMaps
 
@@ -289,11 +289,11 @@ def pose_scores(
     return scores
 
 
-def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:
+def reconstruction_scores(settings: ReconstructionScores) -> list[ScoreColumn]:
     """Return the scores of a protocol; without cameras, records lack the pose scores."""
 
-    def distance(column: str, title: str, *, headline: bool = False) -> Score:
-        return Score(column, title, "m", higher_is_better=False, average="mean", headline=headline)
+    def distance(column: str, title: str, *, headline: bool = False) -> ScoreColumn:
+        return ScoreColumn.error(column, title, "m", "mean", headline=headline)
 
     main = settings.headline_below_m
     means = ("Chamfer", "Accuracy", "Completeness")
@@ -302,12 +302,12 @@ def reconstruction_scores(settings: ReconstructionScores) -> list[Score]:
         for share, title in (("precision", "P"), ("recall", "R"), ("f1", "F1")):
             headline = limit == main or share == "f1"
             column = f"{share}_{limit:g}m"
-            scores.append(Score.share(column, f"{title}@{limit:g}m", headline=headline))
+            scores.append(ScoreColumn.share(column, f"{title}@{limit:g}m", headline=headline))
     scores += [distance(f"{title.lower()}_median_m", f"{title}, median") for title in means[1:]]
     for angle in settings.pose_auc_below_deg:
-        scores.append(Score.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
-    scores += [Score.share("cameras_placed", "Cameras placed"), distance("ate_m", "ATE")]
-    turn = replace(distance("rpe_deg", "RPE, rotation"), unit="deg")
+        scores.append(ScoreColumn.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
+    scores += [ScoreColumn.share("cameras_placed", "Cameras placed"), distance("ate_m", "ATE")]
+    turn = ScoreColumn.error("rpe_deg", "RPE, rotation", "deg", "mean")
     return [*scores, distance("rpe_m", "RPE"), turn]
 
 
@@ -396,7 +396,7 @@ class ReconstructionTrack(Track):
                     pass  # a file that is cut off is found out where it is read
             return Scored(notes=tuple(f"scene {scene}: {note}" for note in prediction.notes))
 
-    def scores(self, protocol: ReconstructionProtocol) -> list[Score]:
+    def scores(self, protocol: ReconstructionProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
         return reconstruction_scores(protocol.scores)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +13,12 @@ from airzoo_bench.core.errors import counted
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import project
-from airzoo_bench.geometry.poses import world_to_camera
+from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.predictions import Correspondences
-from airzoo_bench.matching.solving import PoseEstimate
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.report.figures import (
     COLOURS,
@@ -46,7 +45,7 @@ _NO_MATCHES = (np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 def gather_matches(
-    truth: MatchingTruth, content: object, estimates: Sequence[PoseEstimate], half_px: float
+    truth: MatchingTruth, content: object, poses: Poses, inlier: Bools | None, half_px: float
 ) -> Arrays:
     """Gather estimated places (Q, 3) of a scene, and of each query an even choice of matches.
 
@@ -55,11 +54,11 @@ def gather_matches(
     inliers and matches, `sizes` (Q,) the matches that were chosen.
     """
     is_drawn = isinstance(content, Correspondences) and content.map_xy is not None
-    none = Correspondences(np.zeros(len(estimates) + 1, np.int64), *_NO_MATCHES)
+    none = Correspondences(np.zeros(len(poses) + 1, np.int64), *_NO_MATCHES)
     found: Any = content if is_drawn else none
     parts, counts = [], []
-    for row, (part, estimate) in enumerate(zip(found.parts(), estimates, strict=True)):
-        inliers = estimate.inliers if is_drawn else np.zeros(0, np.bool_)
+    for row, part in enumerate(found.parts()):
+        inliers = inlier[part] if is_drawn and inlier is not None else np.zeros(0, np.bool_)
         kinds = [np.flatnonzero(kind) for kind in (~inliers, inliers)]
         rows = np.concatenate([kind[:: -(-len(kind) // _MOST_LINES) or 1] for kind in kinds])
         query_xy, map_xy = found.query_xy[part][rows], found.map_xy[part][rows]
@@ -74,7 +73,7 @@ def gather_matches(
         counts.append([int(inliers.sum()), len(inliers)])
     return {
         "queries": truth.queries["id"].to_numpy(str),
-        "centres": np.array([one.centre for one in estimates]).reshape(-1, 3),
+        "centres": poses.centres,
         "counts": np.array(counts).reshape(-1, 2),
         "sizes": np.array([len(part[0]) for part in parts], np.int64),
         "query_xy": np.concatenate([part[0] for part in parts]),
@@ -92,8 +91,8 @@ def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Ru
     half_px = 0.5 if evaluation.protocol.lift.map_pixel_centres == "integer" else 0.0
     parts = []
     for truth in evaluation.truths:
-        content, estimates = evaluation.scored[truth.scene].details
-        parts.append(gather_matches(truth, content, estimates, half_px))
+        content, poses, inliers = evaluation.scored[truth.scene].details
+        parts.append(gather_matches(truth, content, poses, inliers, half_px))
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     joined["offsets"] = np.concatenate([[0], np.cumsum(joined.pop("sizes"))]).astype(np.int64)
     folder = keep(out, "matching", joined)

@@ -15,10 +15,9 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.formats.npz import NpzFile
-from airzoo_bench.results.comparable import apart_in, check_same_queries, choose_scores
-from airzoo_bench.results.files import method_names, result_paths
+from airzoo_bench.results.comparable import check_same_queries, choose_scores, same_in_all
 from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
+from airzoo_bench.results.result import Result, ScoreColumn, method_names, read_result, result_paths
 from airzoo_bench.tables.breakdown import condition_names
 
 Arrays = dict[str, NDArray[Any]]
@@ -72,7 +71,7 @@ class Section:
     def conditions(self) -> list[str]:
         """Columns of conditions, such as weather, that are the same for all methods."""
         names = condition_names(self.methods[0]) if self.by_query else []
-        return [name for name in names if apart_in(self.methods, name) is None]
+        return [name for name in names if same_in_all(self.methods, name)]
 
     def rows_of(self, scene: str) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
         """Return the rows of a scene's records."""

@@ -1,4 +1,4 @@
-"""Which results, scenes and scores are meant, and whether results measure the same."""
+"""Scenes and scores by name, and whether results measure the same."""
 
 from __future__ import annotations
 
@@ -21,12 +21,10 @@ def find_scene(titles: Mapping[str, str], wanted: str) -> str:
     if len(found) == 1:
         return found[0]
     near = nearest(wanted, list(dict.fromkeys([*titles, *titles.values()])))
-    raise ResultError(
-        f"{len(found)} scenes have the title {wanted!r}"
-        if found
-        else f"there is no scene {wanted!r} in the results{near}",
-        expected="one of " + ", ".join(found or titles),
-    )
+    what = f"{len(found)} scenes have the title {wanted!r}"
+    if not found:
+        what = f"there is no scene {wanted!r} in the results{near}"
+    raise ResultError(what, expected="one of " + ", ".join(found or titles))
 
 
 def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
@@ -35,18 +33,14 @@ def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
     return {score.key: score for score in listed} | {score.title: score for score in listed}
 
 
-def check_score(name: str, scores: Sequence[ScoreColumn], option: str, fix: str = "") -> None:
+def check_score(name: str, scores: Sequence[ScoreColumn], option: str) -> None:
     """Refuse the name of a score that is none of these."""
     known = named_scores(scores)
     if name not in known:
         # Titles hold commas, such as @1m,1°.
         titles = "; ".join(dict.fromkeys(score.title for score in scores))
-        raise UsageError(
-            f"no score here is called {name[:80]!r}{nearest(name[:80], list(known))}",
-            where=option,
-            expected=f"one of: {titles}",
-            fix=fix or None,
-        )
+        what = f"no score of all results is called {name[:80]!r}{nearest(name[:80], list(known))}"
+        raise UsageError(what, where=option, expected=f"one of: {titles}")
 
 
 def choose_scores(
@@ -60,12 +54,9 @@ def choose_scores(
             fix = "score all predictions again with the same version and protocol"
             raise ResultError("the results have no score in common", fix=fix)
         return found
-    some = named_scores(column for method in methods for column in method.result.columns)
     for name in wanted:
-        lacking = "leave out the results that lack it: not all have it" * (name in some)
-        check_score(name, shared, "--score", lacking)
-    by_name = named_scores(shared)
-    return list({by_name[name].key: by_name[name] for name in wanted}.values())
+        check_score(name, shared, "--score")
+    return list(dict.fromkeys(named_scores(shared)[name] for name in wanted))
 
 
 def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) -> set[str]:
@@ -85,11 +76,9 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
         if two.fingerprint != one.fingerprint:
             said = f"{one.name} v{one.version} against {two.name} v{two.version}"
             said += f"; {other_settings(one.settings, two.settings)}" * (one.name == two.name)
-            raise ResultError(
-                f"{both} were made with different protocols: {said}",
-                expected="one protocol: a difference would be its doing as well as the methods'",
-                fix="score all predictions with the same --protocol, or name results of one only",
-            )
+            what = f"{both} were made with different protocols: {said}"
+            fix = "score all predictions with the same --protocol, or name results of one only"
+            raise ResultError(what, fix=fix)
         if other.truth.fingerprint != first.truth.fingerprint:
             prints = f"{first.truth.fingerprint[:12]} and {other.truth.fingerprint[:12]}"
             what = f"{both} were compared with different truths ({prints})"
@@ -99,19 +88,17 @@ def check_comparable(names: Sequence[str], results: Sequence[Result]) -> None:
 def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
     """List the first settings in which two protocols differ."""
 
-    def flat(given: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, Any]]:
-        for key, value in given.items():
-            name = f"{section}{key}"
-            yield from flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
+    def flatten(settings: Mapping[str, Any], section: str = "") -> Iterator[tuple[str, str]]:
+        for key, value in settings.items():
+            if isinstance(value, Mapping):
+                yield from flatten(value, f"{section}{key}.")
+            else:
+                yield f"{section}{key}", str(value)[:60]
 
-    first, second = dict(flat(one)), dict(flat(two))
-    sides = {key: (first.get(key), second.get(key)) for key in dict.fromkeys([*first, *second])}
-    shown = {
-        key: " against ".join("absent" if one is None else str(one)[:60] for one in side)
-        for key, side in sides.items()
-        if side[0] != side[1]
-    }
-    return first_names([f"{key} is {said}" for key, said in shown.items()], separator="; ")
+    first, second = dict(flatten(one)), dict(flatten(two))
+    sides = {key: (first.get(key, "absent"), second.get(key, "absent")) for key in first | second}
+    unlike = [f"{key} is {one} against {two}" for key, (one, two) in sides.items() if one != two]
+    return first_names(unlike, separator="; ")
 
 
 def check_same_queries(methods: Sequence[Scored]) -> None:
@@ -126,35 +113,17 @@ def check_same_queries(methods: Sequence[Scored]) -> None:
             raise ResultError(f"{both}; not in both: {lonely}", fix=_SAME_FOLDER)
 
 
-def apart_in(methods: Sequence[Scored], column: str) -> Scored | None:
-    """Return the first method, on the same queries, that has a column otherwise than the first."""
+def same_in_all(methods: Sequence[Scored], column: str) -> bool:
+    """Whether all methods, on the same queries, have the same values in a column."""
     own = methods[0].records[column]
-    unlike = (m for m in methods if column not in m.records or not own.equals(m.records[column]))
-    return next(unlike, None)
+    return all(column in m.records and own.equals(m.records[column]) for m in methods)
 
 
 def check_same_column(methods: Sequence[Scored], by: str) -> None:
     """Refuse to put all methods' queries into groups that one of them made."""
-    other = apart_in(methods, by) if by in methods[0].records else None
-    if other is not None:
-        raise UsageError(
-            f"--by {by}: the column of {other.name} is not that of {methods[0].name}",
-            expected="what is the same for all methods, such as a condition of the queries",
-            fix="name one result at a time",
-        )
-
-
-def version_notes(names: Sequence[str], results: Sequence[Result]) -> list[str]:
-    """Say which packages were of different versions, since a difference may be theirs."""
-    found = []
-    for package in dict.fromkeys(package for result in results for package in result.versions):
-        users: dict[str, list[str]] = {}
-        for name, result in zip(names, results, strict=True):
-            users.setdefault(result.versions.get(package, "unknown"), []).append(name)
-        if len(users) > 1:
-            parts = ", ".join(f"{version} ({first_names(who)})" for version, who in users.items())
-            found.append(f"{package}: {parts}")
-    return [f"made with different versions of {'; '.join(found)}"] if found else []
+    if by in methods[0].records and not same_in_all(methods, by):
+        what = f"--by {by}: the results have other values of it"
+        raise UsageError(what, expected="a condition of the queries", fix="name one result")
 
 
 def first_names(names: Sequence[str], shown: int = 3, separator: str = ", ") -> str:

@@ -23,16 +23,21 @@ from pyarrow import csv as arrow_csv
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.results.files import method_names, records_path, result_paths
-from airzoo_bench.results.result import SHARE_SLACK, Result, read_result
-from airzoo_bench.results.scores import Score, summarise
+from airzoo_bench.results.result import (
+    SHARE_SLACK,
+    Result,
+    method_names,
+    read_result,
+    records_path,
+    result_paths,
+    summarise,
+)
 
 _FIX = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 # Scores are averaged in the order of the rows, which need not be that of the time of writing.
 _ROUNDING = 1e-9
 
-# A text such as a sequence "007" or "1e5" only looks like a number, and so does an integer of which
-# a float64 would lose digits.
+# "007", "1e5", and an integer of which a float64 would lose digits only look like numbers.
 _KINDS = (
     ("^-?(0|[1-9][0-9]*)$", pa.int64()),
     (r"^-?((0|[1-9][0-9]{0,14})|(0|[1-9][0-9]*)(\.[0-9]+|(\.[0-9]+)?e[+-][0-9]{1,3})|inf)$", None),
@@ -49,11 +54,13 @@ class Scored:
     records: pd.DataFrame
 
 
-def read_scored(paths: Sequence[Path], columns: Collection[str] | None = None) -> list[Scored]:
+def read_scored(
+    paths: Sequence[str | Path], columns: Collection[str] | None = None
+) -> list[Scored]:
     """Read results with their records."""
     files = result_paths(paths)
     results = [read_result(path) for path in files]
-    names = method_names(files, results, by_protocol=False)
+    names = method_names(files, results)
     return [
         Scored(name, result, read_records(path, result, columns))
         for name, path, result in zip(names, files, results, strict=True)
@@ -63,28 +70,23 @@ def read_scored(paths: Sequence[Path], columns: Collection[str] | None = None) -
 def read_records(
     path: Path, result: Result | None = None, columns: Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Read the records next to a result, sorted by ``query``.
+    """Read the records next to a result, sorted by ``query``: all columns, or some besides names.
 
-    Of a file's columns are read ``scene``, ``query`` and those of `columns`, or all where left out.
     Scores are float64, the same to the last bit as when they were written, +inf included. Other
-    columns are numbers or booleans where every field is written like one, else texts; an empty
-    field has no value.
+    columns are numbers or booleans where every field is written like one, else texts.
     """
     result = read_result(path) if result is None else result
     file = records_path(path)
     if not file.is_file():
-        expected = "the records that were written next to result.json, in one folder"
-        raise ResultError("no such file", where=file, expected=expected, fix=_FIX)
+        raise ResultError("the result has no records beside it", where=file, fix=_FIX)
     content = file.read_bytes()
     if hashlib.sha256(content).hexdigest() != result.records_sha256:
         what = "not the records of the result next to it: the checksum does not fit"
         raise ResultError(what, where=file, fix=_FIX)
     scores = [column.key for column in result.columns]
     names = column_names(file)
-    if len(set(names)) < len(names) or not {"scene", *scores} <= {*names}:
-        lacking = ", ".join(name for name in ("scene", *scores) if name not in names)
-        fault = f"lacks the column {lacking}" if lacking else "has a column twice"
-        raise ResultError(fault, where=file, fix=_FIX)
+    if lacking := [name for name in ("scene", *scores) if names.count(name) != 1]:
+        raise ResultError(f"lacks the column {', '.join(lacking)}", where=file, fix=_FIX)
     if columns is not None:
         names = [name for name in names if name in ("scene", "query") or name in columns]
     types = {name: pa.float64() if name in scores else pa.string() for name in names}
@@ -136,16 +138,14 @@ def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.D
     elif records["query"].isna().any() or not records["query"].is_unique:
         faults.append("a query has no name, or is there twice")
     for column in columns:
-        values, most = records[column.key].to_numpy(np.float64), np.inf
-        if column.unit == "share":
-            most = 1.0 + SHARE_SLACK
-        faults += [f"{column.key} has a score of {one:g}" for one in values[~(values >= 0)][:1]]
-        faults += [f"{column.key} has a score of {one:g}" for one in values[values > most][:1]]
+        values = records[column.key].to_numpy(np.float64)
+        most = 1.0 + SHARE_SLACK if column.unit == "share" else np.inf
+        wrong = values[~((values >= 0) & (values <= most))]
+        faults += [f"{column.key} has a score of {one:g}" for one in wrong[:1]]
     if not faults:
         # Numbers in place of names: a scene's rows are found much faster.
         numbered = records[[column.key for column in columns]].assign(scene=rows)
-        scores = [Score(c.key, c.title, c.unit, c.higher_is_better, c.average) for c in columns]
-        found = summarise(numbered, scores, [*range(len(scenes))])
+        found = summarise(numbered, columns, range(len(scenes)))
         own = [*found.scenes.values(), found.overall, found.pooled]
         stated = [*(result.scenes[scene] for scene in scenes), result.overall, result.pooled]
         faults = [
@@ -155,8 +155,7 @@ def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.D
             if not math.isclose(value, there[key], rel_tol=_ROUNDING)
         ]
     if faults:
-        expected = "records as `airzoo-bench eval` wrote them"
-        raise ResultError(faults[0], where=file, expected=expected, fix=_FIX)
+        raise ResultError(faults[0], where=file, fix=_FIX)
     return records.sort_values("query", ignore_index=True)
 
 

@@ -1,4 +1,4 @@
-"""Results of evaluations, written and read as JSON.
+"""Results of evaluations: scores averaged from records, and the JSON that holds them.
 
 Shares are 0 to 1. An infinite error is the text ``Infinity``, since JSON has no number for it. A
 checksum over the content tells a result that was edited by hand.
@@ -7,10 +7,12 @@ checksum over the content tells a result that was edited by hand.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -26,10 +28,15 @@ from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import validation_message
-from airzoo_bench.results.scores import Score
+from airzoo_bench.geometry.arrays import Bools
+from airzoo_bench.storage.urls import ensure_file, fetch, url_of
 
-SHARE_SLACK = 1e-9
-"""By how much rounding may lift a share above 1."""
+if TYPE_CHECKING:
+    import pandas as pd  # tables of results do without
+
+SHARE_SLACK = 1e-9  # by how much rounding may lift a share above 1
+
+_FILE = "result.json"
 
 Scores = dict[str, Annotated[float, Field(ge=0)]]  # which NaN is not
 # The largest is that which JavaScript still counts with.
@@ -52,6 +59,34 @@ class ResultModel(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, ser_json_inf_nan="strings", allow_inf_nan=True
     )
+
+
+class ScoreColumn(ResultModel):
+    """A score: a column of the records, by `key`, and the way it is averaged, shown and read.
+
+    Tables show headlines without being asked. Shares are percent there.
+    """
+
+    key: str
+    title: str
+    unit: Literal["share", "m", "deg"]
+    higher_is_better: bool
+    average: Literal["mean", "median"]
+    headline: bool
+
+    @classmethod
+    def share(cls, key: str, title: str, *, headline: bool = False) -> ScoreColumn:
+        """Return a mean of shares, where higher is better."""
+        kind: Any = {"unit": "share", "higher_is_better": True, "average": "mean"}
+        return cls(key=key, title=title, headline=headline, **kind)
+
+    @classmethod
+    def error(
+        cls, key: str, title: str, unit: str, average: str, *, headline: bool = False
+    ) -> ScoreColumn:
+        """Return an average of errors, where lower is better."""
+        kind: Any = {"unit": unit, "higher_is_better": False, "average": average}
+        return cls(key=key, title=title, headline=headline, **kind)
 
 
 class ProtocolUsed(ResultModel):
@@ -94,17 +129,6 @@ class PredictionsUsed(ResultModel):
         return fields if self.reader else {k: v for k, v in fields.items() if k != "reader"}
 
 
-class ScoreColumn(ResultModel):
-    """How a score is shown and read."""
-
-    key: str
-    title: str
-    unit: Literal["share", "m", "deg"]
-    higher_is_better: bool
-    average: Literal["mean", "median"]
-    headline: bool
-
-
 class Reference(ResultModel):
     """Scores without a method, such as chance; `meaning` is a sentence that tables print below.
 
@@ -121,9 +145,8 @@ class Result(ResultModel):
     """All that is known of one evaluation.
 
     Each scene has counts of queries, missing ones, and what else the track counts. Scores are by
-    key; `overall` is the unweighted mean over scenes. References are by the name that tables print;
-    results of older versions have none. `records_sha256` is of the file of records that was written
-    with it, or empty; the checksum is over everything else.
+    key; `overall` is the unweighted mean over scenes. References are by the name that tables print.
+    `records_sha256` is of the records that were written with it; the checksum is over all else.
     """
 
     schema_version: Literal[1] = Field(default=1, alias="schema")
@@ -169,29 +192,16 @@ class Result(ResultModel):
         """The unit of a record, by the track; a query where the track is not installed."""
         return TRACKS.get(self.track).unit if self.track in TRACKS else "query"
 
-    def with_checksum(self) -> Result:
-        """Return the same result with its checksum."""
-        return self.model_copy(update={"checksum": self._hash_content()})
-
     def with_records(self, sha256: str) -> Result:
         """Return the same result for records with that hash, with a new checksum."""
         return self.model_copy(update={"records_sha256": sha256}).with_checksum()
 
-    def is_intact(self) -> bool:
-        """Whether the checksum fits the content."""
-        return self.checksum == self._hash_content()
-
-    def _hash_content(self) -> str:
+    def with_checksum(self) -> Result:
+        """Return the same result with the checksum of its content."""
         content = json.loads(self.model_dump_json(by_alias=True, exclude={"checksum"}))
         if not self.references:  # a field that older results lack
             del content["references"]
-        return fingerprint(content)
-
-
-def score_columns(scores: list[Score]) -> tuple[ScoreColumn, ...]:
-    """Turn a track's scores into a result's columns."""
-    fields = [asdict(score) for score in scores]
-    return tuple(ScoreColumn(key=given.pop("column"), **given) for given in fields)
+        return self.model_copy(update={"checksum": fingerprint(content)})
 
 
 def write_result(path: Path, result: Result) -> None:
@@ -205,9 +215,88 @@ def read_result(path: Path) -> Result:
     what = "its content was changed after it was written: the checksum does not fit"
     try:
         result = Result.model_validate_json(read_text(path, ResultError, "result file"))
-        if result.is_intact():
+        if result.checksum == result.with_checksum().checksum:
             return result
     except ValidationError as error:
         what = f"not a result of this version:\n    {validation_message(error, Result)}"
     expected = "a result.json as `airzoo-bench eval ... --out DIR` wrote it"
     raise ResultError(what, where=path, expected=expected, fix="score the predictions again")
+
+
+# --- files that people name ---
+
+
+def result_paths(given: Sequence[str | Path]) -> tuple[Path, ...]:
+    """Return the files of results: of a folder the ``result.json`` in it, of a URL a copy."""
+    paths = []
+    for location in given:
+        url, path = url_of(location), Path(location)
+        if url is not None:
+            is_file = url.partition("?")[0].endswith(".json")
+            path = fetch(url if is_file else f"{url.rstrip('/')}/{_FILE}")
+        elif path.is_dir():
+            path = path / _FILE
+            if not path.is_file():
+                fix = f"name the folder that holds it, perhaps {location}/*"
+                raise ResultError(f"a folder without a {_FILE}", where=location, fix=fix)
+        paths.append(path)
+    return tuple(dict.fromkeys(paths))
+
+
+def records_path(path: Path) -> Path:
+    """Return where the records of a result lie; a copied result has copied records."""
+    return ensure_file(path.with_name("records.csv"))
+
+
+def method_names(paths: Sequence[Path], results: Sequence[Result]) -> list[str]:
+    """Return the methods' names, with parts of paths where several are alike."""
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for number, one in enumerate(results):
+        key = one.protocol.fingerprint, one.truth.fingerprint, one.predictions.method
+        alike.setdefault(key, []).append(number)
+    names = [result.predictions.method for result in results]
+    for numbers in (some for some in alike.values() if len(some) > 1):
+        short = [paths[number].parent.name for number in numbers]
+        if len(set(short)) < len(numbers):
+            short = [str(paths[number]) for number in numbers]
+        for number, where in zip(numbers, short, strict=True):
+            names[number] += f" ({where})"
+    return names
+
+
+# --- averages of records ---
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Scores by key: for each scene, over scenes, and pooled over all rows.
+
+    Over scenes is the unweighted mean, of medians too, as the paper has it.
+    """
+
+    scenes: dict[str, dict[str, float]]
+    overall: dict[str, float]
+    pooled: dict[str, float]
+
+
+def summarise(
+    records: pd.DataFrame, scores: Sequence[ScoreColumn], scenes: Sequence[Any]
+) -> Summary:
+    """Average records."""
+    of_row, keys = records["scene"].to_numpy(), [score.key for score in scores]
+    per_scene = {scene: _average(records, np.asarray(of_row == scene), scores) for scene in scenes}
+    overall = {key: float(np.mean([part[key] for part in per_scene.values()])) for key in keys}
+    return Summary(per_scene, overall, _average(records, slice(None), scores))
+
+
+def _average(
+    records: pd.DataFrame, rows: Bools | slice, scores: Sequence[ScoreColumn]
+) -> dict[str, float]:
+    found = {}
+    for score in scores:
+        values = records[score.key].to_numpy(np.float64)[rows]
+        if values.size == 0 or np.isnan(values).any():
+            raise ValueError(f"{score.key}: no record, or NaN, in {values.size} rows")
+        average = np.median if score.average == "median" else np.mean
+        found[score.key] = float(average(values))
+    return found

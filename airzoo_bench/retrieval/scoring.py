@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import geodesic_distance_m
-from airzoo_bench.results.result import Reference
-from airzoo_bench.results.scores import Score, concatenate, summarise
+from airzoo_bench.results.result import Reference, ScoreColumn, summarise
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.metrics import ap_name, share_name
 from airzoo_bench.retrieval.ranking import Ranking
@@ -36,9 +35,9 @@ AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
 _EQUATOR_M = 6378137.0
 
 
-def list_scores(settings: TileScores | ImageScores) -> list[Score]:
+def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
     """Return the scores that a protocol asks for, the paper's first."""
-    share = Score.share
+    share = ScoreColumn.share
     scores = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     if isinstance(settings, TileScores):
         aps = [ap_name(settings.ap_at, one) for one in (settings.ap, *AP_VARIANTS)]
@@ -48,7 +47,7 @@ def list_scores(settings: TileScores | ImageScores) -> list[Score]:
             *(share(name, name.replace("ap", "AP")) for name in aps[1:] if name != aps[0]),
             *(share("map", "mAP"), share("mrr", "MRR")),
             *(share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at),
-            Score("distance_m", "Distance", "m", higher_is_better=False, average="median"),
+            ScoreColumn.error("distance_m", "Distance", "m", "median"),
             *(share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m),
             *(share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at),
             *(share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at),
@@ -62,7 +61,8 @@ def list_scores(settings: TileScores | ImageScores) -> list[Score]:
     if near is not None:
         scores += [share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
         scores += [
-            Score(f"dis@{k}", f"Dis@{k}", "m", False, "mean", headline=True) for k in near.dis_at
+            ScoreColumn.error(f"dis@{k}", f"Dis@{k}", "m", "mean", headline=True)
+            for k in near.dis_at
         ]
         scores += [share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
     return [*scores, share(aps[1], other), share("mrr", "MRR")]
@@ -74,8 +74,8 @@ def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageS
     for truth in truths:
         found = metrics.chance_scores(truth.positives.counts, len(truth.tiles), settings)
         tables.append(pd.DataFrame(found).assign(scene=truth.scene))
-    records = concatenate(tables)
-    scores = [score for score in list_scores(settings) if score.column in records]
+    records = pd.concat(tables, ignore_index=True)
+    scores = [score for score in list_scores(settings) if score.key in records]
     summary = summarise(records, scores, [truth.scene for truth in truths])
     return Reference(
         meaning="what tiles in random order score on average, computed exactly", **asdict(summary)
@@ -92,7 +92,7 @@ def score_scene(
     """Score every query of a scene, in the blocks in which they are ranked."""
     blocks = [(rows, _score_block(truth, rows, found, settings, jobs)) for rows, found in ranked]
     order = np.concatenate([rows for rows, _ in blocks])
-    scores = concatenate([table for _, table in blocks])
+    scores = pd.concat([table for _, table in blocks], ignore_index=True)
     if (np.diff(order) < 0).any():  # queries without an answer come last
         scores = scores.iloc[np.argsort(order)].reset_index(drop=True)
     first = {

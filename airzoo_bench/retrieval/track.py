@@ -13,8 +13,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
-from airzoo_bench.results.result import Reference
-from airzoo_bench.results.scores import Score
+from airzoo_bench.results.result import Reference, ScoreColumn
 from airzoo_bench.retrieval.info import INFO
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
@@ -81,7 +80,7 @@ class RetrievalTrack(Track):
         }
         return Scored(records, counts, content.kind)
 
-    def scores(self, protocol: RetrievalProtocol) -> list[Score]:
+    def scores(self, protocol: RetrievalProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
         return list_scores(protocol.scores)
 

@@ -1,17 +1,21 @@
 """Confidence intervals, each kind of average by the method that keeps its promise for it.
 
-Means of shares have closed intervals (`shares`), means over scenes Student's t or, for distances,
-the log-normal interval of Zou, Taleban and Huo (2009); all else is bootstrapped by BCa (Efron and
-Tibshirani, An introduction to the bootstrap, 1993). docs/statistics.md has the figures.
+Means of shares have closed intervals that hold where all queries of a scene are alike: Wilson's
+(1927) of one scene; of an average over scenes MOVER (Zou and Donner 2008) puts them together from
+Jeffreys' limits (Brown, Cai and DasGupta 2001), with effective sizes of Franco, Little, Louis and
+Slud (2019). Means over scenes have Student's t or, for distances, the log-normal interval of Zou,
+Taleban and Huo (2009); all else is bootstrapped by BCa (Efron and Tibshirani, An introduction to
+the bootstrap, 1993). docs/statistics.md has the figures.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import betaincinv, chdtri, ndtr, ndtri, stdtr, stdtrit
 
 from airzoo_bench.core.errors import counted, plural
 from airzoo_bench.geometry.arrays import Bools, Floats
@@ -23,7 +27,6 @@ from airzoo_bench.statistics.samples import (
     resampled_averages,
     weighted_averages,
 )
-from airzoo_bench.statistics.shares import average_limits
 
 FEWEST = 5
 """Fewer units in a group than these have no interval: resamples of them repeat each other."""
@@ -31,6 +34,7 @@ FEWEST = 5
 _TIE = 1e-12  # of the numbers' size: closer ones differ by rounding alone
 _ALIKE = 1e-9
 _MOST = 10.0  # an upper limit above so many times the mean is not known
+_PRIOR = 0.5  # so many queries more at 0, and at 1, as Jeffreys' prior has it
 
 
 @dataclass(frozen=True)
@@ -66,26 +70,23 @@ def sample_intervals(
 
     Values are finite or +inf. `groups` asks for the intervals of each group too. There is none
     where a group has fewer than `FEWEST` units, or where resamples cannot differ. BCa becomes
-    percentile, and says so, where it does not exist: with infinite leave-one-out values, or all
-    resamples on one side.
+    percentile, and says so, where it does not exist.
     """
     by_group, parts = {}, []
     for group, values in zip(sample.groups, sample.values, strict=True):
-        alone = Sample(sample.unit, (group,), (values,), sample.medians, sample.shares)
+        alone = replace(sample, groups=(group,), values=(values,))
         few = few_units(alone)
         if sample.unit == "scene":
             rows = zip(values, sample.are_shares, strict=True)
-            by_group[group] = [
-                Interval.lacking(few) if few else _mean_of_scenes(*row, resampling) for row in rows
-            ]
+            by_group[group] = [_mean_of_scenes(*row, resampling, few) for row in rows]
             continue
         if not few and not sample.are_shares.all():
             parts.append(_resample(alone.take(~sample.are_shares), resampling))
         if groups:
-            by_group[group] = _averages(alone, parts[-1:], resampling, few)
+            by_group[group] = _averages(alone, parts[-1:], resampling)
     if sample.unit == "scene":  # the mean over groups of scenes has none
         return SampleIntervals(by_group, by_group[group] if len(by_group) == 1 else [])
-    return SampleIntervals(by_group, _averages(sample, parts, resampling, few_units(sample)))
+    return SampleIntervals(by_group, _averages(sample, parts, resampling))
 
 
 def few_units(sample: Sample) -> str:
@@ -99,17 +100,13 @@ def few_units(sample: Sample) -> str:
 
 
 class _Part(NamedTuple):
-    """One group or the sum of several, of V bootstrapped variables.
+    """V bootstrapped variables of a group, or summed over several."""
 
-    Estimates (V,), resamples (V, B), the jackknife's influence values (V,), cubed and squared and
-    summed, and whether units vary (V,).
-    """
-
-    estimates: Floats
-    resamples: Floats
-    cubes: Floats
+    estimates: Floats  # (V,)
+    resamples: Floats  # (V, B)
+    cubes: Floats  # (V,), sums of the jackknife's influence values, cubed
     squares: Floats
-    varied: Bools
+    varied: Bools  # (V,), whether units vary
 
 
 def _resample(group: Sample, resampling: ResamplingConfig) -> _Part:
@@ -127,11 +124,9 @@ def _resample(group: Sample, resampling: ResamplingConfig) -> _Part:
     return _Part(estimates, drawn, cubes, squares, varied)
 
 
-def _averages(
-    sample: Sample, parts: list[_Part], resampling: ResamplingConfig, few: str
-) -> list[Interval]:
+def _averages(sample: Sample, parts: list[_Part], resampling: ResamplingConfig) -> list[Interval]:
     """Take the interval of each variable, of the mean over groups."""
-    if few:
+    if few := few_units(sample):
         return [Interval.lacking(few)] * len(sample.medians)
     shares, number = sample.are_shares, len(sample.groups)
     limits = average_limits(sample.take(shares).values, resampling.confidence).tolist()
@@ -187,10 +182,7 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
 
 
 def percentile_p_values(resamples: Floats) -> Floats:
-    """Return the p up to which percentile intervals of confidence 1 - p of resamples hold 0, (R,).
-
-    Test and interval agree, whichever the confidence. p is at least 2 / (B + 1) of B resamples.
-    """
+    """Return the largest p whose percentile interval, of confidence 1 - p, holds 0, (R,)."""
     ranked = np.sort(resamples, axis=1)
     levels = np.minimum(_level_of_0(ranked), _level_of_0(-ranked[:, ::-1]))
     return np.asarray(np.clip(2 * levels, 2 / (resamples.shape[1] + 1), 1.0))
@@ -212,8 +204,7 @@ def _level_of_0(ranked: Floats) -> Floats:
 def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, Floats]:
     """Return Student's limits (R, 2) of the means of rows (R, N), and p (R,) of their being 0.
 
-    Those of `shares` (R,) lie between -1 and 1. All are NaN of fewer than `FEWEST` scenes, of a
-    failed one, and where all are alike.
+    All are NaN of fewer than `FEWEST` scenes, of a failed one, and where all are alike.
     """
     count = values.shape[1]
     usable = np.isfinite(values).all(axis=1) & (count >= FEWEST)
@@ -230,17 +221,19 @@ def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, F
     return limits, np.maximum(p_values, np.finfo(np.float64).tiny)
 
 
-def _mean_of_scenes(values: Floats, share: bool, resampling: ResamplingConfig) -> Interval:
+def _mean_of_scenes(
+    values: Floats, share: bool, resampling: ResamplingConfig, few: str
+) -> Interval:
     """Take Student's interval of a mean share, or the limits of a log-normal mean of distances.
 
     MOVER puts the latter, exp(mu + sigma**2 / 2), together from Student's limits of mu and those of
-    sigma**2 / 2 by chi-squared. Student's limits of logarithms alone would be those of the
-    geometric mean.
+    sigma**2 / 2 by chi-squared.
     """
-    if not np.isfinite(values).all():
-        return Interval.lacking("a scene failed")
-    if not share and values.min() <= 0:
-        return Interval.lacking("a distance of 0 has no logarithm")
+    reason = few or ("" if np.isfinite(values).all() else "a scene failed")
+    if not reason and not share and values.min() <= 0:
+        reason = "a distance of 0 has no logarithm"
+    if reason:
+        return Interval.lacking(reason)
     measured = values if share else np.log(values)
     [[low, high]], _ = student(measured[None], np.array([share]), resampling.confidence)
     if np.isnan(low):
@@ -254,3 +247,99 @@ def _mean_of_scenes(values: Floats, share: bool, resampling: ResamplingConfig) -
         low, high = np.exp(middle + half + np.array([-1, 1]) * reaches)
     known = high <= _MOST * values.mean()  # an infinite limit is not known
     return Interval(float(low), float(high) if known else np.inf, "lognormal")
+
+
+# --- shares ---
+
+
+class Rates(NamedTuple):
+    """Mean shares of a scene as hit rates."""
+
+    means: Floats  # (R,)
+    sizes: Floats  # (R,), at which hits vary as much: the number of queries, or more
+
+
+def effective_rates(values: Floats) -> Rates:
+    """Measure shares (R, N) from 0 to 1; those that vary as much as hits count as hits."""
+    count, means = values.shape[1], values.mean(axis=1)
+    squares = ((values - means[:, None]) ** 2).sum(axis=1)
+    ends = _PRIOR * (means**2 + (1 - means) ** 2)
+    sizes = count * means * (1 - means) * (count + 2 * _PRIOR) / (squares + ends)
+    return Rates(means, np.maximum(sizes, count))
+
+
+def _around(limits: Floats, means: Floats) -> Floats:
+    """Let no limit lie beyond the mean; limits of 0 and 1 then lie on it, exactly."""
+    return np.stack([np.minimum(limits[:, 0], means), np.maximum(limits[:, 1], means)], axis=1)
+
+
+def wilson_limits(rates: Rates, confidence: float) -> Floats:
+    """Return Wilson's limits of rates, (R, 2)."""
+    squared = float(ndtri((1 + confidence) / 2)) ** 2
+    means, sizes = rates
+    centre = means + squared / (2 * sizes)
+    reach = np.sqrt(squared * (means * (1 - means) / sizes + squared / (4 * sizes**2)))
+    limits = np.stack([centre - reach, centre + reach], axis=1) / (1 + squared / sizes)[:, None]
+    return _around(np.clip(limits, 0.0, 1.0), means)
+
+
+def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
+    """Return Jeffreys' limits of rates, (R, 2): 0 where nothing was hit, 1 where everything was."""
+    hits, misses = rates.means * rates.sizes, (1 - rates.means) * rates.sizes
+    tails = (1 - confidence) / 2, (1 + confidence) / 2
+    limits = [betaincinv(hits + 0.5, misses + 0.5, tail) for tail in tails]
+    return _around(np.stack(limits, axis=1), rates.means)
+
+
+def average_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
+    """Take the intervals (R, 2) of mean shares, (R, N) of each scene, averaged without weights."""
+    return limits_of_rates([effective_rates(values) for values in scenes], confidence)
+
+
+def limits_of_rates(rates: Sequence[Rates], confidence: float) -> Floats:
+    """Take the intervals (R, 2) of averaged rates: Wilson's of one scene, MOVER's of several."""
+    if len(rates) == 1:
+        return wilson_limits(rates[0], confidence)
+    means = np.mean([rate.means for rate in rates], axis=0)
+    squares = sum(_reaches(rate, confidence) ** 2 for rate in rates)
+    down, up = np.sqrt(squares) / len(rates)
+    return np.stack([means - down, means + up], axis=1)
+
+
+def _reaches(rates: Rates, confidence: float) -> Floats:
+    """Return how far Jeffreys' limits lie below and above rates, (2, R)."""
+    low, high = jeffreys_limits(rates, confidence).T
+    return np.stack([rates.means - low, high - rates.means])
+
+
+def difference_limits(scenes: Sequence[Floats], confidence: float) -> Floats:
+    """Take the intervals (R, 2) of paired differences, (R, N) of each scene, averaged over scenes.
+
+    Of hits, what is won and what is lost are two shares, whose covariance is known: a query cannot
+    be both. Differences with fractions have Student's limits, unless all of a scene are alike.
+    """
+    means = np.mean([values.mean(axis=1) for values in scenes], axis=0)
+    graded = np.any([(values != np.rint(values)).any(axis=1) for values in scenes], axis=0)
+    squares = np.zeros((2, len(means)))
+    for values in scenes:
+        count = values.shape[1]
+        student = stdtrit(count - 1, (1 + confidence) / 2) ** 2 * values.var(axis=1, ddof=1) / count
+        of_scene = np.stack([student, student])
+        as_hits = ~graded | (np.ptp(values, axis=1) <= _ALIKE)
+        if as_hits.any():
+            of_scene[:, as_hits] = _squares_of_hits(values[as_hits], confidence)
+        squares += of_scene
+    down, up = np.sqrt(np.maximum(squares, 0.0)) / len(scenes)
+    return np.stack([np.maximum(means - down, -1.0), np.minimum(means + up, 1.0)], axis=1)
+
+
+def _squares_of_hits(values: Floats, confidence: float) -> Floats:
+    """Return the squared reaches, down and up (2, R), of a scene's share won minus share lost."""
+    won, lost = (effective_rates(np.maximum(side, 0.0)) for side in (values, -values))
+    spread = np.sqrt(won.means * (1 - won.means) / won.sizes)
+    spread = spread * np.sqrt(lost.means * (1 - lost.means) / lost.sizes) * values.shape[1]
+    nothing = np.zeros(len(spread))
+    correlation = np.divide(-won.means * lost.means, spread, out=nothing, where=spread > 0)
+    one, other = _reaches(won, confidence), _reaches(lost, confidence)[::-1]
+    squares = one**2 + other**2 - 2 * np.maximum(correlation, -1.0) * one * other
+    return np.asarray(squares)

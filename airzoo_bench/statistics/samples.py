@@ -2,8 +2,7 @@
 
 Draw b is the same whatever was drawn before it: only raw bits of Philox are used, a stream that
 NumPy never changes. Sums must not depend on the order in which a matrix product adds, so values are
-put on a grid of binary fractions that is coarse enough for every sum to be exact in float64: with n
-units, steps of less than n * 2**-51 of the largest value.
+put on a grid of binary fractions that is coarse enough for every sum to be exact in float64.
 """
 
 from __future__ import annotations
@@ -11,13 +10,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats
-
-Places = NDArray[np.intp] | int
 
 TIE = 1e-9
 """Closer values of a unit, as a share of their size above 1, may differ by the processor alone."""
@@ -49,10 +47,9 @@ class ResamplingConfig:
 class Sample:
     """Variables measured on the same independent units, which are queries or scenes.
 
-    Each group, such as a scene, has values (V, N) of V variables and its N units. Variables are
-    averaged by the median within a group where `medians` (V,) says so, else by the mean, and over
-    groups without weights; `shares` (V,) are means of shares from 0 to 1. The draws of a group
-    depend on its name.
+    Each group, such as a scene, has values (V, N) of V variables and its N units; its draws depend
+    on its name. Variables are averaged by the median within a group where `medians` (V,) says so,
+    else by the mean, and over groups without weights; `shares` (V,) are means of shares.
     """
 
     unit: str
@@ -72,7 +69,7 @@ class Sample:
         shares = self.are_shares[variables]
         return replace(self, values=values, medians=self.medians[variables], shares=shares)
 
-    def differences(self, first: Places, second: Places) -> list[Floats]:
+    def differences(self, first: Any, second: Any) -> list[Floats]:
         """Subtract variables unit by unit, as `paired_difference` does: for each group (C, N)."""
         return [paired_difference(part[first], part[second]) for part in self.values]
 
@@ -104,15 +101,13 @@ def stream_key(seed: int, purpose: str, group: str) -> int:
 def _blocks(units: int, draws: int) -> Iterator[tuple[int, int]]:
     """Cut draws into blocks of bounded memory: yield the first of each, and how many."""
     size = max(1, _CELLS // max(units, 1))
-    for first in range(0, draws, size):
-        yield first, min(size, draws - first)
+    yield from ((first, min(size, draws - first)) for first in range(0, draws, size))
 
 
 def resample_counts(units: int, first: int, count: int, key: int) -> NDArray[np.int64]:
     """Count how often each unit is drawn, with replacement, in `count` resamples from `first` on.
 
-    Each column of the counts (units, count) sums to `units`, at most 2**32 - 1. The chance of a
-    unit is 1 / units to within 2**-32.
+    The chance of a unit is 1 / units to within 2**-32.
     """
     words = _random_words(-(-units // 2), first, count, key)
     draws = np.concatenate((words & _LOW_BITS, words >> _HALF_WORD), axis=1)[:, :units]
@@ -164,11 +159,7 @@ def signed_sums(
 
 
 def weighted_averages(values: Floats, medians: Bools, counts: NDArray[np.integer]) -> Floats:
-    """Average values (V, N) by how often resamples hold each (N, B): (V, B).
-
-    The averages are the same to the last bit whatever the number of threads and columns; +inf is a
-    value like any other.
-    """
+    """Average values (V, N) by how often resamples hold each (N, B), to the last bit: (V, B)."""
     units, factors = int(counts[:, 0].sum()), counts.astype(np.float64)
     averages = np.empty((len(values), counts.shape[1]))
     infinite = np.isinf(values[~medians])
@@ -176,18 +167,13 @@ def weighted_averages(values: Floats, medians: Bools, counts: NDArray[np.integer
     means, failing = np.ldexp(whole @ factors, -exponents) / units, infinite.any(axis=1)
     drawn = infinite[failing].astype(np.float64) @ factors
     means[failing] = np.where(drawn > 0, np.inf, means[failing])
-    averages[~medians], averages[medians] = (
-        means,
-        _weighted_medians(values[medians], factors, units),
-    )
+    averages[~medians] = means
+    averages[medians] = _weighted_medians(values[medians], factors, units)
     return averages
 
 
 def _on_grid(values: Floats, units: int) -> tuple[Floats, NDArray[np.intp]]:
-    """Return values as whole numbers, and the exponents (V, 1) of 2 that these are multiplied by.
-
-    No sum of so many of them is rounded.
-    """
+    """Return whole numbers whose sums are exact, and the exponents (V, 1) of 2 that they bear."""
     largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
     bits = _EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(units))
     exponents = bits.astype(np.intp)[:, None]

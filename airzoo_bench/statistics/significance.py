@@ -1,9 +1,8 @@
 """Paired differences of methods on the same units: intervals, tests, corrections, ranks.
 
 Means are tested by permutation, medians by the percentile interval of their bootstrap, and where
-scenes are the units by Student's t. A change of places turns the sign of a unit's difference, and
-the sum of differences under given signs is the difference of two sums, one of each variable; so the
-sums of N variables hold the draws of all N (N - 1) / 2 pairs, as their resamples do.
+scenes are the units by Student's t. The sum of differences under given signs is the difference of
+two sums; so the sums of N variables hold the draws of all their pairs, as their resamples do.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from scipy.special import bdtr, ndtr
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.statistics.intervals import (
     Interval,
+    difference_limits,
     few_units,
     percentile_p_values,
     quantiles,
@@ -33,30 +33,24 @@ from airzoo_bench.statistics.samples import (
     resampled_averages,
     signed_sums,
 )
-from airzoo_bench.statistics.shares import difference_limits
 
 LEVEL = 0.05
 """A p-value up to here is a finding."""
 
 _RESOLVED = 25
 _CELLS = 1 << 18
-_FEW, _MANY, _MOST_METHODS = 2_000, 10_000, 224
 
-Places = NDArray[np.intp]
+Pairs = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class PairedTest:
-    """A two-sided p-value, above 0 and at most 1, and how it was found.
-
-    A test is exact that tried every pattern; else `patterns` random ones were tried, or as many
-    resamples or scenes; 0 where there was nothing to try, and p is 1.
-    """
+    """A two-sided p-value, above 0 and at most 1, and how it was found."""
 
     p_value: float
-    exact: bool
-    patterns: int
-    kind: Literal["permutation", "bootstrap", "student"] = "permutation"
+    exact: bool  # every pattern was tried
+    patterns: int  # or resamples, or scenes, that were tried; 0 where there were none, and p is 1
+    kind: str = "permutation"  # or "bootstrap" or "student"
 
 
 class PairNumbers(NamedTuple):
@@ -69,30 +63,30 @@ class PairNumbers(NamedTuple):
 
 
 def paired_tests(
-    sample: Sample, resampling: ResamplingConfig, places: Sequence[tuple[int, int]] | Places
+    sample: Sample, resampling: ResamplingConfig, pairs: Sequence[tuple[int, int]] | Pairs
 ) -> tuple[list[Interval], list[PairedTest]]:
     """Take the interval of each pair's difference, the first minus the second, and test it.
 
     Where there is no interval, a median has no finding, and scenes are tested by permutation.
     """
-    pairs = np.array(places, np.intp).reshape(-1, 2)
-    found, intervals, tests = compare_pairs(sample, resampling, pairs), [], []
+    places = np.array(pairs, np.intp).reshape(-1, 2)
+    found, intervals, tests = compare_pairs(sample, resampling, places), [], []
     few, by_scene = few_units(sample), sample.unit == "scene"
-    for one, other, limits, p_value, exact, patterns in zip(*pairs.T, *found, strict=True):
-        gaps = sample.differences(one, other)
-        low, high = limits.tolist()
-        reason = few
-        if not few and by_scene:
-            alike = "the differences of all scenes are alike" if np.isnan(low) else ""
-            reason = alike if np.isfinite(gaps[0]).all() else "a scene failed"
-        elif not few and not sample.are_shares[one] and all((g == g[0]).all() for g in gaps):
+    for (one, other), (low, high), *numbers in zip(places, *found, strict=True):
+        gaps, reason, method = sample.differences(one, other), few, "percentile"
+        kind = "bootstrap" if sample.medians[one] else "permutation"
+        if by_scene and np.isnan(low):
+            reason = few or "a scene failed, or the differences of all are alike"
+        elif by_scene:
+            method = kind = "student"
+        elif sample.are_shares[one]:
+            method = "mover"
+        elif not few and all((gap == gap[0]).all() for gap in gaps):
             reason = "the differences of all queries are alike: resamples cannot differ"
-        method = "student" if by_scene else "mover" if sample.are_shares[one] else "percentile"
-        intervals.append(Interval.lacking(reason) if reason else Interval(low, high, method))
-        kind: Literal["permutation", "bootstrap", "student"] = "permutation"
-        if sample.medians[one] or (by_scene and not np.isnan(low)):
-            kind = "student" if by_scene else "bootstrap"
-        tests.append(PairedTest(float(p_value), bool(exact), int(patterns), kind))
+        known = Interval(float(low), float(high), method)
+        intervals.append(Interval.lacking(reason) if reason else known)
+        p_value, exact, patterns = (number.item() for number in numbers)
+        tests.append(PairedTest(p_value, exact, patterns, kind))
     return intervals, tests
 
 
@@ -116,29 +110,27 @@ class _Draws:
     @cached_property
     def signed(self) -> Floats:
         """Sums of means under random signs, (V, B); 0 of medians and of failing ones."""
-        sample = self.sample
-        chosen = ~(sample.medians | self.failing)
+        chosen = ~(self.sample.medians | self.failing)
         found = np.zeros((len(chosen), self.resampling.resamples))
-        parts = [part[chosen] for part in sample.values]
-        found[chosen] = signed_sums(sample.groups, parts, self.resampling)
+        parts = [part[chosen] for part in self.sample.values]
+        found[chosen] = signed_sums(self.sample.groups, parts, self.resampling)
         return found
 
     @cached_property
     def failing(self) -> Bools:
         """Which variables have an infinite value (V,)."""
-        failing = [np.isinf(part).any(axis=1) for part in self.sample.values]
-        return np.asarray(np.any(failing, axis=0))
+        return np.asarray(np.isinf(np.concatenate(self.sample.values, axis=1)).any(axis=1))
 
 
 def compare_pairs(
-    sample: Sample, resampling: ResamplingConfig, pairs: Places, *, tails: bool = False
+    sample: Sample, resampling: ResamplingConfig, pairs: Pairs, *, tails: bool = False
 ) -> PairNumbers:
     """Compare pairs (C, 2) of variables, each independently of the others.
 
-    With `tails`, p is resolved far below one draw, for corrections for many pairs. Where fewer than
-    25 draws are as extreme as what was observed, p of a mean is then the normal tail with the exact
-    variance of the signed sum, which sums of random signs hardly exceed (Pinelis 1994); that of a
-    median, where no resample lies beyond 0, is the normal tail with the resamples' spread.
+    With `tails`, p is resolved far below one draw. Where fewer than 25 draws are as extreme as what
+    was observed, p of a mean is then the normal tail with the exact variance of the signed sum,
+    which sums of random signs hardly exceed (Pinelis 1994); that of a median, where no resample
+    lies beyond 0, is the normal tail with the resamples' spread.
     """
     draws = _Draws(sample, resampling)
     units = sum(part.shape[1] for part in sample.values)
@@ -148,7 +140,7 @@ def compare_pairs(
     return PairNumbers(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
-def _compare(draws: _Draws, pairs: Places, tails: bool) -> PairNumbers:
+def _compare(draws: _Draws, pairs: Pairs, tails: bool) -> PairNumbers:
     sample, plan, (one, other) = draws.sample, draws.resampling, pairs.T
     gaps = sample.differences(one, other)
     shares, medians = sample.are_shares[one], sample.medians[one]
@@ -160,8 +152,7 @@ def _compare(draws: _Draws, pairs: Places, tails: bool) -> PairNumbers:
     elif not few_units(sample):
         limits[shares] = difference_limits([gap[shares] for gap in gaps], plan.confidence)
         if not shares.all():
-            drawn = pairs[~shares].T
-            resampled = paired_difference(*draws.resampled[drawn])
+            resampled = paired_difference(*draws.resampled[pairs[~shares].T])
             levels = np.broadcast_to(plan.tails, (len(resampled), 2))
             limits[~shares] = quantiles(np.sort(resampled, axis=1), levels)
             tested = [gap[medians] for gap in gaps]
@@ -172,9 +163,8 @@ def _compare(draws: _Draws, pairs: Places, tails: bool) -> PairNumbers:
         parts = [gap[permuted] for gap in gaps]
         p_values[permuted], unlike = _permute(draws, parts, pairs[permuted], tails)
         exact[permuted] = unlike < plan.resamples.bit_length()
-        patterns[permuted] = np.where(
-            exact[permuted], 1 << np.where(exact[permuted], unlike, 0), plan.resamples
-        )
+        tried = 1 << np.where(exact[permuted], unlike, 0)
+        patterns[permuted] = np.where(exact[permuted], tried, plan.resamples)
     return PairNumbers(limits, np.where(np.isnan(p_values), 1.0, p_values), exact, patterns)
 
 
@@ -182,14 +172,12 @@ def _test_medians(resampled: Floats, gaps: Sequence[Floats], tails: bool) -> Flo
     """Return the p of percentile intervals, never below the least that the units could show."""
     p_values = percentile_p_values(resampled)
     if tails:
-        beyond = (resampled.min(axis=1, initial=np.inf) > 0) | (
-            resampled.max(axis=1, initial=-np.inf) < 0
-        )
-        known = np.where(np.isfinite(resampled[beyond]).all(axis=1), resampled[beyond].T, 0.0).T
+        low, high = (end(resampled, axis=1) for end in (np.min, np.max))
+        beyond = (low > 0) | (high < 0)
+        finite = np.isfinite(resampled[beyond]).all(axis=1)
+        known = np.where(finite[:, None], resampled[beyond], 0.0)
         spread = known.std(axis=1)
-        wins, losses = (
-            sum((sign * gap[beyond] > 0).sum(axis=1) for gap in gaps) for sign in (1, -1)
-        )
+        wins, losses = (sum((sign * g[beyond] > 0).sum(axis=1) for g in gaps) for sign in (1, -1))
         scores = np.abs(known.mean(axis=1)) / np.where(spread > 0, spread, 1.0)
         tail = np.where(spread > 0, normal_tail(scores), mcnemar(wins, losses))
         p_values[beyond] = np.minimum(p_values[beyond], tail)
@@ -198,15 +186,14 @@ def _test_medians(resampled: Floats, gaps: Sequence[Floats], tails: bool) -> Flo
 
 
 def _permute(
-    draws: _Draws, gaps: Sequence[Floats], pairs: Places, tails: bool
+    draws: _Draws, gaps: Sequence[Floats], pairs: Pairs, tails: bool
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Test whether means differ: values change places, unit by unit; also count unlike units.
 
-    The statistic is the difference of the averages over groups. Each of the 2**k patterns of the k
-    units that differ is as likely as the one observed; p is the share of patterns that differ at
-    least as much, either way. All are tried where they are no more than the resamples; else that
-    many random ones are, the same for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth
-    2010), which is never 0. p is 1 where one of the averages is infinite: no pattern is farther.
+    p is the share of the 2**k patterns of the k units that differ in which the averages over groups
+    differ at least as much. All are tried where they are no more than the resamples; else that many
+    random ones are, the same for all pairs, and p = (b + 1) / (m + 1) (Phipson and Smyth 2010). p
+    is 1 where one of the averages is infinite: no pattern is farther.
     """
     scaled = np.concatenate([gap / gap.shape[1] for gap in gaps], axis=1)
     unlike, (one, other) = np.count_nonzero(scaled, axis=1), pairs.T
@@ -243,12 +230,12 @@ def normal_tail(scores: Floats) -> Floats:
     return np.asarray(np.maximum(2 * ndtr(-scores), np.finfo(np.float64).tiny))
 
 
-def p_floor(unlike: NDArray[np.int64]) -> Floats:
+def p_floor(unlike: Any) -> Floats:
     """Return the least p of any values on a number of units that differ."""
     return np.asarray(np.minimum(1.0, 2.0 ** (1.0 - unlike)))
 
 
-def mcnemar(wins: NDArray[np.int64], losses: NDArray[np.int64]) -> Floats:
+def mcnemar(wins: Any, losses: Any) -> Floats:
     """Return two-sided p of McNemar's exact test of hits (1947), the sign test.
 
     A fair coin for each unit that only the first (`wins`), or only the second method answers.
@@ -275,18 +262,13 @@ def holm(p_values: Floats, family: int | None = None) -> Floats:
 # --- every two of many variables, and the ranges of ranks that follow ---
 
 
-def resamples_for(count: int) -> int:
-    """Return a number of draws that takes all pairs of these variables some seconds."""
-    return _MANY if count <= _MOST_METHODS else _FEW
-
-
 def compare_all(
     sample: Sample, resampling: ResamplingConfig, wanted: Bools | None = None
 ) -> Floats:
     """Compare every two of V variables, or the `wanted` (V, V): low, high and p, (3, V, V).
 
-    The limits are of row minus column, above the diagonal and NaN elsewhere; p is symmetric, and 1
-    where there is none.
+    The limits are of row minus column, above the diagonal; p is symmetric, and 1 where there is no
+    test.
     """
     count = len(sample.medians)
     every = np.ones((count, count), np.bool_) if wanted is None else wanted
@@ -317,8 +299,7 @@ def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) ->
     """Return the range of ranks (V, 2) of variables, by values (V,) and corrected p (V, V).
 
     Those are 1 + the number of significantly better ones, and V - the number of worse ones. With a
-    chance of at least 95 % all true ranks lie in their ranges, since differences that are all
-    significant together give confidence sets of ranks (Mogstad, Romano, Shaikh and Wilhelm 2024).
+    chance of at least 95 % all true ranks lie in them (Mogstad, Romano, Shaikh and Wilhelm 2024).
     """
     signed = values if higher_is_better else -values
     apart = told_apart(signed, corrected)
@@ -334,7 +315,6 @@ def unpaired_p_values(values: Floats, errors: Floats) -> Floats:
     """
     known = np.isfinite(values) & np.isfinite(errors)
     centre, spread = np.where(known, values, 0.0), np.where(known, errors, 1.0)
-    apart = np.abs(centre[:, None] - centre)
-    scale = spread[:, None] + spread
+    apart, scale = np.abs(centre[:, None] - centre), spread[:, None] + spread
     scores = np.divide(apart, scale, out=np.zeros_like(apart), where=scale > 0)
     return np.where(known & known[:, None], normal_tail(scores), 1.0)

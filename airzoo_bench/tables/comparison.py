@@ -61,15 +61,12 @@ def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
 def comparison_table(comparison: Comparison) -> Table:
     """Lay out a comparison: a row a score and method, for each score the best method first."""
     pairs: list[Pair] = []
-    is_one = comparison.of_one
     for _, part in groupby(comparison.pairs, key=lambda pair: pair.score.key):
         of_score = list(part)
         sign = -1 if of_score[0].score.higher_is_better else 1
-        side = "reference_value" if is_one else "value"
-        pairs += sorted(of_score, key=lambda pair: sign * getattr(pair, side))
+        pairs += sorted(of_score, key=lambda pair: sign * pair.value)
     columns = (
-        *map(Column, ("Score", "Against" if is_one else "Method", "Verdict", "Value")),
-        *map(Column, ("Other" if is_one else "Ref.", "Difference")),
+        *map(Column, ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")),
         *(Column(title, decimals=4, group="p") for title in ("Paired", "Holm", "McNemar")),
         *(
             Column(title, group=plural(comparison.unit).capitalize())
@@ -77,9 +74,8 @@ def comparison_table(comparison: Comparison) -> Table:
         ),
     )
     where = "all scenes" if comparison.scene is None else f"scene {comparison.scene}"
-    others = "the others" if is_one else "others"
     return Table(
-        f"{comparison.reference} against {others}, {where}, "
+        f"{comparison.reference} against others, {where}, "
         f"{counted(comparison.units, comparison.unit)}",
         columns,
         tuple(_row(pair, comparison) for pair in pairs),
@@ -89,7 +85,7 @@ def comparison_table(comparison: Comparison) -> Table:
 
 
 def _row(pair: Pair, comparison: Comparison) -> Row:
-    score, other = pair.score, comparison.other(pair)
+    score, other = pair.score, pair.method
     return Row(
         (
             Cell(score_title(score)),
@@ -108,7 +104,7 @@ def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     """Say a sentence about each of few pairs, and where there are too few units or no interval."""
     reasons, told = [], []
     for pair in pairs:
-        name = f"{pair.score.title}, {comparison.other(pair)}"
+        name = f"{pair.score.title}, {pair.method}"
         if verdict(pair) == "too few":
             differ = f"{counted(pair.wins + pair.losses, comparison.unit)} with a difference"
             reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
-from airzoo_bench.results.comparable import check_comparable, version_notes
+from airzoo_bench.results.comparable import check_comparable
 from airzoo_bench.results.comparison import FLOOR_MARK, floor_note
-from airzoo_bench.results.files import method_names
-from airzoo_bench.results.result import Reference, Result, ScoreColumn
+from airzoo_bench.results.result import Reference, Result, ScoreColumn, method_names
 from airzoo_bench.tables.model import Between, Cell, Column, share_to_percent
 from airzoo_bench.tables.published import OVERALL, PrintedValue
 
@@ -137,7 +136,7 @@ def method_table(
             MethodRow(name, values_by_scene(r.columns, r), mark=FLOOR_MARK * bool(floors[name]))
             for name, r in named
         ),
-        notes=(*version_notes(names, results), *notes, *legend, identity(first)),
+        notes=(*notes, *legend, identity(first)),
         legend=tuple(legend),
     )
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import airzoo_bench as ab
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.matching.world import World, make_world
 

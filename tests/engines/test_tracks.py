@@ -99,7 +99,7 @@ def test_resume_goes_on_from_scored_scenes(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as stopping:
-        stopping.setattr("airzoo_bench.evaluation.evaluate.score_columns", stop)
+        stopping.setattr("airzoo_bench.evaluation.evaluate.PredictionsUsed", stop)
         assert run_main(*ask) == 130
     assert "the same command goes on from there" in capfd.readouterr().err
     assert list(kept.glob("*.scene"))

@@ -18,7 +18,7 @@ from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.queries import QueryPredictions, assign_queries
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.protocol.model import Protocol
-from airzoo_bench.results.scores import Score
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.retrieval.truth import read_truth
 from tests.support import MadeScene, run_main
 
@@ -29,7 +29,7 @@ class HeightProtocol(Protocol):
     track: Literal["height"]
 
 
-INFO = TrackInfo("height", f"{__name__}:HEIGHT", "Score heights above ground.")
+INFO = TrackInfo("height", f"{__name__}:HEIGHT", "ScoreColumn heights above ground.")
 
 
 class HeightTrack(Track):
@@ -52,10 +52,8 @@ class HeightTrack(Track):
         counts = {"queries": len(errors), "missing": int(np.isinf(errors).sum())}
         return Scored(pd.DataFrame(rows), counts, "heights")
 
-    def scores(self, protocol: Any) -> list[Score]:
-        return [
-            Score("error_m", "Error", "m", higher_is_better=False, average="median", headline=True)
-        ]
+    def scores(self, protocol: Any) -> list[ScoreColumn]:
+        return [ScoreColumn.error("error_m", "Error", "m", "median", headline=True)]
 
 
 HEIGHT = HeightTrack()
@@ -92,7 +90,7 @@ def test_it_is_scored_and_checked(heights: Path, data: Path) -> None:
 def test_a_headline_without_a_column_does_not_vanish(
     heights: Path, data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(HEIGHT, "scores", lambda _: [Score.share("r", "R", headline=True)])
+    monkeypatch.setattr(HEIGHT, "scores", lambda _: [ScoreColumn.share("r", "R", headline=True)])
     with pytest.raises(ValueError, match="headline r"):
         evaluate(heights, data=data)
 

@@ -10,7 +10,7 @@ import numpy as np
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg, world_to_camera
 from airzoo_bench.matching.predictions import Correspondences
-from airzoo_bench.matching.settings import Solver
+from airzoo_bench.matching.protocol import Solver
 from airzoo_bench.matching.solving import PoseEstimate
 from tests.geometry.support import looking_down
 

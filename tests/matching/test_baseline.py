@@ -47,7 +47,7 @@ def camera(width: int, height: int, focal: float = 500.0) -> Cameras:
 def matched(query: np.ndarray, crop: np.ndarray, size: tuple[int, int], **how: float) -> Any:
     """Match a picture of a photo of this size with a crop."""
     how = {"turn_deg": 0.0, "crop_scale": 1.0} | how
-    return match(query, camera(*size), crop, settings=SETTINGS, **how)
+    return match(query, size, crop, settings=SETTINGS, **how)
 
 
 def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_photos_are_matched_with_the_whole_map(tmp_path: Path) -> None:
     dom = write_tif(tmp_path / "dom.tif", np.stack((grey, grey, grey)))
     shown = seen_through(grey, similarity(1 / 3.1, 0.0, *corner), 803, 651)
     Image.fromarray(shown).save(tmp_path / "a.jpg", quality=95)
-    task = Task(tmp_path / "a.jpg", camera(803, 651), dom, (170, 130, 320, 260), 0.0, 1 / 3.1)
+    task = Task(tmp_path / "a.jpg", (803, 651), dom, (170, 130, 320, 260), 0.0, 1 / 3.1)
     query_xy, map_xy = match_task(SETTINGS, task)
     off = query_xy - 3.1 * (map_xy - corner)
     assert len(off) > 100

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.matching import metrics
 from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
-from airzoo_bench.matching.settings import MatchingScores
+from airzoo_bench.matching.protocol import MatchingScores
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.geometry.support import quick, seeds
 
@@ -173,9 +173,9 @@ def test_columns_and_scores_by_hand() -> None:
     found = pose_columns(ERRORS, settings())
     assert {k: v.tolist() for k, v in found.items()} == {k: v[0] for k, v in COLUMNS.items()}
     scores = matching_scores(settings())
-    assert [one.column for one in scores] == [*COLUMNS]
+    assert [one.key for one in scores] == [*COLUMNS]
     for one in scores:
-        assert (one.title, one.unit, one.headline) == COLUMNS[one.column][1:]
+        assert (one.title, one.unit, one.headline) == COLUMNS[one.key][1:]
         is_share = one.unit == "share"
         assert one.higher_is_better == is_share
         assert one.average == ("mean" if is_share else "median")
@@ -191,4 +191,4 @@ def test_variants_of_the_columns() -> None:
     )
     found = pose_columns(alone, places)
     assert not {name for name in found if "deg" in name}
-    assert {score.column for score in matching_scores(places)} == set(found)
+    assert {score.key for score in matching_scores(places)} == set(found)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import resource
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pycolmap
 import pytest
 import tomli_w
@@ -31,8 +28,8 @@ from tests.matching.pose_support import (
     joined,
     make_scene,
 )
-from tests.matching.world import N_QUERIES, SIZE, World
-from tests.support import HANGS_S, run_main
+from tests.matching.world import N_QUERIES, SIZE, World, made_matching_protocol
+from tests.support import HANGS_S
 
 
 def solve(problem: Problem, **changes: Any) -> PoseEstimate:
@@ -105,14 +102,14 @@ def test_beyond_the_limit_a_choice_is_solved() -> None:
     scene = make_scene(33, count=3000, noise_px=1.0, outliers=0.3)
     camera, xy, points = scene.problem
     first = solve(scene.problem, max_matches=1000)
-    assert first.left_out == 2000
+    assert first.beyond_limit == 2000
     assert first.inliers.sum() <= 1000
     assert errors(first, scene)[0] < 1.0
     order = np.random.default_rng(0).permutation(3000)
     again = solve(Problem(camera, xy[order], points[order]), max_matches=1000)
     np.testing.assert_array_equal(again.inliers, first.inliers[order])
     assert (solve(scene.problem, max_matches=1000, seed=1).inliers != first.inliers).any()
-    assert solve(scene.problem).left_out == 0
+    assert solve(scene.problem).beyond_limit == 0
 
 
 # --- failures are results -----------------------------------------------------------------------
@@ -169,6 +166,14 @@ def test_queries_are_solved_alike_in_any_blocks(size: int | None, jobs: int) -> 
     assert [fingerprint(estimate) for estimate in found] == alone
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("max_trials", 999), ("max_matches", 10**9), ("confidence", 1.0)]
+)
+def test_bounds_of_protocols(key: str, value: float) -> None:
+    with pytest.raises(ValueError, match=key):
+        made_matching_protocol(solver={key: value})
+
+
 # The command, which says when the solver is first called.
 INTERRUPTED = """
 from airzoo_bench.matching import solving
@@ -182,47 +187,23 @@ main()
 """
 
 
-def with_solver(world: World, path: Path, changes: dict[str, Any]) -> Path:
-    """Write the world's protocol with other values of its solver."""
-    values = world.protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
-    values["solver"] |= changes
-    path.write_text(tomli_w.dumps(values))
-    return path
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("max_trials", 999), ("max_matches", 10**9), ("confidence", 1.0)]
-)
-def test_bounds_of_protocols(
-    world: World, tmp_path: Path, key: str, value: float, capsys: pytest.CaptureFixture[str]
-) -> None:
-    own = with_solver(world, tmp_path / "own.toml", {key: value})
-    path = world.write(tmp_path / "m.npz", world.matches())
-    assert run_main("eval", "matching", path, "--data", world.root, "--protocol", own) == 2
-    assert key in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.slow), 2])
-def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path, jobs: int) -> None:
+def test_ctrl_c_ends_the_solving_at_once(world: World, tmp_path: Path) -> None:
     random, count = np.random.default_rng(0), 20_000
     query_xy = [random.random((count, 2)) * SIZE for _ in range(N_QUERIES)]
     map_xy = [c[:2] + random.random((count, 2)) * c[2:] for c in world.truth.crops]
     path = world.write(tmp_path / "m.npz", world.correspondences(query_xy, map_xy=map_xy))
     # Random matches take every trial: half an hour of a processor for each query.
-    endless = {"max_trials": 10_000_000, "max_trials_times_matches": 10**12}
-    own, out = with_solver(world, tmp_path / "own.toml", endless), tmp_path / "out"
-    ask = ["eval", "matching", path, "--data", world.root, "--protocol", own]
-    command = [sys.executable, "-c", INTERRUPTED, *map(str, [*ask, "--out", out, "--jobs", jobs])]
+    values = world.protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
+    values["solver"] |= {"max_trials": 10_000_000, "max_trials_times_matches": 10**12}
+    own, out = tmp_path / "own.toml", tmp_path / "out"
+    own.write_text(tomli_w.dumps(values))
+    ask = ["eval", "matching", path, "--data", world.root, "--protocol", own, "--out", out]
+    command = [sys.executable, "-c", INTERRUPTED, *map(str, ask), "--jobs", "2"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline().startswith("solving")
-    time.sleep(0.5)
-    until = psutil.Process(process.pid).cpu_times().user
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=HANGS_S)
-    whole = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
     assert process.returncode == 130
     assert "nothing was left half-written" in said
-    assert whole - until < 8.0 * jobs
     assert not out.exists()

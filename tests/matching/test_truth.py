@@ -1,20 +1,217 @@
-"""Truth written and read, and what its fingerprint sees."""
+"""The truth: which photos are queries, where their crops lie, its files and fingerprint."""
 
 from __future__ import annotations
 
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
+import rasterio
+from pyproj import CRS
 from rasterio import Affine
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import POSE_COLUMNS
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, SceneInputs, poses_of
+from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.core.files import sha256_of
-from airzoo_bench.matching.truth import read_truth
-from tests.matching.world import SCENE, World
+from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.heightfield import HeightField
+from airzoo_bench.geometry.poses import (
+    Poses,
+    angles_to_rotations,
+    matrix_to_quaternion,
+    rotations_to_angles,
+)
+from airzoo_bench.geometry.rasters import RasterInfo, open_info
+from airzoo_bench.matching.lifting import LiftStatus, lift
+from airzoo_bench.matching.protocol import Crop, Prior
+from airzoo_bench.matching.truth import (
+    CropStatus,
+    MatchingTruth,
+    build_truth,
+    crop_windows,
+    read_truth,
+    write_crop,
+)
+from tests.geometry.support import looking_down, write_tif
+from tests.matching.world import SCENE, World, made_inputs
+
+NAN = np.nan
+X, Y = 576000.0, 5188000.0
+# 2 m pixels; the map's corner lies 500 m west and 1000 m north of (X, Y).
+GRID = Affine(2.0, 0.0, X - 500, 0.0, -2.0, Y + 1000)
+METADATA, TRUTH = Prior(source="metadata"), Prior(source="truth")
+
+
+def rule(margin: float, far: float) -> Crop:
+    return Crop(margin=margin, max_range_m=far, missing_heights="nearest", nearest_of_px=10_000)
+
+
+def map_of(width: int, height: int, grid: Affine = GRID, crs: object = 32615) -> RasterInfo:
+    known = CRS.from_user_input(crs)
+    return RasterInfo(Path("dom.tif"), width, height, grid, known, None, 3, "uint8")
+
+
+def ground(heights: Any, step: float = 20.0) -> HeightField:
+    """Ground about (X, Y) whose pixels are `step` wide."""
+    rows, columns = np.shape(heights)
+    grid = Affine(step, 0.0, X - columns * step / 2, 0.0, -step, Y + rows * step / 2)
+    return HeightField(np.array(heights, float), grid, "EPSG:32615")
+
+
+LEVEL = ground(np.zeros((200, 200)))
+
+
+def camera(f: float, distortion: Any = None) -> Cameras:
+    """A camera of 600 x 400 pixels."""
+    return Cameras.from_matrices([[[f, 0, 300], [0, f, 200], [0, 0, 1]]], 600, 400, distortion)
+
+
+def cut(
+    field: HeightField, crop: Crop, at: Any = (X, Y, 100.0), tilt: float = 0.0, f: float = 600.0
+) -> tuple[int, ...]:
+    """The crop of one photo on a map of 1000 m by 2000 m; rays are along (+-3, +-2, -6) / 7."""
+    pose = Poses.from_centres(looking_down(tilt), [at])
+    windows, _ = crop_windows(camera(f), pose, map_of(500, 1000), field, crop)
+    return tuple(windows[0].tolist())
+
+
+def test_nadir_by_hand() -> None:
+    # 100 m up, 600 x 400 px at f = 1000: 60 m by 40 m about (X + 10, Y - 20).
+    at = (X + 10, Y - 20, 100.0)
+    # West side at X - 20: 480 m = 240 px from the map's corner; north side at Y: 1000 m.
+    assert cut(LEVEL, rule(0.0, 300.0), at, f=1000) == (240, 500, 30, 20)
+    # A tenth of 30 and 20 px on each side.
+    assert cut(LEVEL, rule(0.1, 300.0), at, f=1000) == (237, 498, 36, 24)
+    # A quarter of a metre to the east: outward to whole pixels.
+    assert cut(LEVEL, rule(0.0, 300.0), (X + 10.25, Y - 20, 100.0), f=1000) == (240, 500, 31, 20)
+    # On ground 50 m high the footprint is half as large: it is the DSM that counts.
+    high = ground(np.full((200, 200), 50.0))
+    assert cut(high, rule(0.0, 300.0), at, f=1000) == (247, 505, 16, 10)
+
+
+def test_tilted_by_hand() -> None:
+    # 45 degrees down to the north, corners at x/z = 1/2, y/z = 1/3; 100 m up. The far corners lie
+    # 100 (1 + 1/3) / (1 - 1/3) = 200 m north, the near ones 50 m; the far side is 150 sqrt(2) m.
+    half, grown = 75 * np.sqrt(2), 0.1 * 150 * np.sqrt(2)
+    left, right = np.floor((500 - half - grown) / 2), np.ceil((500 + half + grown) / 2)
+    top, bottom = np.floor((1000 - 200 - 15) / 2), np.ceil((1000 - 50 + 15) / 2)
+    assert cut(LEVEL, rule(0.1, 500.0), tilt=45) == (left, top, right - left, bottom - top)
+
+
+def test_above_the_horizon_cut_at_the_range() -> None:
+    # Level to the north: corners along (+-3, 6, +-2) / 7. The upper ones never come down: 700 m
+    # out they are 300 m aside and 600 m north. The lower ones land after 350 m, half as far.
+    assert cut(LEVEL, rule(0.0, 700.0), tilt=90) == (100, 200, 300, 150)
+    # At 175 m all are cut: 75 m aside, 150 m north; a box without height still has a pixel.
+    assert cut(LEVEL, rule(0.0, 175.0), tilt=90) == (212, 425, 76, 1)
+
+
+def test_cut_to_the_map_and_off_it_and_without_a_ray() -> None:
+    at = [(X - 490, Y + 995, 100.0), (X - 531, Y, 100.0), (X + 490, Y - 190, 100.0), (X, Y, 100.0)]
+    poses = Poses.from_centres(np.tile(looking_down(0), (4, 1, 1)), at)
+    K = np.tile(camera(1000).matrices, (4, 1, 1))
+    lens = np.zeros((4, 4))
+    lens[3, 0] = -9.0  # a barrel that folds back before the corners
+    cameras = Cameras.from_matrices(K, 600, 400, lens)
+    crop = rule(0.0, 300.0)
+    windows, status = crop_windows(cameras, poses, map_of(500, 600), LEVEL, crop)
+    assert windows.tolist() == [[0, 0, 20, 13], [0] * 4, [480, 585, 20, 15], [0] * 4]
+    cropped = CropStatus.CROPPED
+    assert status.tolist() == [cropped, CropStatus.OFF_MAP, cropped, CropStatus.NO_RAY]
+
+
+def test_a_hole_meets_the_nearest_height() -> None:
+    # Ground at 40 m with a lake of 200 m about (X, Y): 60 m down, 60 m by 40 m; cut, the whole map.
+    heights = np.full((200, 200), 40.0)
+    heights[75:125, 75:125] = NAN
+    assert cut(ground(heights, 4.0), rule(0.0, 700.0)) == (235, 490, 30, 20)
+    # Without any height all rays are cut at the range.
+    assert cut(ground(np.full((9, 9), NAN), 250.0), rule(0.0, 350.0)) == (175, 450, 150, 100)
+
+
+# --- which photos are queries -------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> SceneInputs:
+    return made_inputs(tmp_path_factory.mktemp("sources"))
+
+
+def built(inputs: SceneInputs, photos: pd.DataFrame, prior: Prior = METADATA) -> MatchingTruth:
+    return build_truth(replace(inputs, photos=photos), rule(0.1, 500.0), prior)
+
+
+def test_photos_without_a_crop_are_left_out_with_the_reason(inputs: SceneInputs) -> None:
+    photos = inputs.photos.copy()
+    photos.loc[photos.index[0], "prior_qz"] = NAN
+    photos.loc[photos.index[4], "prior_x"] += 20_000
+    truth = built(inputs, photos)
+    assert truth.queries["id"].tolist() == ["hills/q1", "hills/q2", "hills/q3"]
+    np.testing.assert_array_equal(truth.crops, built(inputs, inputs.photos).crops[1:4])
+    assert truth.excluded["image"].tolist() == ["q0.png", "q4.png"]
+    assert truth.excluded["reason"].tolist() == [CropStatus.NO_PRIOR, CropStatus.OFF_MAP]
+    assert len(built(inputs, photos.assign(prior_z=NAN)).excluded) == 5
+
+
+@pytest.mark.parametrize("moved", [0, 2])
+def test_a_prior_that_is_the_truth_through_xmp_is_refused(inputs: SceneInputs, moved: int) -> None:
+    # As an exporter writes it: metres to the millimetre, angles to a tenth of a degree.
+    # Moving less than half of the photos away hides nothing.
+    photos = inputs.photos.copy()
+    poses = poses_of(photos)
+    angles = np.round(rotations_to_angles(poses.rotation, convergence_deg=0.0), 1)
+    turned = angles_to_rotations(*angles.T, convergence_deg=0.0)
+    photos[list(PRIOR_COLUMNS[:4])] = matrix_to_quaternion(turned)
+    photos[list(PRIOR_COLUMNS[4:])] = np.round(poses.centres, 3)
+    photos.loc[photos.index[:moved], "prior_x"] += 30.0
+    with pytest.raises(BenchmarkError, match=f"truth in {5 - moved} of 5 photos"):
+        built(inputs, photos)
+
+
+def test_truth_as_prior_by_name(inputs: SceneInputs) -> None:
+    truth = built(inputs, inputs.photos.drop(columns=list(PRIOR_COLUMNS)), TRUTH)
+    np.testing.assert_array_equal(truth.priors.centres, truth.poses.centres)
+    # The crops are others: those of metadata are a few metres off.
+    assert (truth.crops != built(inputs, inputs.photos).crops).any()
+
+
+# --- files of crops -----------------------------------------------------------------------------
+
+
+def test_written_crops(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    colours = rng.integers(0, 255, (4, 60, 80), np.uint8)
+    grid = {"transform": Affine(0.3, 0, X, 0, -0.3, Y), "photometric": "RGB", "alpha": "YES"}
+    dom = write_tif(tmp_path / "dom.tif", colours, **grid)
+    heights = rng.normal(0, 9, (50, 70)).astype(np.float32)
+    heights[rng.random(heights.shape) < 0.2] = -9999
+    below = Affine(0.5, 0, X - 3.1, 0, -0.5, Y + 1.7)
+    dsm = write_tif(tmp_path / "dsm.tif", heights, nodata=-9999, transform=below)
+    written = write_crop(dom, dsm, (11, 7, 40, 30), tmp_path / "crops", "photo")
+    assert [path.name for path in written] == ["photo_dom.tif", "photo_dsm.tif"]
+    with rasterio.open(dom) as whole, rasterio.open(written[0]) as crop:
+        assert np.array_equal(crop.read(), whole.read()[:, 7:37, 11:51])
+        assert (crop.colorinterp, crop.crs) == (whole.colorinterp, whole.crs)
+        assert (crop.transform.c, crop.transform.f) == pytest.approx((X + 3.3, Y - 2.1), abs=1e-9)
+    # The surface inside the crop is that of the whole, gaps and all, to the crop's very border.
+    xy = rng.uniform((0, 0), (40, 30), (3000, 2))
+    xy[:4] = (0, 0), (40, 0), (0, 30), (40, 30)
+    whole = lift(np.add(xy, (11, 7)), open_info(dom), dsm, jobs=1)
+    part = lift(xy, open_info(written[0]), written[1], jobs=1)
+    np.testing.assert_allclose(part.points, whole.points, rtol=0, atol=1e-6)
+    assert (whole.status == LiftStatus.NO_HEIGHT).any()
+    assert len(list((tmp_path / "crops").iterdir())) == 2
+    afar = write_tif(tmp_path / "afar.tif", heights[:9, :9], transform=GRID)
+    with pytest.raises(RasterError, match="does not meet"):
+        write_crop(dom, afar, (0, 0, 5, 5), tmp_path / "none", "photo")
+
+
+# --- the folder ---
 
 
 def test_fingerprint_sees_all_that_scores_depend_on(world: World) -> None:

@@ -23,11 +23,9 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.checks import ScenePart, open_scene
-from airzoo_bench.matching.predictions import read_matching
-from airzoo_bench.matching.prepare import build_truth
-from airzoo_bench.matching.settings import MatchingProtocol
-from airzoo_bench.matching.truth import MatchingTruth, write_truth
+from airzoo_bench.matching.protocol import MatchingProtocol
+from airzoo_bench.matching.track import TRACK, SceneAnswers
+from airzoo_bench.matching.truth import MatchingTruth, build_truth, write_truth
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.geometry.support import looking_down
 from tests.support import PLACE_CRS, write_raster
@@ -184,12 +182,14 @@ def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
     return evaluate(path, track="matching", data=world.root, run=Run(keep=True))
 
 
-def matched(
-    world: World, folder: Path, fields: dict[str, Any] | Path, rows: np.ndarray[Any, Any] = EVERY
-) -> ScenePart:
-    """Return predictions matched to the world's queries and checked; fields, or a file."""
+def matched(world: World, folder: Path, fields: dict[str, Any] | Path) -> SceneAnswers:
+    """Return predictions assigned to the world's queries and checked; fields, or a file."""
     path = fields if isinstance(fields, Path) else world.write(folder / "preds.npz", fields)
-    return open_scene(read_matching(path, 1 << 30), world.truth, rows, world.protocol)
+    found = TRACK.assign(TRACK.open(path, 1 << 30), [world.truth], world.protocol)
+    for error in found.errors:
+        raise error
+    [part] = found.parts
+    return part
 
 
 def refused(world: World, folder: Path, fields: dict[str, Any] | Path) -> str:

@@ -18,10 +18,9 @@ from pathlib import Path
 import pytest
 
 from airzoo_bench.matching.metrics import matching_scores
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.results.result import ScoreColumn, score_columns
-from airzoo_bench.results.scores import Score
+from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.tables.latex import latex
@@ -134,12 +133,12 @@ def scores_of(track: str) -> tuple[ScoreColumn, ...]:
     if track == "retrieval":
         retrieval = load_protocol(shipped["uav-visloc-retrieval"])
         assert isinstance(retrieval, RetrievalProtocol)
-        return score_columns(list_scores(retrieval.scores))
+        return tuple(list_scores(retrieval.scores))
     if track == "matching":
         matching = load_protocol(shipped["aerialextrematch-matching"])
         assert isinstance(matching, MatchingProtocol)
-        return score_columns(matching_scores(matching.scores))
-    return score_columns([Score("f1_10m", "F1", "share", True, "mean", True)])
+        return tuple(matching_scores(matching.scores))
+    return (ScoreColumn.share("f1_10m", "F1", headline=True),)
 
 
 def board_of(label: str, values: Sequence[PrintedValue]) -> MethodTable:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError, ResultError
 from airzoo_bench.matching.metrics import matching_scores
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.track import reconstruction_scores
 from airzoo_bench.report.numbers import (
@@ -33,7 +33,7 @@ from airzoo_bench.report.queries import hardest_rows
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.comparison import compare, score_intervals
 from airzoo_bench.results.records import Scored
-from airzoo_bench.results.result import Reference, score_columns
+from airzoo_bench.results.result import Reference
 from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -197,7 +197,7 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
             scores = matching_scores(protocol.scores)
         else:
             scores = reconstruction_scores(protocol.scores)
-        for score in score_columns(scores):
+        for score in scores:
             assert meaning(protocol.track, score), (protocol.name, score.key)
 
 

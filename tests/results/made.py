@@ -12,22 +12,21 @@ from airzoo_bench.results.result import (
     TruthUsed,
 )
 
+COLUMNS = (
+    ScoreColumn.share("recall@1", "R@1", headline=True),
+    ScoreColumn.error("distance_m", "Distance", "m", "median"),
+)
+
 
 def result(method: str = "Method", **overall: float) -> Result:
     values = {"recall@1": 0.1 + 0.2, "distance_m": math.inf} | overall
-    fields = ("key", "title", "unit", "higher_is_better", "average", "headline")
-    rows = (
-        ("recall@1", "R@1", "share", True, "mean", True),
-        ("distance_m", "Distance", "m", False, "median", False),
-    )
-    columns = tuple(ScoreColumn(**dict(zip(fields, row, strict=True))) for row in rows)
     return Result(
         track="retrieval",
         protocol=ProtocolUsed(name="p", version=1, fingerprint="f", settings={"k": [1, None]}),
         truth=TruthUsed(benchmark="b", version=1, fingerprint="t", scene_titles={"s": "Scene"}),
         predictions=PredictionsUsed(file="p.npz", sha256="0", kind="ranked_ids", method=method),
         versions={"airzoo-bench": "1"},
-        columns=columns,
+        columns=COLUMNS,
         counts={"s": {"queries": 3}},
         extra_queries=0,
         notes=("A note.",),

@@ -1,18 +1,32 @@
-"""Comparison of methods: pairs, their outcome, and methods that tie with the best."""
+"""Results beside each other: what is refused, pairs by hand, the best, and floors on every face."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 
-from airzoo_bench.core.errors import UsageError
-from airzoo_bench.results.comparable import choose_scores
-from airzoo_bench.results.comparison import Comparison, compare, tied_with_best
+from airzoo_bench.core.errors import ResultError, UsageError
+from airzoo_bench.report.numbers import find, notes_by_method, summary_panes
+from airzoo_bench.report.sections import Section
+from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
+from airzoo_bench.results.comparison import (
+    FLOOR_MARK,
+    Comparison,
+    compare,
+    floor_note,
+    score_intervals,
+    tied_with_best,
+)
 from airzoo_bench.results.records import Scored
+from airzoo_bench.results.result import Reference, ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison import comparison_table
-from tests.statistics.support import ERROR, HIT, made_method, random_methods
+from airzoo_bench.tables.layouts import methods_table, scenes_table
+from airzoo_bench.tables.render import render
+from tests.statistics.support import ERROR, HIT, SOFT, made_method, random_methods
 
 FAST = ResamplingConfig(resamples=1_000)
 EAST, WEST = [1.0, 1, 1, 1, 1, 0, 0, 0], [1.0, 1, 1, 0, 0]
@@ -22,15 +36,50 @@ def hits(name: str, east: list[float], west: list[float]) -> Scored:
     return made_method({"east": {"recall@1": east}, "west": {"recall@1": west}}, name=name)
 
 
-def against(*methods: Scored, **options: object) -> Comparison:
-    scores = choose_scores(methods, [])
-    return compare(methods, scores, resampling=FAST, **options)  # type: ignore[arg-type]
+def against(*methods: Scored, **options: Any) -> Comparison:
+    return compare(methods, choose_scores(methods, []), resampling=FAST, **options)
 
 
-def test_by_hand():
-    better = hits("better", EAST, WEST)
+# --- what is comparable ---
+
+SETTINGS = {"scores": {"k": [1, 3], "ap": "x"}}
+OTHER = {"settings": {"scores": {"k": [1], "ap": "x"}, "more": True}, "protocol": "q" * 64}
+UNLIKE: dict[str, tuple[list[float], dict[str, Any]]] = {
+    r"m and m .*scores\.k is \[1, 3\] against \[1\]; more is absent against True": ([1], OTHER),
+    "tttttttttttt and uuuuuuuuuuuu": ([1.0], {"settings": SETTINGS, "truth": "u" * 64}),
+    r"1 of 2 \(s/q00001\)": ([1.0, 0.0], {"settings": SETTINGS}),
+}
+
+
+@pytest.mark.parametrize("said", UNLIKE)
+def test_results_that_do_not_measure_the_same(said: str) -> None:
+    values, parts = UNLIKE[said]
+    one = made_method({"s": {"recall@1": [1.0]}}, name="m", settings=SETTINGS)
+    with pytest.raises(ResultError, match=said):
+        check_same_queries([one, made_method({"s": {"recall@1": values}}, name="m", **parts)])
+
+
+def test_scenes_and_scores_by_name() -> None:
+    titles = {"a": "Alp", "b": "a", "c": "Sea", "d": "Sea"}
+    named = {name: find_scene(titles, name) for name in ("Alp", "a", "b", "c")}
+    assert named == {"Alp": "a", "a": "a", "b": "b", "c": "c"}
+    with pytest.raises(ResultError, match=r"2 scenes .* 'Sea'\n  expected: one of c, d"):
+        find_scene(titles, "Sea")
+    methods = random_methods(2, {"s": 5}, (HIT, SOFT))
+    assert choose_scores(methods, []) == [HIT]
+    assert choose_scores(methods, ["MRR", "recall@1", "mrr"]) == [SOFT, HIT]
+    one = made_method({"s": {"recall@1": [1.0], "mrr": [1.0]}}, (HIT, SOFT))
+    for some, name in ((methods, "recall@2"), ([one, hits("b", [1.0], [1.0])], "mrr")):
+        with pytest.raises(UsageError, match=f"called '{name}'"):
+            choose_scores(some, [name])
+
+
+# --- pairs ---
+
+
+def test_by_hand() -> None:
     worse = hits("worse", [1.0, 0, 0, 0, 0, 1, 0, 0], [1.0, 1, 0, 0, 0])
-    pair = against(better, worse).pairs[0]
+    pair = against(hits("better", EAST, WEST), worse).pairs[0]
     assert (pair.method, pair.reference) == ("worse", "better")
     assert pair.reference_value == pytest.approx((5 / 8 + 3 / 5) / 2)
     assert pair.value == pytest.approx((2 / 8 + 2 / 5) / 2)
@@ -38,34 +87,14 @@ def test_by_hand():
     assert (pair.wins, pair.ties, pair.losses) == (1, 7, 5)
     assert pair.p_mcnemar == pytest.approx(2 * (1 + 6) / 64)
     assert pair.test.patterns == 64
-    assert pair.interval.low is not None
-    assert pair.interval.high is not None
-    assert pair.interval.low < pair.difference < pair.interval.high
+    # Where lower is better, two failures tie.
+    errors = {"a": [1.0, np.inf, 3, np.inf, 6], "b": [2.0, 5, 3, np.inf, 8]}
+    methods = [made_method({"s": {"error_m": v}}, (ERROR,), name) for name, v in errors.items()]
+    [pair] = against(*methods).pairs
+    assert (pair.wins, pair.ties, pair.losses, pair.p_mcnemar) == (1, 2, 2, None)
 
 
-def test_which_side_wins_where_lower_is_better():
-    scenes = [
-        {"s": {"error_m": values}}
-        for values in ([1.0, np.inf, 3, np.inf, 6], [2.0, 5, 3, np.inf, 8])
-    ]
-    first, second = (made_method(s, (ERROR,), n) for s, n in zip(scenes, "ab", strict=True))
-    pair = against(first, second).pairs[0]
-    assert (pair.wins, pair.ties, pair.losses) == (1, 2, 2)
-    assert pair.p_mcnemar is None
-
-
-def test_reference_by_name_and_best():
-    methods = random_methods(4, {"east": 40, "west": 30}, (HIT, ERROR))
-    assert against(*methods).reference == "method00"
-    assert against(*methods, reference="method02").reference == "method02"
-    assert against(*methods, reference="best").reference == "method03"
-    scores = choose_scores(methods, ["Median"])
-    assert compare(methods, scores, reference="best", resampling=FAST).reference == "method03"
-    with pytest.raises(UsageError, match="'evil' is no method"):
-        against(*methods, reference="evil")
-
-
-def test_who_takes_the_best_has_looked_at_every_pair():
+def test_who_takes_the_best_has_looked_at_every_pair() -> None:
     methods = random_methods(4, {"east": 60, "west": 60}, (HIT, ERROR))
     chosen, named = (against(*methods, reference=name) for name in ("best", "method03"))
     assert (chosen.reference, chosen.family, named.family) == ("method03", 6, 3)
@@ -73,33 +102,27 @@ def test_who_takes_the_best_has_looked_at_every_pair():
         p_values = np.array([pair.test.p_value for pair in chosen.pairs[part]])
         assert [pair.p_holm for pair in chosen.pairs[part]] == holm(p_values, 6).tolist()
         assert [pair.p_holm for pair in named.pairs[part]] == holm(p_values).tolist()
-    assert against(*methods[:2], reference="best").family == 1
+    assert against(*methods).reference == "method00"
     # A method may have that name.
-    called_best = hits("best", EAST, WEST)
-    found = against(
-        called_best, hits("b", [1.0] * 8, WEST), hits("c", EAST, WEST), reference="best"
-    )
+    others = hits("b", [1.0] * 8, WEST), hits("c", EAST, WEST)
+    found = against(hits("best", EAST, WEST), *others, reference="best")
     assert (found.reference, found.family) == ("best", 2)
+    with pytest.raises(UsageError, match="'evil' is no method"):
+        against(*methods, reference="evil")
 
 
-def test_equal_averages_are_equal_whatever_their_rounding():
+def test_equal_averages_are_equal_whatever_their_rounding() -> None:
     # 0.1 + 0.2 + 0.3 against 0.3 + 0.2 + 0.1: 5.6e-17 apart.
-    methods = [
-        made_method(
-            {
-                f"s{scene}": {"recall@1": [float(place < hits_of) for place in order]}
-                for scene, hits_of in enumerate(counts)
-            },
-            name=name,
-        )
-        for name, counts, order in (("a", (1, 2, 3), range(10)), ("b", (3, 2, 1), range(9, -1, -1)))
-    ]
-    values = [method.result.overall["recall@1"] for method in methods]
-    assert 0 < abs(values[0] - values[1]) < 1e-15
+    methods = []
+    for name, counts in (("a", (1, 2, 3)), ("b", (3, 2, 1))):
+        scenes = {n: [1.0] * k + [0.0] * (10 - k) for n, k in zip("xyz", counts, strict=True)}
+        parts = {n: {"recall@1": v if name == "a" else v[::-1]} for n, v in scenes.items()}
+        methods.append(made_method(parts, name=name))
+    one, two = (method.result.overall["recall@1"] for method in methods)
+    assert 0 < abs(one - two) < 1e-15
     comparison = against(*methods)
-    pair = comparison.pairs[0]
+    pair, table = comparison.pairs[0], comparison_table(comparison)
     assert (pair.difference, pair.wins, pair.losses) == (0.0, 6, 6)
-    table = comparison_table(comparison)
     assert table.texts()[0][2] == "unclear"
     assert table.texts()[0][5].startswith("0.00")
     assert table.notes[0].startswith("b and a cannot be told apart on R@1")
@@ -109,8 +132,55 @@ def test_ties_with_the_best_are_those_of_compare() -> None:
     methods = random_methods(4, {"east": 60, "west": 50}, (HIT, ERROR))[::-1]
     for scene in (None, "west"):
         found = tied_with_best(methods, [HIT, ERROR], FAST, scene)
-        assert list(found) == ["recall@1", "error_m"]
         for score in (HIT, ERROR):
             pairs = compare(methods, [score], reference="best", scene=scene, resampling=FAST)
             p_values = {pairs.reference: 1.0} | {pair.method: pair.p_holm for pair in pairs.pairs}
             assert found[score.key] == [p_values[method.name] > 0.05 for method in methods]
+
+
+# --- floors ---
+
+HITS = {"east": 12, "west": 9}
+
+
+def scored(
+    name: str, floor: float, hits: dict[str, int], score: ScoreColumn = HIT, **parts: Any
+) -> Scored:
+    """Return hits on 20 queries of each scene beside a reference of one value everywhere."""
+    scenes = {s: {score.key: [1.0] * n + [0.0] * (20 - n)} for s, n in hits.items()}
+    method, part = made_method(scenes, (score,), name), {score.key: floor}
+    reference = Reference(meaning="m", scenes=dict.fromkeys(hits, part), overall=part, pooled=part)
+    update = {"references": {"Floor": reference}, **parts}
+    return Scored(name, method.result.model_copy(update=update).with_checksum(), method.records)
+
+
+def test_a_method_is_no_better_than_a_floor_that_it_does_not_beat() -> None:
+    for some in (HITS, {"east": 12}):  # of retrieval, with its interval
+        low = score_intervals(scored("a", 0.1, some), [HIT], FAST).overall[0].low
+        assert low is not None
+        assert floor_note(scored("a", low - 1e-9, some).result) == ""
+        note = floor_note(scored("a", low + 1e-9, some).result)
+        assert all(part in note for part in (FLOOR_MARK, "Floor", "R@1"))
+    cases = [(0.525, HIT, True), (0.52, HIT, False), (0.525, ERROR, False), (0.5, ERROR, True)]
+    for floor, score, told in cases:  # the errors' medians are 0 and 1
+        found = scored("a", floor, HITS, score, track="matching").result
+        assert bool(floor_note(found)) is told
+
+
+def test_every_face_marks_it_and_says_so() -> None:
+    poor, good = scored("poor", 0.4, HITS), scored("good", 0.4, {"east": 19, "west": 18})
+    note, marked = floor_note(poor.result), f"poor {FLOOR_MARK}"
+    for table in (
+        methods_table([poor.result, good.result]),
+        comparison_table(compare([good, poor], [HIT], resampling=FAST)),
+    ):
+        assert f"poor: {note}" in table.notes
+        assert [marked in row for row in table.texts()].count(True) == 1
+        assert f"good {FLOOR_MARK}" not in str(table.texts())
+        assert marked in render(table, "markdown")
+    alone, section = scenes_table(poor.result), Section([poor, good])
+    assert note in alone.notes
+    assert alone.texts()[-2][0] == f"Average {FLOOR_MARK}"
+    assert f"poor: {note}" in notes_by_method(section)
+    [summary] = summary_panes(section, find(section))[0].tables
+    assert [row[0] for row in summary.texts()] == [marked, "good", "Floor"]

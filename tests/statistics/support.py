@@ -20,21 +20,15 @@ from airzoo_bench.results.result import (
     Result,
     ScoreColumn,
     TruthUsed,
+    summarise,
 )
-from airzoo_bench.results.scores import Score, summarise
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
-
-def _column(key: str, title: str, unit: Any, average: Any, *, headline: bool) -> ScoreColumn:
-    kinds: Any = {"unit": unit, "higher_is_better": unit == "share", "average": average}
-    return ScoreColumn(key=key, title=title, headline=headline, **kinds)
-
-
-HIT = _column("recall@1", "R@1", "share", "mean", headline=True)
-ERROR = _column("error_m", "Median", "m", "median", headline=True)
-SOFT = _column("mrr", "MRR", "share", "mean", headline=False)
-CHAMFER = _column("chamfer_m", "Chamfer", "m", "mean", headline=True)
+HIT = ScoreColumn.share("recall@1", "R@1", headline=True)
+ERROR = ScoreColumn.error("error_m", "Median", "m", "median", headline=True)
+SOFT = ScoreColumn.share("mrr", "MRR")
+CHAMFER = ScoreColumn.error("chamfer_m", "Chamfer", "m", "mean", headline=True)
 
 
 def made_records(scenes: Mapping[str, Mapping[str, Sequence[float]]]) -> pd.DataFrame:
@@ -61,9 +55,6 @@ def made_result(
     """Return the result that records give, of predictions that no other method has."""
     sha256 = hashlib.sha256(method.encode()).hexdigest() if sha256 is None else sha256
     scenes = list(dict.fromkeys(records["scene"]))
-    scores = [
-        Score(c.key, c.title, c.unit, c.higher_is_better, c.average, c.headline) for c in columns
-    ]
     titles, kept = {scene: scene.title() for scene in scenes}, dict(settings or {})
     return Result(
         track="reconstruction" if any(c.key == "chamfer_m" for c in columns) else "retrieval",
@@ -75,7 +66,7 @@ def made_result(
         counts={s: {"queries": int((records["scene"] == s).sum())} for s in scenes},
         extra_queries=0,
         notes=(),
-        **asdict(summarise(records, scores, scenes)),
+        **asdict(summarise(records, columns, scenes)),
     ).with_checksum()
 
 

@@ -10,16 +10,13 @@ import pytest
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import (
     compare_all,
-    correct_pairs,
-    holm,
     paired_tests,
     rank_ranges,
     unpaired_p_values,
 )
-from tests.statistics.coverage import coverage_of_ranks
+from tests.statistics.simulations import KINDS, coverage_of_ranks
 
 CONFIG = ResamplingConfig(2_000)
-KINDS = ("hits", "graded", "medians", "errors")
 
 
 def made(kind: str, count: int, sizes: tuple[int, ...], seed: int = 0) -> Sample:
@@ -66,16 +63,6 @@ def test_numbers_are_those_of_compare_unless_few_draws_are_as_extreme(
     assert resolved.any()
     assert found[resolved] == pytest.approx(expected[resolved], rel=1e-9)
     assert (found[~resolved] <= 26 / 2_001).all()
-
-
-@pytest.mark.parametrize("kind", KINDS[:3])
-@pytest.mark.parametrize("seed", range(4))
-def test_decisions_after_holm_are_those_of_the_paired_tests(kind: str, seed: int) -> None:
-    sample, plan = made(kind, 5, (40, 25), seed), ResamplingConfig()
-    _, tests = paired_tests(sample, plan, list(combinations(range(5), 2)))
-    found = upper(correct_pairs(compare_all(sample, plan)[2]))
-    expected = holm(np.array([test.p_value for test in tests]))
-    assert ((found <= 0.05) == (expected <= 0.05)).all()
 
 
 def test_the_tail_is_near_what_very_many_patterns_give() -> None:

@@ -13,10 +13,10 @@ from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import compare_all, paired_tests
+from airzoo_bench.statistics.significance import compare_all
 from airzoo_bench.tables.comparison import verdict
 from airzoo_bench.tables.intervals import intervals_made
-from tests.statistics.coverage import coverage_over_scenes, documented, standard_error
+from tests.statistics.simulations import MEANS, coverage_over_scenes, documented, standard_error
 from tests.statistics.support import CHAMFER, SOFT, made_method
 
 PLAN = ResamplingConfig(500)
@@ -97,7 +97,7 @@ def test_without_an_interval_the_difference_is_tested_by_permutation() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["N(5, 1)", "exp N(0, 1)", "beta(5, 2)"])
+@pytest.mark.parametrize("kind", MEANS)
 @pytest.mark.parametrize("scenes", [5, 6, 8, 11, 16])
 def test_intervals_hold_what_is_true_as_often_as_documented(kind: str, scenes: int) -> None:
     mean, unknown, difference = documented(kind, str(scenes))
@@ -105,26 +105,6 @@ def test_intervals_hold_what_is_true_as_often_as_documented(kind: str, scenes: i
     found = coverage_over_scenes(kind, scenes, 1_000)
     for share, stated in zip(found, (mean, unknown, difference), strict=True):
         assert abs(share - stated) < 4 * standard_error(stated, 1_000, 4_000)
-
-
-def test_each_variable_has_an_interval_of_its_own_rows() -> None:
-    values = np.array([ONE, OTHER, [3.0, 5.0, 4.0, 8.0, 2.0, 6.0], [0.5] * 5 + [np.inf]])
-    shares = np.array([True, True, False, False])
-    sample = Sample("scene", ("",), (values,), np.zeros(4, bool), shares)
-    found, ([one, other], tests) = (
-        sample_intervals(sample, PLAN),
-        paired_tests(sample, PLAN, [(0, 1), (1, 0)]),
-    )
-    assert [one.method for one in found.overall] == ["student", "student", "lognormal", ""]
-    for row, expected in ((0, stats.ttest_1samp(ONE, 0)), (1, stats.ttest_1samp(OTHER, 0))):
-        limits = found.overall[row].low, found.overall[row].high
-        assert limits == pytest.approx(tuple(expected.confidence_interval()), rel=1e-12)
-    assert one.low is not None
-    assert one.high is not None
-    assert (other.low, other.high) == pytest.approx((-one.high, -one.low))
-    assert found.groups[""] == found.overall
-    for test in tests:
-        assert test.p_value == pytest.approx(stats.ttest_rel(ONE, OTHER).pvalue)
 
 
 def test_scenes_of_several_groups_have_no_common_interval() -> None:

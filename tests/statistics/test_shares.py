@@ -10,18 +10,18 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from airzoo_bench.results.comparison import score_intervals
-from airzoo_bench.statistics.intervals import sample_intervals
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.shares import (
+from airzoo_bench.statistics.intervals import (
     Rates,
     average_limits,
     difference_limits,
     effective_rates,
     jeffreys_limits,
+    sample_intervals,
     wilson_limits,
 )
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import paired_tests
-from tests.statistics.coverage import (
+from tests.statistics.simulations import (
     AGREEMENT,
     DESIGNS,
     SATURATED,
@@ -57,10 +57,9 @@ def test_wilson_and_jeffreys_are_scipy_s(queries: int) -> None:
 def test_limits_of_nothing_and_of_everything_are_exact() -> None:
     for queries in range(1, 300):
         rates = effective_rates(hits(0, queries, queries=queries))
-        for confidence in (0.9, 0.95):
-            for limits in (wilson_limits(rates, confidence), jeffreys_limits(rates, confidence)):
-                assert (limits[0, 0], limits[1, 1]) == (0.0, 1.0)
-                assert 0.0 < limits[0, 1] == pytest.approx(1.0 - limits[1, 0])
+        for limits in (wilson_limits(rates, 0.95), jeffreys_limits(rates, 0.9)):
+            assert (limits[0, 0], limits[1, 1]) == (0.0, 1.0)
+            assert 0.0 < limits[0, 1] == pytest.approx(1.0 - limits[1, 0])
 
 
 def test_effective_sizes_by_hand() -> None:
@@ -172,35 +171,26 @@ def test_shares_take_no_resamples_and_medians_do() -> None:
     assert same == [True, False, True]
 
 
-@pytest.mark.parametrize("scenes", SATURATED)
-def test_exact_coverage_beside_a_saturated_scene(scenes: Scenes) -> None:
+@pytest.mark.parametrize(("scenes", "alone"), [*zip(SATURATED, (0.930, 0.942, 0.916), strict=True)])
+def test_exact_coverage_beside_a_saturated_scene(scenes: Scenes, alone: float) -> None:
     assert 0.93 <= coverage_of_rates(scenes) <= 0.97
     assert 0.93 <= coverage_of_rates(scenes[1:]) <= 0.97
-
-
-@pytest.mark.parametrize(
-    ("scene", "covered"), list(zip(SATURATED, (0.930, 0.942, 0.916), strict=True))
-)
-def test_exact_coverage_of_a_small_scene(scene: Scenes, covered: float) -> None:
     # 26 queries at 0.04: three hits are held or are not, which is 98.1 or 91.6 %, and none between.
-    assert coverage_of_rates(scene[:1]) == pytest.approx(covered, abs=5e-4)
+    assert coverage_of_rates(scenes[:1]) == pytest.approx(alone, abs=5e-4)
 
 
-def assert_covered(found: Coverage, count: int) -> None:
+def assert_covered(found: Coverage) -> None:
     """Two standard errors on either side: 95 %, or more where fewer than ten queries differ."""
-    error = 2 * standard_error(0.95, count)
+    error = 2 * standard_error(0.95, 2_000)
     assert 0.93 - error <= found.difference <= (0.975 + error if found.differ >= 10 else 1.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("agree", AGREEMENT)
 @pytest.mark.parametrize("gain", [0.05, 0.1])
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow if "UAV" in name else ()) for name in DESIGNS],
-)
+@pytest.mark.parametrize("name", DESIGNS)
 def test_coverage_of_true_differences(name: str, gain: float, agree: float) -> None:
-    assert_covered(coverage_of_shares(DESIGNS[name], 2_000, agree, gain=gain), 2_000)
+    assert_covered(coverage_of_shares(DESIGNS[name], 2_000, agree, gain=gain))
 
 
 @pytest.mark.slow
@@ -213,7 +203,7 @@ def test_coverage_is_as_documented(name: str, soft: bool) -> None:
         assert share == pytest.approx(printed, abs=3 * standard_error(printed, 2_000, 4_000))
     assert shares[0] >= 0.93 - 2 * standard_error(0.95, 2_000)
     for one in found:
-        assert_covered(one, 2_000)
+        assert_covered(one)
 
 
 def test_differences_of_shares_are_of_mover_and_few_queries_have_none() -> None:

@@ -12,7 +12,6 @@ from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.comparable import choose_scores
 from airzoo_bench.results.comparison import Pair, compare, is_hit
 from airzoo_bench.results.records import Scored
-from airzoo_bench.results.result import score_columns
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import PairedTest
@@ -42,7 +41,7 @@ PAIR = Pair(
 def test_hits_of_every_shipped_protocol() -> None:
     for path in shipped_protocols().values():
         protocol = load_protocol(path)
-        scores = score_columns(load_track(protocol.track).scores(protocol))
+        scores = load_track(protocol.track).scores(protocol)
         hits = {score.title for score in scores if is_hit(protocol.track, score)}
         # A reconstruction's R@10m is a share of points, though it may be 1.
         starts = {"retrieval": ("R@", "D<", "MA@"), "matching": ("@",), "reconstruction": ()}

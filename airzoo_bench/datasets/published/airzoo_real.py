@@ -64,7 +64,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
 from airzoo_bench.geometry.rasters import gsd_m, open_info, pixel_to_world
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import protocol_of_track
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 
@@ -80,7 +80,7 @@ _RECON = "airzoo_real_recon"
 _SURFACE = "fcw_hangtian_DSM.tif"
 _OPENGL = (1.0, -1.0, -1.0)
 _REACH_M = 500.0  # of surface model about the cameras, which becomes the true cloud
-# As `matching.prepare` tells priors that are the truth.
+# As `matching.truth` tells priors that are the truth.
 _SAME_M, _SAME_DEG = 0.02, 0.1
 _LAYOUT = (
     "Scene1/ (City) and Scene2/ (Rural), each with photos, a DOM, a DSM and RTK tables, and "

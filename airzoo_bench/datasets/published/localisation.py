@@ -53,7 +53,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import protocol_of_track
 
 _CRS = "EPSG:4547"

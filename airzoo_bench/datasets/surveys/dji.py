@@ -39,7 +39,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import geodesic_distance_m, horizontal_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.settings import MatchingProtocol
+from airzoo_bench.matching.protocol import MatchingProtocol
 
 _SAME_PRIOR_M = 0.01
 _FIXED = (48, 49, 50)  # RtkFlag of a fixed solution, or its finer kinds

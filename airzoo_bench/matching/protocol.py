@@ -54,12 +54,6 @@ class Solver(Strict):
     max_matches: Annotated[int, Field(ge=4, le=1_000_000)]
     max_trials_times_matches: Annotated[int, Field(ge=1, le=10**12)]
 
-    @model_validator(mode="after")
-    def _trials_fit(self) -> Solver:
-        if self.max_trials < self.min_trials:
-            raise ValueError(f"max_trials is {self.max_trials}, below min_trials")
-        return self
-
 
 class MatchingScores(Strict):
     """Thresholds of the scores, all strict."""
@@ -71,11 +65,6 @@ class MatchingScores(Strict):
         tuple[tuple[Positive, Positive], ...], Field(min_length=1, max_length=16)
     ]
     auc_up_to_m: Thresholds
-
-    @property
-    def finest_m(self) -> float:
-        """The smallest distance that decides a recall."""
-        return min(*self.translation_below_m, *(metres for metres, _ in self.pose_below_m_deg))
 
 
 class MatchingProtocol(Protocol):
@@ -91,7 +80,9 @@ class MatchingProtocol(Protocol):
     scores: MatchingScores
 
     @model_validator(mode="after")
-    def _crop_is_given_or_found(self) -> MatchingProtocol:
+    def _sections_fit(self) -> MatchingProtocol:
         if (self.crop is None) != (self.prior.source == "given"):
             raise ValueError("a section [crop] is needed, unless prior.source is 'given'")
+        if self.solver.max_trials < self.solver.min_trials:
+            raise ValueError("solver.max_trials is below solver.min_trials")
         return self
