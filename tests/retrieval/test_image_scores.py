@@ -165,7 +165,7 @@ def test_gta_uav_scores(seed: int) -> None:
     titles = [score.title for score in list_scores(settings) if score.headline]
     near = [f"{name}@{k}" for name in ("SDM", "Dis") for k in (1, 3, 5)]
     assert titles == ["R@1", "R@5", "R@10", "R@1%", "AP", *near]
-    [ap] = [score.column for score in list_scores(settings) if score.title == "AP"]
+    [ap] = [score.key for score in list_scores(settings) if score.title == "AP"]
     assert ap == "map"  # scikit-learn's, not the trapezoids'
 
 
