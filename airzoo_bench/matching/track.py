@@ -40,7 +40,7 @@ _TEMPLATE_MATCHES = 20  # of each query
 
 
 class SceneAnswers(NamedTuple):
-    """What predictions hold for the Q queries of a scene, in their order."""
+    """The predictions for the Q queries of a scene, in their order."""
 
     answered: Bools  # (Q,), which queries the file has
     content: Correspondences | GivenPoses  # in pixels of the whole map
