@@ -24,7 +24,8 @@ from airzoo_bench.results.result import Reference, ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison import comparison_table
-from airzoo_bench.tables.layouts import methods_table, scenes_table
+from airzoo_bench.tables.layouts import methods_layout, scenes_table
+from airzoo_bench.tables.method_table import method_table
 from airzoo_bench.tables.render import render
 from tests.statistics.support import ERROR, HIT, SOFT, made_method, random_methods
 
@@ -171,7 +172,7 @@ def test_every_face_marks_it_and_says_so() -> None:
     poor, good = scored("poor", 0.4, HITS), scored("good", 0.4, {"east": 19, "west": 18})
     note, marked = floor_note(poor.result), f"poor {FLOOR_MARK}"
     for table in (
-        methods_table([poor.result, good.result]),
+        methods_layout(method_table([poor.result, good.result])),
         comparison_table(compare([good, poor], [HIT], resampling=FAST)),
     ):
         assert f"poor: {note}" in table.notes
