@@ -9,8 +9,6 @@ The older mosaic shows the same ground in another season and light, a little off
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,22 +65,14 @@ def build_world(region: str, seed: int) -> World:
 def world_of_plan(region: Region, plan: Plan) -> World:
     """Mesh a plan, paint it and draw its maps."""
     noise = textures(plan.seed, _MAP.size)
-    survey, older = (_picture(plan, noise, *given) for given in (
-        (SURVEY, _MAP, SURVEY_SUN), (OLDER, _MOSAIC, OLDER_SUN)
-    ))  # fmt: skip
+    mesh, ground, top, dom = _picture(plan, noise, SURVEY, _MAP, SURVEY_SUN)
+    older = _picture(plan, noise, OLDER, _MOSAIC, OLDER_SUN)[-1]
+    dsm = _look_down(mesh, _DSM)[0].astype(np.float32)
     buildings, trees = season_rows(plan, SURVEY)
-    return World(
-        region=region,
-        seed=plan.seed,
-        mesh=survey.mesh,
-        walls=np.array([_wall_row(building) for building in buildings], np.float32),
-        leaves=_leaf_colours(plan, trees, SURVEY),
-        ground=survey.ground,
-        top=survey.top,
-        dsm=_look_down(survey.mesh, _DSM)[0].astype(np.float32),
-        dom=survey.lit,
-        satellite=_blur(_fade(older.lit)),
-    )
+    walls = np.array([_wall_row(building) for building in buildings], np.float32)
+    leaves = _leaf_colours(plan, trees, SURVEY)
+    maps = (ground, top, dsm, dom, _blur(_fade(older)))
+    return World(region, plan.seed, mesh, walls, leaves, *maps)
 
 
 def _wall_row(building: Building) -> tuple[float, ...]:
@@ -92,16 +82,10 @@ def _wall_row(building: Building) -> tuple[float, ...]:
     return (*box.frame, box.u1, box.v1, *size, *(part / 255 for part in (*b.wall, *b.window)))
 
 
-class _Picture(NamedTuple):
-    """A season from above."""
-
-    mesh: Mesh
-    ground: _Rgb  # (n, n, 4): albedo of the land, and 255 where it is water
-    top: _Rgb  # (n, n, 4): of all that is seen from above
-    lit: _Rgb  # (n, n, 3): the same in light and shadow
-
-
-def _picture(plan: Plan, noise: list[Noise], season: int, raster: Raster, light: Light) -> _Picture:
+def _picture(
+    plan: Plan, noise: list[Noise], season: int, raster: Raster, light: Light
+) -> tuple[Mesh, _Rgb, _Rgb, _Rgb]:
+    """Return the mesh of a season, and land, surface and lit map from above, see `World`."""
     mesh = plan_mesh(plan, season)
     buildings, trees = season_rows(plan, season)
     height, triangle, land = _look_down(mesh, raster)
@@ -121,7 +105,7 @@ def _picture(plan: Plan, noise: list[Noise], season: int, raster: Raster, light:
     lit = _in_light(top, mesh, triangle, height, raster, light)
     still_water &= ~leafy
     ground = np.dstack([ground, water * np.uint8(255)])
-    return _Picture(mesh, ground, np.dstack([top, still_water * np.uint8(255)]), lit)
+    return mesh, ground, np.dstack([top, still_water * np.uint8(255)]), lit
 
 
 def _look_down(mesh: Mesh, raster: Raster) -> tuple[Floats, NDArray[np.int32], Floats]:

@@ -83,8 +83,7 @@ def frames_csv(frames: FrameList) -> str:
         # Adding 0 makes a negative zero positive.
         rounded = (np.round(values, digits) + 0.0).tolist()
         table[name] = [f"{value:.{digits}f}" for value in rounded]
-    names = ("width", "height", "fx", "fy", "cx", "cy")
-    table = table.assign(**dict(zip(names, frames.pinhole, strict=True)))
+    table[["width", "height", "fx", "fy", "cx", "cy"]] = frames.pinhole
     return table.to_csv(index=False, lineterminator="\n")
 
 

@@ -77,7 +77,8 @@ class Canvas:
         window, mask, u, v = decal.form.patch(self.raster)
         mask = mask if owner is None else mask & (owner[window] == index)
         if mask.any():
-            for material, where, shade in layers_of(Spot(self, decal, window, mask, u, v)):
+            spot, kind = Spot(self, decal, window, mask, u, v), decal.kind
+            for material, where, shade in KINDS[kind](spot) if kind in KINDS else [(kind, True, 0)]:
                 look = self.materials[material] if isinstance(material, str) else tuple(material)
                 number = self._numbers.setdefault(look, len(self._numbers))
                 np.copyto(self._look[0][window], number, where=mask & where)
@@ -175,8 +176,8 @@ def _field(p: Spot, key: int | None = None, where: Bools | bool = True) -> list[
     *look, red, green, blue, row_m, gap_share = crops[key % len(crops)]
     gap, wobble = (red, green, blue, *look[3:]), p.v + p.coarse * (1 / 256)
     shade = (p.cells(np.zeros_like(p.v), p.v / row_m / 5) >> 4) - 20 + key // 16 % 24
-    layers: list[_Layer] = [(look, where, shade)]
-    layers.append((gap, where & (wobble % row_m < row_m * gap_share), shade))
+    rows = where & (wobble % row_m < row_m * gap_share)
+    layers: list[_Layer] = [(look, where, shade), (gap, rows, shade)]
     if key // 512 % 3:  # wheels
         layers.append((gap, where & ((wobble % 14.0 < 0.5) | ((wobble + 2.0) % 14.0 < 0.5)), -14))
     if row_m < 5:  # not plastic tunnels
@@ -337,9 +338,3 @@ KINDS: dict[str, Callable[[Spot], list[_Layer]]] = {
     "hatch": lambda p: [((*_HATCHES[p.key % 4], 6, 4, 0), True, 0)],
     "garden": lambda p: [("bed", p.v % 1.5 < 1.0, 0)],
 }
-
-
-def layers_of(spot: Spot) -> list[_Layer]:
-    """Return the layers of a spot's decal, whose kind may be a material."""
-    kind = spot.decal.kind
-    return KINDS[kind](spot) if kind in KINDS else [(kind, True, 0)]

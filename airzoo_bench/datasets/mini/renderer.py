@@ -7,7 +7,6 @@ Embree's own rounding would have put it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -157,7 +156,8 @@ class Renderer:
         light = np.empty((3, height, width), np.float32)
         depth = np.empty((height, width), np.float32)
         surface = np.empty((height, width), np.int32)
-        for rows in _row_blocks(width, height):
+        for top in range(0, height, step := max(_BLOCK_PIXELS // width, 1)):
+            rows = slice(top, min(top + step, height))
             pixel = np.arange(rows.start * width, rows.stop * width)
             seen, far, triangle = self._look(view, pixel)
             light[:, rows] = seen.reshape(3, -1, width)
@@ -171,8 +171,7 @@ class Renderer:
         rays = view.directions(pixel)
         triangle, depth = self._caster.trace(view.centre, rays)
         light = np.zeros((3, len(depth)), np.float32)
-        hit = np.flatnonzero(triangle != _MISSED)
-        free = np.flatnonzero(triangle == _MISSED)
+        hit, free = (np.flatnonzero((triangle == _MISSED) == away) for away in (False, True))
         if len(hit):
             some = rays.take(hit, axis=1)
             light[:, hit] = self._surface(view, some, depth[hit], pixel[hit], triangle[hit])
@@ -218,13 +217,6 @@ class Renderer:
         sun = column(given.light.sun) * np.float32(given.light.direction[2])
         light[:, below] = haze(land * (column(given.light.sky) + sun), distance, down, given)
         return light
-
-
-def _row_blocks(width: int, height: int) -> Iterator[slice]:
-    """Yield slices of rows of an image, of `_BLOCK_PIXELS` or a little less, at least one row."""
-    rows = max(_BLOCK_PIXELS // width, 1)
-    for start in range(0, height, rows):
-        yield slice(start, min(start + rows, height))
 
 
 def _blurred(light: Singles, surface: NDArray[np.int32]) -> Singles:

@@ -98,20 +98,13 @@ class Texture:
         self._starts = len(images) * (np.cumsum(self._sizes**2) - self._sizes**2)
         self._texels = np.concatenate([level.reshape(-1, 4) for level in levels])
 
-    def sample(
-        self,
-        x: Singles,
-        y: Singles,
-        footprint_m: Singles,
-        dither: Singles,
-        image: _Indices | int = 0,
-    ) -> Singles:
+    def sample(self, xy: Any, size_m: Singles, dither: Singles, image: Any = 0) -> Singles:
         """Return the colour (4, N), in 0 to 1, at points of the square, mirrored beyond it."""
-        level = floor_log2(footprint_m * (1.0 + dither) * np.float32(1.0 / self._gsd_m))
+        level = floor_log2(size_m * (1.0 + dither) * np.float32(1.0 / self._gsd_m))
         size = self._sizes.take(level, mode="clip")
         scale = size.astype(np.float32)
         shares, cells = [], []
-        for at in (1.0 - y / self._side_m, x / self._side_m):
+        for at in (1.0 - xy[1] / self._side_m, xy[0] / self._side_m):
             folded = 1.0 - np.abs(at - 2.0 * np.floor(at * np.float32(0.5)) - 1.0)
             place = np.clip(folded * scale - np.float32(0.5), 0.0, scale - np.float32(1.01))
             cells.append(place.astype(np.int64))
@@ -200,8 +193,8 @@ class Shader:
         lit = column(given.horizon) * np.float32(1.04) + column(given.light.sun) * np.float32(0.05)
         far = np.float32(1.0) / (np.maximum(view[2], 0.0) + np.float32(0.14))
         fine = np.zeros_like(far) + np.float32(0.01)
-        x, y = (view[axis] * far + np.float32(_CLOUDS_M / 2) for axis in (0, 1))
-        thick = self._clouds.sample(x, y, fine, fine)[0]
+        xy = view[:2] * far + np.float32(_CLOUDS_M / 2)
+        thick = self._clouds.sample(xy, fine, fine)[0]
         thick = np.clip((thick - np.float32(0.42)) * 4.0, 0.0, 1.0)
         thick *= np.clip(view[2] * 30.0, 0.0, 1.0) * np.float32(given.clouds)
         colour += (lit - colour) * thick
@@ -232,9 +225,9 @@ class Shader:
     ) -> tuple[Singles, Singles]:
         """Return the land beyond the mesh: the region, mirrored on without end at one level."""
         distance = np.float32(max(origin[2] - level_m, 1.0)) / np.maximum(-view[2], 1e-4)
-        x, y = (np.float32(origin[k]) + distance * view[k] for k in (0, 1))
-        coarse = np.full(len(x), self._side / 40.0, np.float32)
-        albedo = self._land.sample(x, y, coarse, np.full(len(x), 0.5, np.float32), 1)[:3]
+        xy = [np.float32(origin[k]) + distance * view[k] for k in (0, 1)]
+        coarse = np.full(len(distance), self._side / 40.0, np.float32)
+        albedo = self._land.sample(xy, coarse, np.full_like(coarse, 0.5), 1)[:3]
         if given.snow > 0.0:
             albedo += (column(_SNOW) - albedo) * np.float32(0.75 * given.snow)
         return albedo, distance
@@ -246,7 +239,7 @@ class Shader:
         slant = np.sqrt(np.maximum(some.facing(), np.float32(1.0 / _MOST_SLANT)))
         footprint = np.divide(some.footprint, slant, dtype=np.float32)
         image = (some.material != Material.GROUND).astype(np.int64)
-        lanes = self._land.sample(some.xyz[0], some.xyz[1], footprint, some.dither, image)
+        lanes = self._land.sample(some.xyz, footprint, some.dither, image)
         grain = volume_noise(some.xyz, 0.11, footprint) * np.float32(0.045)
         lanes[:3] *= 1.0 + grain * (1.0 - lanes[3])
         paint.albedo[:, which] = lanes[:3]
@@ -321,9 +314,9 @@ class Shader:
         lamps: Singles | float = 0.0
         if given.shade > 0.2 or given.lamps > 0.0:
             out = np.float32(1.0) - np.abs(points.normal[2])
-            x, y = (points.xyz[k] + points.normal[k] * out for k in (0, 1))
+            xy = points.xyz[:2] + points.normal[:2] * out
             fine = np.maximum(points.footprint, np.float32(0.5))
-            around = self._around.sample(x, y, fine, points.dither)
+            around = self._around.sample(xy, fine, points.dither)
             ambient *= 1.0 - np.float32(given.shade) * (1.0 - around[0])
             lamps = around[1] * paint.lamp_reach * np.float32(given.lamps)
         light: Singles = column(given.light.sky) * ambient
