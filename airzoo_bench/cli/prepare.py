@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from airzoo_bench.datasets.dataset import Dataset
     from airzoo_bench.datasets.settings import Prepared
 
-_SOURCES = "source scene keep-going name images poses dom dsm cloud priors crs truth-accuracy"
+_SOURCES = "source scene name images poses dom dsm cloud priors crs truth-accuracy"
 _MEASURED = (
     "protocol matching-protocol reconstruction-protocol tile-size rule iou-above plane-height"
 )
@@ -151,8 +151,6 @@ def _prepare(
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
         where = cli.with_data(None if prepared.folder.parent == root else prepared.folder)
         cli.say(f"next: airzoo-bench baseline {track} {protocol}{where} --out {file}")
-    if prepared.failed:
-        raise typer.Exit(1)
 
 
 def _print_prepared(about: About, prepared: Prepared) -> None:
@@ -175,5 +173,3 @@ def _print_prepared(about: About, prepared: Prepared) -> None:
             # Some begin so: "flight 07: ...".
             named = re.match(rf"(warning: )?\w+ {re.escape(scene)}\b", sentence) or not several
             cli.say(sentence if named else f"scene {scene}: {sentence}")
-    for scene, why in prepared.failed.items():
-        cli.say(f"left out, scene {scene}: {why}")

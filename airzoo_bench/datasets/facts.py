@@ -50,8 +50,6 @@ class PriorFacts(NamedTuple):
 
     ids: tuple[str, ...]
     position_m: float
-    yaw_deg: float
-    pitch_deg: float
     angles_deg: Floats
 
     @property
@@ -65,7 +63,7 @@ class SceneFacts:
     """Figures of a scene; None for parts that are missing, shares NaN.
 
     `heights_m` (N,) are of cameras above `surface_m`, the surface model or the plane below;
-    `relative_m` above take-off, as photos state it. `without_prior` has ids by what they lack.
+    `relative_m` above take-off, as photos state it. `without_prior` are ids.
     `photo_gsd_m` and `footprint_m` are medians of the ground width of a pixel and of the longer
     side; `on_map` and `on_surface` shares of the photos' corners within the rectangle;
     `shared_ground` is the share of map or surface model, whichever is greater, that lies over the
@@ -82,7 +80,7 @@ class SceneFacts:
     has_metadata: bool
     gps: GpsFacts | None
     priors: PriorFacts | None
-    without_prior: Mapping[str, Sequence[str]]
+    without_prior: tuple[str, ...]
     photo_gsd_m: float
     footprint_m: float
     on_map: float
@@ -138,7 +136,9 @@ def measure_facts(
         has_metadata=any((one.lon, one.yaw_deg) != (None, None) for one in stated),
         gps=_compare_gps(inputs, stated),
         priors=_compare_priors(photos),
-        without_prior=_without_prior(photos, stated, is_metadata),
+        without_prior=tuple(
+            photos["id"][~_with_prior(photos) & [not one.is_complete for one in stated]]
+        ),
         photo_gsd_m=gsd,
         footprint_m=footprint,
         on_map=_share_inside(corners, inputs, dom),
@@ -174,17 +174,9 @@ def _compare_priors(photos: pd.DataFrame) -> PriorFacts | None:
     if there.empty:
         return None
     priors, poses = poses_of(there, PRIOR_COLUMNS), poses_of(there)
-    # Rows of a rotation are the camera's axes in the world: this takes the pose's to the prior's.
-    between = np.einsum("nki,nkj->nij", priors.rotation, poses.rotation)
-    sine, cosine = between[:, 1, 0] - between[:, 0, 1], between[:, 0, 0] + between[:, 1, 1]
-    down = [np.degrees(np.arcsin(np.clip(p.rotation[:, 2, 2], -1, 1))) for p in (priors, poses)]
-    return PriorFacts(
-        tuple(there["id"]),
-        _median(np.sqrt(((priors.centres - poses.centres) ** 2).sum(axis=-1))),
-        _median(np.abs(np.degrees(np.arctan2(sine, cosine)))),
-        _median(np.abs(down[0] - down[1])),
-        rotation_angle_deg(priors.rotation, poses.rotation),
-    )
+    away = np.linalg.norm(priors.centres - poses.centres, axis=1)
+    turned = rotation_angle_deg(priors.rotation, poses.rotation)
+    return PriorFacts(tuple(there["id"]), _median(away), turned)
 
 
 def _with_prior(photos: pd.DataFrame) -> Bools:
@@ -192,20 +184,6 @@ def _with_prior(photos: pd.DataFrame) -> Bools:
         return np.zeros(len(photos), dtype=bool)
     whole: Bools = np.isfinite(photos[list(PRIOR_COLUMNS)].to_numpy(np.float64)).all(axis=1)
     return whole
-
-
-def _without_prior(
-    photos: pd.DataFrame, stated: Sequence[PhotoPrior], is_metadata: bool
-) -> dict[str, list[str]]:
-    """Return the photos that have no prior, by the first that each lacks."""
-    lacking: dict[str, list[str]] = {}
-    for one, name, has_prior in zip(stated, photos["id"], _with_prior(photos), strict=True):
-        if not has_prior and not one.is_complete:
-            what = "GPS position" if one.lon is None else "gimbal angles"
-            if is_metadata or (one.lon is not None and one.altitude_m is None):
-                what = "whole row in --priors" if is_metadata else "altitude"
-            lacking.setdefault(what, []).append(name)
-    return lacking
 
 
 def _nearest_missed(truth: RetrievalTruth | None) -> float:
@@ -258,10 +236,8 @@ def fact_lines(facts: SceneFacts) -> list[str]:
     dom, crops, chances = facts.inputs.dom, facts.crop_shares, facts.positive_shares
     rows = {"photos": _photos_line(facts), "poses": _poses_line(facts)}
     if (one := facts.priors) is not None:
-        rows["priors"] = (
-            f"{len(one.ids)}, off by {one.position_m:.1f} m; yaw {one.yaw_deg:.1f}, pitch "
-            f"{one.pitch_deg:.1f}, rotation {one.rotation_deg:.1f} degrees (medians)"
-        )
+        off = f"off by {one.position_m:.1f} m and {one.rotation_deg:.1f} degrees (medians)"
+        rows["priors"] = f"{len(one.ids)}, {off}"
     if dom is not None:
         gsd = " x ".join(dict.fromkeys(f"{side:.3g}" for side in gsd_m(dom)))
         rows["map"] = f"{dom.width} x {dom.height} px, {gsd} m per pixel"

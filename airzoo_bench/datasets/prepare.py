@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile
-from airzoo_bench.core.errors import BenchmarkError, RasterError, UsageError, UserError, counted
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
 from airzoo_bench.core.files import atomic_folder, fingerprint, only_writer, temporary_folder
 from airzoo_bench.core.progress import Progress, with_progress
 from airzoo_bench.core.validation import nearest
@@ -35,13 +34,9 @@ from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.evaluate import accuracy_notes
-from airzoo_bench.geometry.raster_files import raster_files
 
 RECORDS = "prepared.json"
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
-_MAPS = (".vrt", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".jp2", ".img", ".ecw", ".asc", ".bil")
-_OF_THE_RUN = ("scene", "keep_going")  # options that do not change a scene
-_WAY_OUT = "leave the scene out with --keep-going, or name those to make with --scene"
 
 
 @dataclass(frozen=True)
@@ -112,7 +107,7 @@ def scene_keys(
     """Return for each scene the SHA-256 of its inputs."""
     stamps: dict[Path, list[tuple[str, int, int]]] = {}
     flags = [settings.tiles_on_disk, settings.crops_on_disk, settings.copy]
-    names = [one.name for one in fields(source.options) if one.name not in _OF_THE_RUN]
+    names = [one.name for one in fields(source.options) if one.name != "scene"]
     options = {name: str(getattr(source.options, name)) for name in names}
     keys = {}
     for scene, given in source.scenes.items():
@@ -137,9 +132,6 @@ def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
         for home, folders, names in os.walk(path, followlinks=True):
             folders[:] = [one for one in folders if one[0] != "." and Path(home, one) != target]
             files += [file for name in names if (file := Path(home, name)).exists()]
-    elif files and path.suffix.lower() in _MAPS:
-        with suppress(RasterError):  # no raster, which whoever reads it will say
-            files = raster_files(path)  # with those next to it, or that it is made of
     for file in files:
         status = file.stat()
         yield str(file), status.st_size, status.st_mtime_ns
@@ -204,7 +196,6 @@ class _Run:
     settings: PrepareSettings
     keys: dict[str, str] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
-    failed: dict[str, str] = field(default_factory=dict)
 
     @property
     def staging(self) -> Path:
@@ -222,18 +213,9 @@ class _Run:
             _task, scenes, shared=self, stage="scenes", name="scene {}".format
         )
         label = f"scene {scenes[0]}" if len(scenes) == 1 else "scenes"
-        for scene, one in zip(scenes, progress(found, label, len(scenes)), strict=True):
-            if isinstance(one, UserError):
-                self.failed[scene] = str(one)
-            else:
-                made[scene] = one
-        if not made:
-            raise BenchmarkError(
-                "no scene could be made:\n" + "\n".join(self.failed.values()),
-                where=self.settings.folder,
-            )
+        made |= zip(scenes, progress(found, label, len(scenes)), strict=True)
         # As they come in the protocols, whichever were there before.
-        self.records = {scene: made[scene] for scene in source.scenes if scene in made}
+        self.records = {scene: made[scene] for scene in source.scenes}
 
     def _take_finished(self) -> dict[str, Record]:
         """Take the scenes that nothing has changed for since they were finished."""
@@ -288,32 +270,27 @@ class _Run:
         for sentence in (one for protocol in served for one in accuracy_notes(protocol, accuracy)):
             settings.note(f"warning: {sentence}")
         summaries = {scene: record.summary for scene, record in records.items()}
-        return Prepared(folder, {one.name: one.track for one in served}, summaries, self.failed)
+        return Prepared(folder, {one.name: one.track for one in served}, summaries)
 
 
-def _task(run: _Run, scene: str) -> Record | UserError:
+def _task(run: _Run, scene: str) -> Record:
     """Make a scene and keep it among the finished ones."""
-    if Path.cwd() != run.source.home:  # on a cluster
-        os.chdir(run.source.home)
-    try:
-        return _make_scene(run, scene)
-    except UserError as fault:
-        if getattr(run.source.options, "keep_going", False):
-            return fault
-        if len(run.source.scenes) > 1:
-            fault.fix = f"{fault.fix}; or {_WAY_OUT}" if fault.fix else _WAY_OUT
-        raise
-
-
-def _make_scene(run: _Run, scene: str) -> Record:
     source = run.source
-    native = source.read(source.options, scene, run.settings.progress)
-    content = make_content(native, run.protocols)
-    summary = summary_of(content, run.protocols, native.notes)
-    with temporary_folder(run.staging, scene) as temporary:
-        entry = write_scene(temporary, content, run.protocols.titles[scene], run.settings)
-        record = Record(run.keys[scene], entry, summary)
-        run.keep(record, temporary, _link_or_copy)
+    if Path.cwd() != source.home:  # on a cluster
+        os.chdir(source.home)
+    try:
+        native = source.read(source.options, scene, run.settings.progress)
+        content = make_content(native, run.protocols)
+        summary = summary_of(content, run.protocols, native.notes)
+        with temporary_folder(run.staging, scene) as temporary:
+            entry = write_scene(temporary, content, run.protocols.titles[scene], run.settings)
+            record = Record(run.keys[scene], entry, summary)
+            run.keep(record, temporary, _link_or_copy)
+    except UserError as fault:
+        if len(source.scenes) > 1:
+            way_out = "name the scenes to make with --scene"
+            fault.fix = f"{fault.fix}; or {way_out}" if fault.fix else way_out
+        raise
     return record
 
 

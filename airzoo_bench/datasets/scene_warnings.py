@@ -167,12 +167,10 @@ def _off_map(facts: SceneFacts) -> Iterator[str]:
 
 def _no_prior(facts: SceneFacts) -> Iterator[str]:
     photos, lacking = len(facts.inputs.photos), facts.without_prior
-    count = sum(map(len, lacking.values()))
-    if count and (facts.has_metadata or count < photos):
-        parts = [f"{first_of(ids)} have no {what}" for what, ids in lacking.items()]
+    if lacking and (facts.has_metadata or len(lacking) < photos):
         yield (
-            f"{count} of {counted(photos, 'photo')} {agreeing(count, 'has', 'have')} no prior, "
-            f"which matching needs: {'; '.join(parts)} (--priors FILE gives what is missing)"
+            f"photos have no prior, which matching needs: {first_of(lacking, photos)}: they lack a "
+            "GPS position, an altitude or gimbal angles (--priors FILE gives what is missing)"
         )
 
 

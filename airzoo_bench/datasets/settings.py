@@ -20,7 +20,6 @@ class SourceOptions:
 
     source: Path
     scene: list[str] | None = None
-    keep_going: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,11 +74,9 @@ class SceneSummary:
 class Prepared:
     """The result of `prepare`.
 
-    `protocols` are names with their tracks; `summaries` and `failed` (why it could not be made) are
-    by scene.
+    `protocols` are names with their tracks; `summaries` are by scene.
     """
 
     folder: Path
     protocols: Mapping[str, str]
     summaries: Mapping[str, SceneSummary] = field(default_factory=dict)
-    failed: Mapping[str, str] = field(default_factory=dict)

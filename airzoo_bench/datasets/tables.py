@@ -18,13 +18,7 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 
 _LIMIT_BYTES = 64 << 20
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _HEADER_LINES = 20  # within which the line that names the columns is looked for
-_OTHER_FILES = {
-    b"pk\x03\x04": "a zip archive or an Excel workbook",
-    b"version https://git-lfs": "a Git LFS pointer, not the file itself",
-    b"<": "a web page",
-}
 
 
 def read_native_text(path: Path) -> str:
@@ -34,10 +28,6 @@ def read_native_text(path: Path) -> str:
         if path.stat().st_size > _LIMIT_BYTES:
             raise ValueError(f"more than {_LIMIT_BYTES:,} bytes")
         content = path.read_bytes()
-        start = content[:64].lstrip().lower()
-        for mark, kind in _OTHER_FILES.items():
-            if start.startswith(mark):
-                raise ValueError(kind)
         if b"\0" in content:
             raise ValueError("it holds bytes of zero")
         with suppress(UnicodeDecodeError):
@@ -57,7 +47,6 @@ class Table:
     names: Sequence[str]
     by_name: Mapping[str, tuple[str, ...]]
     lines: Sequence[int]
-    decimal_commas: bool = False
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -74,10 +63,8 @@ class Table:
         self, column: str, least: float = -math.inf, most: float = math.inf, *, empty: bool = False
     ) -> Floats:
         """Return the values of a column as numbers; NaN for empty cells, where these may be."""
-        texts = self.texts(column)
-        comma = self.decimal_commas and not any("." in text for text in texts)
-        values = [_number(text, comma) for text in texts]
-        for text, value, line in zip(texts, values, self.lines, strict=True):
+        values = [_number(text) for text in self.texts(column)]
+        for text, value, line in zip(self.texts(column), values, self.lines, strict=True):
             if not (least <= value <= most and math.isfinite(value)) and (text or not empty):
                 raise BenchmarkError(
                     f"column {self.header[column]}: {text[:40]!r}",
@@ -153,7 +140,7 @@ def read_table(
     if not kept:
         raise BenchmarkError("has no row below its columns", where=path, expected="a row a photo")
     texts = {ours: tuple(row[names.index(name)] for row in kept) for ours, name in header.items()}
-    return Table(path, header, names, texts, numbers, decimal_commas=separator != ",")
+    return Table(path, header, names, texts, numbers)
 
 
 def _split(path: Path, line: str, separator: str | None) -> list[str]:
@@ -194,9 +181,7 @@ def read_lines(path: Path, columns: Sequence[str]) -> Table:
     return Table(path, {name: name for name in columns}, columns, texts, list(rows))
 
 
-def _number(text: str, comma: bool) -> float:
-    if comma and _DECIMAL_COMMA.fullmatch(text):
-        text = text.replace(",", ".")
+def _number(text: str) -> float:
     try:
         # Python's own grouping of digits is no number here.
         return math.nan if "_" in text else float(text)

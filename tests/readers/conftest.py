@@ -1,37 +1,38 @@
-"""A made world whose truth the samples of matching methods are written from."""
+"""Made worlds whose truth the files of methods are written from."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import airzoo_bench as ab
-from tests.matching.world import World, make_world
 from tests.readers import retrieval_files as files
+from tests.readers.cases import Worlds
 from tests.readers.retrieval_files import Place, made_scenes
 
 
 @pytest.fixture(scope="session")
-def world(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return make_world(tmp_path_factory.mktemp("world"))
+def worlds(tmp_path_factory: pytest.TempPathFactory) -> Worlds:
+    return Worlds.make(tmp_path_factory.mktemp("worlds"))
 
 
 @pytest.fixture
-def evaluated(world: World) -> Callable[..., Any]:
-    """Return a function that scores a file on the made world."""
-
-    def run(path: Path, **options: Any) -> Any:
-        return ab.evaluate(path, protocol=world.protocol.name, data=world.root, **options)
-
-    return run
+def retrieved(worlds: Worlds) -> Callable[..., Any]:
+    """Return a function that scores a path of the retrieval track."""
+    return partial(worlds.evaluate, "retrieval")
 
 
 @pytest.fixture
-def home(tmp_path: Path) -> Path:
-    return Place().prepare(tmp_path / "data")
+def matched(worlds: Worlds) -> Callable[..., Any]:
+    return partial(worlds.evaluate, "matching")
+
+
+@pytest.fixture
+def reconstructed(worlds: Worlds) -> Callable[..., Any]:
+    return partial(worlds.evaluate, "reconstruction")
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""A made place, and files of retrieval methods written from it by each layout's own rules."""
+"""A made place, and logs of VPR-methods-evaluation and files of test.py written from it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import scipy.io
 
@@ -49,13 +48,6 @@ class Place:
     def every_descriptor(self) -> tuple[Any, Any]:
         pairs = [self.descriptors(scene) for scene in self.scenes]
         return np.concatenate([one for one, _ in pairs]), np.concatenate([one for _, one in pairs])
-
-    def named(self, query: str, tile: str) -> tuple[list[str], list[str]]:
-        """Return names of all queries and tiles, of patterns with `scene` and `n`."""
-        return (
-            [query.format(scene=s.id, n=n) for s in self.scenes for n in range(len(s.positives))],
-            [tile.format(scene=s.id, n=n) for s in self.scenes for n in range(s.n_tiles)],
-        )
 
     def ranked(self, scene: MadeScene) -> tuple[Any, Any]:
         """Return tile numbers, best first, and their similarities, of each query."""
@@ -167,59 +159,6 @@ def write_vpr(folder: Path, place: Place) -> Path:
     return folder / "logs"
 
 
-# --- the others ---
-
-
-def write_anyloc(folder: Path, place: Place) -> Path:
-    """Write what demo/anyloc_vlad_generate.py does, run for the photos and for the tiles."""
-    for scene in place.scenes:
-        sets = zip("qt", ("photos", "tiles"), place.descriptors(scene), strict=True)
-        for letter, what, rows in sets:
-            out_dir = folder / "anyloc" / scene.id / what
-            out_dir.mkdir(parents=True)
-            for number, row in enumerate(rows):
-                np.save(out_dir / f"{letter}{number:05d}.jpg.npy", row[np.newaxis])
-    return folder / "anyloc"
-
-
-def write_hloc_global(folder: Path, place: Place, dtype: Any = np.float32) -> Path:
-    """Write a group for each image, as extract_features does; `as_half` makes float16 of it."""
-    path = folder / "global-feats-netvlad.h5"
-    with h5py.File(path, "a", libver="latest") as file:
-        for scene in place.scenes:
-            sets = zip("qt", ("photos", "tiles"), place.descriptors(scene), strict=True)
-            for letter, what, rows in sets:
-                for number, row in enumerate(rows):
-                    group = file.create_group(f"{scene.id}/{what}/{letter}{number:05d}.png")
-                    group.create_dataset("global_descriptor", data=row.astype(dtype))
-                    group.create_dataset("image_size", data=np.array([640, 480]))
-    return path
-
-
-def write_game4loc(folder: Path, place: Place) -> Path:
-    """Write features and names, as lists of the method's dataset class have them."""
-    queries, tiles = place.every_descriptor()
-    photos, squares = place.named("{scene}/q{n:05d}.jpg", "{scene}/t{n:05d}.png")
-    np.savez(
-        folder / "features.npz",
-        query_features=queries,
-        query_names=np.array(photos),
-        gallery_features=tiles,
-        gallery_names=np.array(squares),
-    )
-    return folder / "features.npz"
-
-
-def write_university1652(folder: Path, place: Place) -> Path:
-    """Write features, classes and paths; the images are in a folder a class."""
-    photos, tiles = place.named(
-        "/data/{scene}/query_drone/{n:04d}/q{n:05d}.jpeg",
-        "/data/{scene}/gallery_satellite/{n:04d}/t{n:05d}.jpg",
-    )
-    queries, gallery = place.every_descriptor()
-    return save_mat(folder / "pytorch_result.mat", (queries, photos), (gallery, tiles))
-
-
 def save_mat(path: Path, queries: tuple[Any, list[str]], gallery: tuple[Any, list[str]]) -> Path:
     """Write the dictionary that test.py of University-1652 makes."""
     result: dict[str, Any] = {}
@@ -229,16 +168,3 @@ def save_mat(path: Path, queries: tuple[Any, list[str]], gallery: tuple[Any, lis
         result[f"{kind}_path"] = paths
     scipy.io.savemat(path, result)
     return path
-
-
-def write_trec(folder: Path, place: Place) -> Path:
-    """Write the whole ranking of each query, as trec_eval reads and ranx writes it."""
-    lines = []
-    for scene in place.scenes:
-        order, scores = place.ranked(scene)
-        for query, tiles in enumerate(order.tolist()):
-            for rank, tile in enumerate(tiles):
-                named = f"{scene.query(query)} Q0 {scene.tile(tile)}"
-                lines.append(f"{named} {rank + 1} {float(scores[query, rank])!r} mine\n")
-    (folder / "mine.run").write_text("".join(lines))
-    return folder / "mine.run"

@@ -1,17 +1,24 @@
-"""Recipes: their lines are Python, and name commands and readers that are there."""
+"""Recipes: their lines are Python that does what it says, and name commands that are there."""
 
 from __future__ import annotations
 
 import ast
+import pickle
 import re
 import shlex
+import sys
+import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 
 from airzoo_bench.core.registry import READERS
+from tests.readers.cases import Worlds
+from tests.readers.retrieval_files import Place, tile_file
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [DOCS / "methods.md", *sorted((DOCS / "recipes").glob("*.md"))]
@@ -70,3 +77,64 @@ def test_methods_lists_every_recipe_and_reader() -> None:
         one = READERS.get(name)
         row = f"| `{name}` | {', '.join(one.methods)} | {one.layout} |".replace("*", "\\*")
         assert row in text, row
+
+
+def load_torch(path: str, **options: Any) -> Any:
+    """Stand in for `torch.load`."""
+    assert options == {"weights_only": False}
+    with zipfile.ZipFile(path) as archive:
+        return pickle.loads(archive.read("archive/data.pkl"))  # noqa: S301 - of this project
+
+
+@pytest.mark.parametrize(("number", "name"), [(0, "vismatch"), (1, "loftr-dump")])
+def test_lines_convert_pickles(
+    number: int, name: str, worlds: Worlds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worlds.sample(name, tmp_path / "f")
+    monkeypatch.chdir(tmp_path / "f")
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(load=load_torch))
+    text = (DOCS / "recipes" / "matching.md").read_text(encoding="utf-8").partition("## Pickles")[2]
+    exec(re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)[number], {})  # noqa: S102
+    found = worlds.evaluate("matching", tmp_path / "f" / "matches")
+    expected = worlds.evaluate("matching", worlds.sample("loftr", tmp_path / "l"))
+    assert found.overall == pytest.approx(expected.overall, abs=1e-8)
+    assert found.result.predictions.reader.name == "loftr"
+
+
+class _Tensor:
+    """As much of a tensor as the lines for Game4Loc use."""
+
+    def __init__(self, rows: Any) -> None:
+        self.numpy = lambda: rows
+        self.cpu = self.float = lambda: self
+
+    @staticmethod
+    def cat(parts: list[Any]) -> Any:
+        return _Tensor(np.concatenate([part.numpy() for part in parts]))
+
+
+def test_lines_save_features_of_game4loc(
+    worlds: Worlds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arrays = np.load(worlds.sample("game4loc", tmp_path / "f"))
+    queries, gallery = (_Tensor(arrays[f"{kind}_features"]) for kind in ("query", "gallery"))
+    known = {"np": np, "torch": _Tensor, "gallery_features_batch": gallery}
+    known |= {"img_features_query": queries, "img_features_gallery": gallery}
+    known |= {f"{kind}_list": arrays[f"{kind}_names"].tolist() for kind in ("query", "gallery")}
+    known["query_path_list"] = [
+        f"/bench/data/{scene.id}/images/{one.split('/')[1]}.jpg"
+        for scene in Place().scenes
+        for one in scene.query_ids
+    ]
+    known["gallery_path_list"] = [
+        tile_file("/bench", scene, n) for scene in Place().scenes for n in range(scene.n_tiles)
+    ]
+    lines = [
+        one for one in blocks(DOCS / "recipes" / "retrieval.md", ("python",)) if "query_f" in one
+    ]
+    for number, one in enumerate(lines):
+        (tmp_path / str(number)).mkdir()
+        monkeypatch.chdir(tmp_path / str(number))
+        exec(one, dict(known))  # noqa: S102 - lines that users paste
+        found = worlds.evaluate("retrieval", tmp_path / str(number) / "features.npz")
+        assert found.overall["recall@1"] == 1.0

@@ -10,7 +10,6 @@ CRS by ``opensfm/geocoords_transformation.txt``. Newer versions move that file t
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -51,7 +50,6 @@ _RECONSTRUCTION = Path("opensfm/reconstruction.json")
 _TRANSFORMATION = Path("opensfm/geocoords_transformation.txt")
 _COORDS = Path("odm_georeferencing/coords.txt")
 _PROJ = Path("odm_georeferencing/proj.txt")
-_STATISTICS = Path("odm_report/stats.json")
 _LIMIT_BYTES = 1 << 30
 _LENS_KEYS: Mapping[str, tuple[str, ...]] = {
     "perspective": ("focal", "k1", "k2"),
@@ -72,7 +70,6 @@ class _OdmProjects(Survey[SurveyOptions]):
         folders = _parts(project)
         crs, sizes = _same_crs(folders), photo_sizes(images, progress)
         photos, notes, apart = _joined([_read_part(f) for f in folders], sizes, crs)
-        left = _control_points(project / _STATISTICS, notes)
         dom, dsm = options.dom or project / _ORTHOPHOTO, options.dsm
         if dsm is None and (project / _SURFACE).is_file():
             dsm = project / _SURFACE
@@ -86,7 +83,7 @@ class _OdmProjects(Survey[SurveyOptions]):
         if cloud is not None and options.cloud is None:
             notes.append(f"it serves reconstruction too with its own cloud: --cloud {cloud}")
         read_from = (images, sizes, photos, folders[0] / _RECONSTRUCTION, progress)
-        accuracy = round(max(apart, left), 4) or None
+        accuracy = round(apart, 4) or None
         parts: dict[str, Any] = {"dom": dom, "dsm": dsm, "notes": notes}
         return posed_scene(options, scene, *read_from, truth_accuracy_m=accuracy, **parts)
 
@@ -241,20 +238,6 @@ def _joined(
     )
     cameras = cameras_of_lenses(lenses, names, sizes)
     return PosedPhotos(names, cameras, poses, crs.to_string()), notes, apart
-
-
-def _control_points(path: Path, notes: list[str]) -> float:
-    """Return what remains at ground control points in metres, 0 without any, and say it."""
-    text = _text(path) if path.is_file() else "{}"
-    with readable(path, "cannot be read", kind=BenchmarkError):
-        errors = json.loads(text).get("gcp_errors", {}).get("error") or {}
-        level, up = math.hypot(errors.get("x", 0.0), errors.get("y", 0.0)), errors.get("z", 0.0)
-    if errors:
-        notes.append(
-            f"at ground control points {level:.3f} m remain in plan and {up:.3f} m in height (root "
-            "mean square): no truth is better than that"
-        )
-    return math.hypot(level, up)
 
 
 ODM = _OdmProjects()
