@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-import struct
 from pathlib import Path
 from typing import Any
 
 import laspy
 import numpy as np
-from laspy.errors import LaspyException
-from pyproj.exceptions import CRSError
 
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of
-from airzoo_bench.core.errors import BenchmarkError, UsageError
+from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.clouds.las import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
@@ -40,9 +37,8 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     """
     if not cloud.exists():
         raise UsageError("no such cloud", where=cloud)
-    crs, paths = needed(inputs.crs, "CRS", inputs.scene), [cloud]
-    if cloud.is_dir():
-        paths = shards_in(cloud)
+    crs = needed(inputs.crs, "CRS", inputs.scene)
+    paths = shards_in(cloud) if cloud.is_dir() else [cloud]
     for path in paths:
         if path.suffix.lower() in (".las", ".laz"):
             _check_stated_crs(path, crs)
@@ -81,12 +77,11 @@ def _sampled(cloud: Path, paths: list[Path]) -> Floats:
 
 def _check_stated_crs(cloud: Path, crs: str) -> None:
     """Refuse a LAS or LAZ cloud of another CRS by its header, or with heights not in metres."""
-    try:
-        with laspy.open(cloud, read_evlrs=False) as reader:
-            stated = reader.header.parse_crs()
-    except (LaspyException, CRSError, ValueError, struct.error) as error:
-        what = (str(error) or type(error).__name__).splitlines()[0]
-        raise BenchmarkError(f"its CRS cannot be read: {what}", where=cloud) from error
+    with (
+        readable(cloud, "its CRS cannot be read", kind=BenchmarkError),
+        laspy.open(cloud, read_evlrs=False) as reader,
+    ):
+        stated = reader.header.parse_crs()
     if stated is None:
         return
     if crs != LOCAL_CRS:

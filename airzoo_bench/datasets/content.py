@@ -74,19 +74,9 @@ def make_content(native: NativeScene | ImageScene, protocols: BenchmarkProtocols
     _check_above_surface(*heights, native.dsm)
     above = None if native.cloud is None else check_cloud(native.cloud, inputs)
     truths = build_truths(inputs, protocols, native.cloud)
-    retrieval = None if truths.retrieval is None else truths.retrieval.truth
-    if retrieval is not None and retrieval.queries.empty:
-        raise _nothing_to_ask(retrieval, native, inputs)
-    facts = measure_facts(
-        inputs,
-        native.metadata,
-        heights,
-        survey,
-        retrieval,
-        truths.matching,
-        above,
-        is_metadata=native.is_metadata,
-    )
+    if truths.retrieval is not None and truths.retrieval.truth.queries.empty:
+        raise _nothing_to_ask(truths.retrieval.truth, native, inputs)
+    facts = measure_facts(native, inputs, heights[0], survey, truths, above)
     return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
 
 

@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.prepare import Source, chosen_scenes, is_prepared, prepare_scenes
+from airzoo_bench.datasets.prepare import Run
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -27,18 +28,9 @@ class Dataset(Generic[OptionsT]):
     the protocols that its truth is made for; `jobs` the default of ``--jobs``, None where there is
     nothing to share out.
 
-    Parameters of its methods
-    -------------------------
-    options : OptionsT
-        An instance of `options`.
-    scene : str
-        One of `scenes`.
-    root : Path
-        The data root, for protocols to start from.
-    settings : PrepareSettings
-        Where the folder is made, and how.
-    progress : Progress
-        Shows what takes long.
+    Its methods take an instance of `options`, one of `scenes`, the data `root` that protocols start
+    from, `settings` of where and how the folder is made, and `progress`, which shows what takes
+    long.
     """
 
     name: ClassVar[str] = ""
@@ -67,13 +59,12 @@ class Dataset(Generic[OptionsT]):
 
     def folder_name(self, options: OptionsT, root: Path) -> str:
         """Name the folder, which is another where only some of the scenes are there or wanted."""
-        scenes = self._source(options).scenes
+        scenes = self._wanted(options)
         return self.benchmark_protocols(options, root).of_scenes(scenes).benchmark
 
     def is_prepared(self, options: OptionsT, settings: PrepareSettings) -> bool:
         """Whether the folder is complete, and made from files that did not change since."""
-        protocols = self.benchmark_protocols(options, settings.root)
-        return is_prepared(self._source(options), protocols, settings)
+        return self._run(options, settings).is_prepared()
 
     def prepare(self, options: OptionsT, settings: PrepareSettings) -> Prepared:
         """Make the benchmark folder of all scenes."""
@@ -81,13 +72,21 @@ class Dataset(Generic[OptionsT]):
             if settings.folder.resolve() in (path.resolve(), *path.resolve().parents):
                 what = f"the folder to make holds {path}, which it is made from"
                 raise UsageError(what, where=settings.folder, fix="name another --out")
-        protocols = self.benchmark_protocols(options, settings.root)
-        return prepare_scenes(self._source(options), protocols, settings)
+        return self._run(options, settings).prepare()
 
-    def _source(self, options: Any) -> Source:
-        there = self.scenes(options)
-        only, source = getattr(options, "scene", None), getattr(options, "source", Path())
-        return Source(chosen_scenes(there, only, source), self.read, options)
+    def _run(self, options: OptionsT, settings: PrepareSettings) -> Run:
+        protocols = self.benchmark_protocols(options, settings.root)
+        return Run(self, options, settings, self._wanted(options), protocols)
+
+    def _wanted(self, options: Any) -> dict[str, Sequence[Path]]:
+        """Return the requested scenes in the dataset's order."""
+        there, only = self.scenes(options), getattr(options, "scene", None)
+        unknown = [scene for scene in only or () if scene not in there]
+        if unknown:
+            what = f"there is no scene {', '.join(map(repr, unknown))} below {options.source}"
+            what += nearest(unknown[0], list(there), 1)
+            raise UsageError(what, where="--scene", expected=f"some of {', '.join(there)}")
+        return {scene: files for scene, files in there.items() if only is None or scene in only}
 
 
 def path_options(options: Any) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +14,8 @@ from scipy.spatial import cKDTree
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, SceneInputs, cameras_of, poses_of
 from airzoo_bench.core.errors import counted
 from airzoo_bench.datasets.metadata import PhotoPrior
+from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.truths import SceneTruths
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import anchor_pixels, back_project
 from airzoo_bench.geometry.crs import LOCAL_CRS, from_lonlat, geodesic_distance_m, to_lonlat
@@ -27,7 +29,6 @@ from airzoo_bench.geometry.rasters import (
     to_map_pixels,
 )
 from airzoo_bench.geometry.rays import NearestHeights, intersect_plane
-from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 _FAR_M = 1e6
@@ -62,19 +63,18 @@ class PriorFacts(NamedTuple):
 class SceneFacts:
     """Figures of a scene; None for parts that are missing, shares NaN.
 
-    `heights_m` (N,) are of cameras above `surface_m`, the surface model or the plane below;
+    `heights_m` (N,) are of cameras above the surface model or the plane below;
     `relative_m` above take-off, as photos state it. `without_prior` are ids.
     `photo_gsd_m` and `footprint_m` are medians of the ground width of a pixel and of the longer
     side; `on_map` and `on_surface` shares of the photos' corners within the rectangle;
     `shared_ground` is the share of map or surface model, whichever is greater, that lies over the
-    other. `crop_shares` and `positive_shares` (Q,) are of the map and of the gallery;
+    other. `crop_share` and `positive_share` are means of the queries' shares of map and gallery;
     `nearest_missed` is the share of queries that the tile nearest to their centre does not answer.
     """
 
     inputs: SceneInputs
     survey: HeightSurvey | None
     heights_m: Floats
-    surface_m: Floats
     relative_m: Floats
     is_metadata: bool
     has_metadata: bool
@@ -86,8 +86,8 @@ class SceneFacts:
     on_map: float
     on_surface: float
     shared_ground: float
-    crop_shares: Floats
-    positive_shares: Floats
+    crop_share: float
+    positive_share: float
     nearest_missed: float
     cloud_over_surface_m: float | None
 
@@ -107,32 +107,33 @@ def measure_heights(inputs: SceneInputs) -> tuple[Floats, Floats]:
 
 
 def measure_facts(
+    native: NativeScene,
     inputs: SceneInputs,
-    metadata: Mapping[str, PhotoPrior],
-    heights: tuple[Floats, Floats],
+    heights_m: Floats,
     survey: HeightSurvey | None,
-    retrieval: RetrievalTruth | None,
-    matching: MatchingTruth | None,
+    truths: SceneTruths,
     cloud_over_surface_m: float | None,
-    *,
-    is_metadata: bool = False,
 ) -> SceneFacts:
-    """Compare the parts of a scene; where `is_metadata`, its poses are the photos' own."""
-    photos, dom, none = inputs.photos, inputs.dom, np.empty(0)
+    """Compare the parts of a scene; `heights_m` are those of `measure_heights`."""
+    photos, dom, matching = inputs.photos, inputs.dom, truths.matching
+    retrieval = None if truths.retrieval is None else truths.retrieval.truth
     dsm = None if inputs.dsm is None else open_info(inputs.dsm)
-    every = [metadata.get(name, PhotoPrior()) for name in photos["image"]]
-    stated = [PhotoPrior()] * len(every) if is_metadata else every
+    every = [native.metadata.get(name, PhotoPrior()) for name in photos["image"]]
+    stated = [PhotoPrior()] * len(every) if native.is_metadata else every
     gsd, footprint, corners = _footprints(inputs)
-    shared = math.nan
+    shared = crop = positive = math.nan
     if dom is not None and dsm is not None:
         shared = max(_share_over(dom, dsm), _share_over(dsm, dom))
-    crops = none if matching is None or dom is None else matching.crops[:, 2:].prod(axis=1)
+    if dom is not None and matching is not None:
+        crop = float(matching.crops[:, 2:].prod(axis=1).mean()) / (dom.width * dom.height)
+    if retrieval is not None:
+        positive = float(retrieval.positives.counts.mean()) / len(retrieval.tiles)
     return SceneFacts(
         inputs,
         survey,
-        *heights,
+        heights_m,
         relative_m=np.array([one.relative_altitude_m for one in every], dtype=np.float64),
-        is_metadata=is_metadata,
+        is_metadata=native.is_metadata,
         has_metadata=any((one.lon, one.yaw_deg) != (None, None) for one in stated),
         gps=_compare_gps(inputs, stated),
         priors=_compare_priors(photos),
@@ -144,10 +145,8 @@ def measure_facts(
         on_map=_share_inside(corners, inputs, dom),
         on_surface=_share_inside(corners, inputs, dsm),
         shared_ground=shared,
-        crop_shares=none if dom is None else crops / (dom.width * dom.height),
-        positive_shares=none
-        if retrieval is None
-        else retrieval.positives.counts / len(retrieval.tiles),
+        crop_share=crop,
+        positive_share=positive,
         nearest_missed=_nearest_missed(retrieval),
         cloud_over_surface_m=cloud_over_surface_m,
     )
@@ -233,7 +232,7 @@ def _median(values: Floats) -> float:
 
 def fact_lines(facts: SceneFacts) -> list[str]:
     """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
-    dom, crops, chances = facts.inputs.dom, facts.crop_shares, facts.positive_shares
+    dom = facts.inputs.dom
     rows = {"photos": _photos_line(facts), "poses": _poses_line(facts)}
     if (one := facts.priors) is not None:
         off = f"off by {one.position_m:.1f} m and {one.rotation_deg:.1f} degrees (medians)"
@@ -250,10 +249,10 @@ def fact_lines(facts: SceneFacts) -> list[str]:
             rows["surface"] = f"{survey.valid / survey.pixels:.0%} of its pixels have {heights}"
     if (above := facts.cloud_over_surface_m) is not None and math.isfinite(above):
         rows["cloud"] = f"{round(above, 2) + 0.0:.2f} m above the surface"
-    if len(crops):
-        rows["crops"] = f"{crops.mean():.0%} of the map each on average, at most {crops.max():.0%}"
-    if len(chances):
-        rows["chance"] = f"a random tile is a right answer in {chances.mean():.1%} of cases"
+    if math.isfinite(facts.crop_share):
+        rows["crops"] = f"{facts.crop_share:.0%} of the map each on average"
+    if math.isfinite(facts.positive_share):
+        rows["chance"] = f"a random tile is a right answer in {facts.positive_share:.1%} of cases"
     return [f"{name:15} {text}" for name, text in rows.items()]
 
 

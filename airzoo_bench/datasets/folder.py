@@ -245,7 +245,7 @@ def summary_of(
 ) -> SceneSummary:
     """Sum up a scene for the user."""
     tracks, facts, photos = _tracks(scene.truths), scene.facts, len(scene.inputs.photos)
-    warnings = [] if facts is None else [str(found) for found in scene_warnings(facts)]
+    warnings = [] if facts is None else [f"{text} [{code}]" for code, text in scene_warnings(facts)]
     warnings += _count_warnings(scene, protocols, tracks)
     said = list(notes)
     if scene.inputs.unposed:

@@ -70,13 +70,16 @@ def cameras_of_lenses(
     return Cameras.from_matrices(matrices, width, height, distortion, names=names)
 
 
-def check_focal_lengths(
-    images: Path,
+def stated_cameras(
     values: Mapping[str, Mapping[str, float]],
     sizes: Mapping[str, tuple[int, int]],
+    images: Path,
     where: Path,
-) -> None:
-    """Compare fx with EXIF, unless the camera states the size of its photos."""
+) -> Cameras:
+    """Return the cameras of photos by what states them; fx is compared with EXIF.
+
+    It is not where the camera states the size of its photos.
+    """
     for name, one in values.items():
         if "fx" not in one or {"width", "cx"} & set(one):
             continue
@@ -86,6 +89,8 @@ def check_focal_lengths(
             what += f"in a photo of {width}x{height} px, {name}"
             fix = f'scale fx to the photos; if it is right, add "width": {width} and "height": '
             raise CameraError(what, where=where, fix=f"{fix}{height} to the file of --camera")
+    lenses = [lens_of(one, sizes[name], where) for name, one in values.items()]
+    return cameras_of_lenses(lenses, list(values), sizes)
 
 
 def are_alike(first: float, second: float) -> bool:

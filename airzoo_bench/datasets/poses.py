@@ -112,7 +112,8 @@ def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
     lenses = [image.distortion or file.distortion or () for image in images]
     rotations = check_rotations(np.array([image.rotation for image in images]), names)
     poses = Poses.from_centres(rotations, np.array([image.centre for image in images]), names)
-    return PosedPhotos(tuple(names), _cameras(names, matrices, lenses, sizes), poses, file.crs)
+    cameras = _cameras(names, matrices, lenses, sizes)
+    return PosedPhotos(tuple(names), cameras, poses, file.crs or "")
 
 
 def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:

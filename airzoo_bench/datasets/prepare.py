@@ -11,7 +11,6 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,7 @@ from pydantic import TypeAdapter
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
 from airzoo_bench.core.files import atomic_folder, fingerprint, only_writer, temporary_folder
-from airzoo_bench.core.progress import Progress, with_progress
-from airzoo_bench.core.validation import nearest
+from airzoo_bench.core.progress import with_progress
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.content import make_content
 from airzoo_bench.datasets.folder import (
@@ -30,26 +28,12 @@ from airzoo_bench.datasets.folder import (
     write_folder_files,
     write_scene,
 )
-from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.evaluation.evaluate import accuracy_notes
 
 RECORDS = "prepared.json"
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
-
-
-@dataclass(frozen=True)
-class Source:
-    """Scenes that are to be prepared, each with the files that it is read from.
-
-    `read` takes the options, a scene's id and a `Progress`; relative paths are seen from `home`.
-    """
-
-    scenes: Mapping[str, Sequence[Path]]
-    read: Callable[[Any, str, Progress], NativeScene | ImageScene]
-    options: Any
-    home: Path = field(default_factory=Path.cwd)
 
 
 @dataclass(frozen=True)
@@ -101,29 +85,6 @@ def _link_or_copy(source: str, target: str) -> None:
         shutil.copyfile(source, target)
 
 
-def scene_keys(
-    source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings
-) -> dict[str, str]:
-    """Return for each scene the SHA-256 of its inputs."""
-    stamps: dict[Path, list[tuple[str, int, int]]] = {}
-    flags = [settings.tiles_on_disk, settings.crops_on_disk, settings.copy]
-    names = [one.name for one in fields(source.options) if one.name != "scene"]
-    options = {name: str(getattr(source.options, name)) for name in names}
-    keys = {}
-    for scene, given in source.scenes.items():
-        paths = sorted({path.resolve() for path in given})
-        for path in paths:
-            if path not in stamps:
-                stamps[path] = sorted(_stamps(path, settings.folder.resolve()))
-        rules = [
-            [one.track, one.truth_settings(), one.scenes[0].title, one.scenes[0].queries]
-            for one in protocols.of_scene(scene).of_scenes([scene]).every
-        ]
-        files = [[str(path), stamps[path]] for path in paths]
-        keys[scene] = fingerprint([__version__, options, flags, scene, rules, files])
-    return keys
-
-
 def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
     """Yield name, size and time of change of a file, or of every file below a folder."""
     files = [path] if path.exists() else []
@@ -137,63 +98,19 @@ def _stamps(path: Path, target: Path) -> Iterator[tuple[str, int, int]]:
         yield str(file), status.st_size, status.st_mtime_ns
 
 
-def chosen_scenes(
-    there: Mapping[str, Sequence[Path]], only: Sequence[str] | None, source: Path
-) -> dict[str, Sequence[Path]]:
-    """Return the requested scenes in the dataset's order."""
-    unknown = [scene for scene in only or () if scene not in there]
-    if unknown:
-        known = "some of " + ", ".join(there)
-        what = f"there is no scene {', '.join(map(repr, unknown))} below {source}"
-        what += nearest(unknown[0], list(there), 1)
-        raise UsageError(what, where="--scene", expected=known)
-    return {scene: files for scene, files in there.items() if only is None or scene in only}
-
-
-def is_prepared(source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings) -> bool:
-    """Whether the folder is there, complete, and made from files that did not change since."""
-    records = _read_records(settings.folder)
-    keys = scene_keys(source, protocols, settings) if records else {}
-    if {scene: record.key for scene, record in records.items()} != keys:
-        raise UsageError(
-            "the folder exists already, made from other scenes, options or files, or by another "
-            "version of this suite",
-            where=settings.folder,
-            fix="name another folder with --out, or replace this one with --force",
-        )
-    if not records or not all(record.is_whole(settings.folder) for record in records.values()):
-        return False
-    Benchmark.open(settings.folder)
-    return True
-
-
-def prepare_scenes(
-    source: Source, protocols: BenchmarkProtocols, settings: PrepareSettings
-) -> Prepared:
-    """Make the benchmark folder of some scenes."""
-    run = _Run(source, protocols, settings)
-    # Runs into other folders share the finished scenes, by the benchmark's name.
-    with only_writer(run.staging):
-        try:
-            run.finish()
-            prepared = run.assemble()
-        except BaseException:
-            if len(run.keys) > 1 and run.staging.is_dir() and any(run.staging.iterdir()):
-                settings.note(f"finished scenes are kept in {run.staging} for the next run")
-            else:
-                shutil.rmtree(run.staging, ignore_errors=True)
-            raise
-        shutil.rmtree(run.staging, ignore_errors=True)
-        return prepared
-
-
 @dataclass
-class _Run:
-    """Scenes that are being finished, each in a folder of its own in `staging`."""
+class Run:
+    """Scenes that are being finished, each in a folder of its own in `staging`.
 
-    source: Source
-    protocols: BenchmarkProtocols
+    `scenes` have the files that each is read from; relative paths are seen from `home`.
+    """
+
+    dataset: Any
+    options: Any
     settings: PrepareSettings
+    scenes: Mapping[str, Sequence[Path]]
+    protocols: BenchmarkProtocols
+    home: Path = field(default_factory=Path.cwd)
     keys: dict[str, str] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
 
@@ -202,24 +119,77 @@ class _Run:
         """Where finished scenes are kept until all are."""
         return self.settings.folder.absolute().parent / f".{self.protocols.benchmark}.prepare"
 
+    def scene_keys(self) -> dict[str, str]:
+        """Return for each scene the SHA-256 of its inputs."""
+        stamps: dict[Path, list[tuple[str, int, int]]] = {}
+        settings, keys = self.settings, {}
+        flags = [settings.tiles_on_disk, settings.crops_on_disk, settings.copy]
+        names = [one.name for one in fields(self.options) if one.name != "scene"]
+        options = {name: str(getattr(self.options, name)) for name in names}
+        for scene, given in self.scenes.items():
+            paths = sorted({path.resolve() for path in given})
+            for path in paths:
+                if path not in stamps:
+                    stamps[path] = sorted(_stamps(path, settings.folder.resolve()))
+            rules = [
+                [one.track, one.truth_settings(), one.scenes[0].title, one.scenes[0].queries]
+                for one in self.protocols.of_scene(scene).of_scenes([scene]).every
+            ]
+            files = [[str(path), stamps[path]] for path in paths]
+            keys[scene] = fingerprint([__version__, options, flags, scene, rules, files])
+        return keys
+
+    def is_prepared(self) -> bool:
+        """Whether the folder is complete, and made from files that did not change since."""
+        folder = self.settings.folder
+        records = _read_records(folder)
+        keys = self.scene_keys() if records else {}
+        if {scene: record.key for scene, record in records.items()} != keys:
+            raise UsageError(
+                "the folder exists already, made from other scenes, options or files, or by "
+                "another version of this suite",
+                where=folder,
+                fix="name another folder with --out, or replace this one with --force",
+            )
+        if not records or not all(record.is_whole(folder) for record in records.values()):
+            return False
+        Benchmark.open(folder)
+        return True
+
+    def prepare(self) -> Prepared:
+        """Make the benchmark folder."""
+        # Runs into other folders share the finished scenes, by the benchmark's name.
+        with only_writer(self.staging):
+            try:
+                self.finish()
+                prepared = self.assemble()
+            except BaseException:
+                if len(self.keys) > 1 and self.staging.is_dir() and any(self.staging.iterdir()):
+                    said = f"finished scenes are kept in {self.staging} for the next run"
+                    self.settings.note(said)
+                else:
+                    shutil.rmtree(self.staging, ignore_errors=True)
+                raise
+            shutil.rmtree(self.staging, ignore_errors=True)
+            return prepared
+
     def finish(self) -> None:
         """Take the scenes that earlier runs finished, and make the others, each a task."""
-        progress, source = self.settings.progress, self.source
-        keys = partial(scene_keys, source, self.protocols, self.settings)
-        self.keys = with_progress(keys, "looking through the source", progress)
+        progress = self.settings.progress
+        self.keys = with_progress(self.scene_keys, "looking through the source", progress)
         made = self._take_finished()
-        scenes = [scene for scene in source.scenes if scene not in made]
+        scenes = [scene for scene in self.scenes if scene not in made]
         found = self.settings.engine.map(
             _task, scenes, shared=self, stage="scenes", name="scene {}".format
         )
         label = f"scene {scenes[0]}" if len(scenes) == 1 else "scenes"
         made |= zip(scenes, progress(found, label, len(scenes)), strict=True)
         # As they come in the protocols, whichever were there before.
-        self.records = {scene: made[scene] for scene in source.scenes}
+        self.records = {scene: made[scene] for scene in self.scenes}
 
     def _take_finished(self) -> dict[str, Record]:
         """Take the scenes that nothing has changed for since they were finished."""
-        places = [self.staging / scene for scene in self.source.scenes]
+        places = [self.staging / scene for scene in self.scenes]
         if not self.settings.replace:
             folder, name = self.settings.folder, self.protocols.benchmark
             places += [folder, folder.with_name(name), folder.with_name(f"{name}-partial")]
@@ -273,13 +243,12 @@ class _Run:
         return Prepared(folder, {one.name: one.track for one in served}, summaries)
 
 
-def _task(run: _Run, scene: str) -> Record:
+def _task(run: Run, scene: str) -> Record:
     """Make a scene and keep it among the finished ones."""
-    source = run.source
-    if Path.cwd() != source.home:  # on a cluster
-        os.chdir(source.home)
+    if Path.cwd() != run.home:  # on a cluster
+        os.chdir(run.home)
     try:
-        native = source.read(source.options, scene, run.settings.progress)
+        native = run.dataset.read(run.options, scene, run.settings.progress)
         content = make_content(native, run.protocols)
         summary = summary_of(content, run.protocols, native.notes)
         with temporary_folder(run.staging, scene) as temporary:
@@ -287,7 +256,7 @@ def _task(run: _Run, scene: str) -> Record:
             record = Record(run.keys[scene], entry, summary)
             run.keep(record, temporary, _link_or_copy)
     except UserError as fault:
-        if len(source.scenes) > 1:
+        if len(run.scenes) > 1:
             way_out = "name the scenes to make with --scene"
             fault.fix = f"{fault.fix}; or {way_out}" if fault.fix else way_out
         raise

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,36 +25,9 @@ _TRUTH_STEP_M = 1e-4
 _DATUMS = "they may have different vertical datums (ellipsoid and geoid) or units (feet)"
 
 
-class Code(StrEnum):
-    """The codes of the warnings; docs/brighton.md describes them."""
-
-    DATUM = "datum"
-    HEIGHTS = "heights"
-    SURFACE = "surface"
-    BELOW = "below-surface"
-    TURNED = "turned-priors"
-    MAP_BESIDE = "map-beside-surface"
-    TRIVIAL = "trivial"
-    SMALL_TILES = "small-tiles"
-    OFF_MAP = "off-map"
-    NO_PRIOR = "no-prior"
-    FLOAT32 = "float32"
-    COPIES = "copies"
-
-
-class SceneWarning(NamedTuple):
-    """A warning about a scene: its code, and a sentence with the figures."""
-
-    code: Code
-    text: str
-
-    def __str__(self) -> str:
-        return f"{self.text} [{self.code}]"
-
-
-def scene_warnings(facts: SceneFacts) -> list[SceneWarning]:
-    """Return the warnings about a scene."""
-    return [SceneWarning(code, text) for code, check in _CHECKS.items() for text in check(facts)]
+def scene_warnings(facts: SceneFacts) -> list[tuple[str, str]]:
+    """Return the warnings about a scene: a code, which docs/brighton.md describes, and a text."""
+    return [(code, text) for code, check in CHECKS.items() for text in check(facts)]
 
 
 def _datum(facts: SceneFacts) -> Iterator[str]:
@@ -138,12 +109,11 @@ def _map_beside(facts: SceneFacts) -> Iterator[str]:
 
 
 def _trivial(facts: SceneFacts) -> Iterator[str]:
-    tiles, crops = facts.positive_shares, facts.crop_shares
-    if len(tiles) and tiles.mean() > _HALF:
-        share = f"{tiles.mean():.0%}"
+    if facts.positive_share > _HALF:
+        share = f"{facts.positive_share:.0%}"
         yield f"a random tile answers a photo in {share} of cases: take smaller tiles"
-    if len(crops) and crops.mean() > _WHOLE_MAP:
-        share = f"{crops.mean():.0%}"
+    if facts.crop_share > _WHOLE_MAP:
+        share = f"{facts.crop_share:.0%}"
         yield f"a crop is {share} of the map (mean), whatever the prior: take a larger map"
 
 
@@ -196,13 +166,18 @@ def _copies(facts: SceneFacts) -> Iterator[str]:
         )
 
 
-_CHECKS: dict[Code, Callable[[SceneFacts], Iterator[str]]] = dict(
-    zip(
-        Code,
-        (
-            *(_datum, _heights, _surface, _below, _turned, _map_beside),
-            *(_trivial, _small_tiles, _off_map, _no_prior, _float32, _copies),
-        ),
-        strict=True,
-    )
-)
+CHECKS: dict[str, Callable[[SceneFacts], Iterator[str]]] = {
+    "datum": _datum,
+    "heights": _heights,
+    "surface": _surface,
+    "below-surface": _below,
+    "turned-priors": _turned,
+    "map-beside-surface": _map_beside,
+    "trivial": _trivial,
+    "small-tiles": _small_tiles,
+    "off-map": _off_map,
+    "no-prior": _no_prior,
+    "float32": _float32,
+    "copies": _copies,
+}
+"""The twelve checks by the codes of their warnings."""

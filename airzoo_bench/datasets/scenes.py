@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -92,19 +92,17 @@ class ImageScene:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class PosedPhotos:
-    """N photos with cameras and poses."""
+class PosedPhotos(NamedTuple):
+    """N photos with cameras and poses; no CRS where it is not stated."""
 
     names: tuple[str, ...]
     cameras: Cameras
     poses: Poses
-    crs: str | None = None
+    crs: str = ""
 
     def take(self, rows: Sequence[int]) -> PosedPhotos:
         """Return some of the photos, by their rows."""
-        chosen = np.asarray(rows, dtype=np.int64)
-        names = tuple(self.names[row] for row in rows)
+        names, chosen = tuple(self.names[row] for row in rows), np.asarray(rows, dtype=np.int64)
         return PosedPhotos(names, self.cameras.take(chosen), self.poses.take(chosen), self.crs)
 
 

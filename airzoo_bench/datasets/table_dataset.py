@@ -16,7 +16,7 @@ from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.lenses import cameras_of_lenses, lens_of
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
-from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import match_names, read_table
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
@@ -115,13 +115,12 @@ class TableDataset(Dataset[SourceOptions]):
         rotations = attitudes_to_rotations(self.angles, angles, convergence_deg=north)
         centres = np.column_stack((plan, table.numbers("height")[rows]))
         metadata = photo_metadata(names, images, None, sizes, progress)
+        lenses = [lens_of(self.lens, sizes[name], path) for name in names]
+        cameras = cameras_of_lenses(lenses, names, sizes)
         return NativeScene(
             scene,
             images,
-            names,
-            cameras_of_lenses([lens_of(self.lens, sizes[n], path) for n in names], names, sizes),
-            Poses.from_centres(rotations, centres, names),
-            crs,
+            *PosedPhotos(names, cameras, Poses.from_centres(rotations, centres, names), crs),
             dom=files.get("dom"),
             dsm=files.get("dsm"),
             cloud=files.get("cloud"),

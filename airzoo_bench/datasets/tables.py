@@ -171,12 +171,9 @@ def read_lines(path: Path, columns: Sequence[str]) -> Table:
     }
     wrong = [number for number, row in rows.items() if len(row) != len(columns)]
     if wrong or not rows:
-        values = counted(len(rows[wrong[0]]), "value") if rows else "no value, it is empty"
-        raise BenchmarkError(
-            f"has {values}",
-            where=f"{path}, line {wrong[0] if wrong else 1}",
-            expected=f"{len(columns)} values, separated by blanks: {' '.join(columns)}",
-        )
+        where = f"{path}, line {wrong[0] if wrong else 1}"
+        expected = f"{len(columns)} values, separated by blanks: {' '.join(columns)}"
+        raise BenchmarkError("has another number of values", where=where, expected=expected)
     texts = dict(zip(columns, zip(*rows.values(), strict=True), strict=True))
     return Table(path, {name: name for name in columns}, columns, texts, list(rows))
 

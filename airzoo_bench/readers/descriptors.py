@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -40,11 +40,6 @@ class SceneImages:
     reading: Reading
     home: str
 
-    @property
-    def truths(self) -> Sequence[RetrievalTruth]:
-        """The scenes, for their names only."""
-        return self.reading.truths
-
     @cached_property
     def queries(self) -> ImageNames:
         """The photos that are queries."""
@@ -53,12 +48,12 @@ class SceneImages:
     @cached_property
     def tiles(self) -> ImageNames:
         """The galleries."""
-        tiles = chain.from_iterable(map(tile_images, self.truths))
+        tiles = chain.from_iterable(map(tile_images, self.reading.truths))
         return ImageNames("tile", tiles, scenes=self.reading.scenes, home=self.home)
 
     def of_run(self, folders: Iterable[str]) -> SceneImages:
         """Take the scene that the folders of a run name, for names without one."""
-        scene_of = scene_finder(truth.scene for truth in self.truths)
+        scene_of = scene_finder(truth.scene for truth in self.reading.truths)
         named = {scene_of(folders_of(folder)) for folder in folders} - {None}
         return replace(self, home="".join(map(str, named)) if len(named) == 1 else "")
 
@@ -260,10 +255,7 @@ class _AnyLoc(DescribedImages):
     conventions = ("images are named by their files, without .npy",)
 
     def recognise(self, path: Path) -> float:
-        # A run that broke off may have left a file without content.
-        shapes = [shape for shape in map(_shape, islice(_npy_files(path), 4)) if shape]
-        described = [len(shape) == 2 and shape[0] == 1 and shape[1] >= 16 for shape in shapes]
-        return 0.9 * (bool(shapes) and all(described))
+        return 0.9 * (next(_npy_files(path), None) is not None)
 
     def opened(self, path: Path, memory: int) -> Opened:
         files = sorted(_npy_files(path))
@@ -274,14 +266,6 @@ class _AnyLoc(DescribedImages):
 def _npy_files(path: Path) -> Iterator[Path]:
     endings = tuple(f"{suffix}.npy" for suffix in PHOTO_SUFFIXES)
     return (one for one in path.rglob("*.npy") if one.name.lower().endswith(endings))
-
-
-def _shape(path: Path) -> tuple[int, ...]:
-    """Return the shape of a file's numbers; none where it is no such file, or damaged."""
-    try:
-        return map_numbers(path).shape if path.is_file() else ()
-    except PredictionError:
-        return ()
 
 
 class _HlocGlobal(DescribedImages):

@@ -20,19 +20,10 @@ from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.clouds.formats import open_cloud
 from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.readers import scenes
 from airzoo_bench.readers.gather import gather
 from airzoo_bench.readers.names import names_in, read_names
 from airzoo_bench.readers.pose_files import TUM, read_trajectory, trajectory_columns
-from airzoo_bench.readers.scenes import (
-    CENTRES_AND_SIZE,
-    Layout,
-    MadeArrays,
-    SceneOutput,
-    SceneReader,
-    ViewNames,
-    inverted,
-    scene_of,
-)
 from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction, image_poses
 
 _WHOLE = "all files of a run that went to its end, as the method wrote them"
@@ -77,37 +68,28 @@ def gather_maps(files: Sequence[Path], read: Callable[[Path], NDArray[Any]]) -> 
     return gather(files, lambda row: read(files[row]))
 
 
-def _posed(path: Path, camera_to_world: Floats, names: ViewNames | None) -> ImagePoses:
+def _posed(path: Path, camera_to_world: Floats, names: scenes.ViewNames | None) -> ImagePoses:
     """Return cameras of matrices (N, 4, 4), under names if there are any."""
-    count, fields = len(camera_to_world), {"extrinsics": inverted(camera_to_world)}
+    count, fields = len(camera_to_world), {"extrinsics": scenes.inverted(camera_to_world)}
     if names is not None:
         names.check(path, count)
         fields["image_names"] = np.array(names.names, dtype=str)
-    return image_poses(MadeArrays(path, Budget(1 << 30), fields), count)
+    return image_poses(scenes.MadeArrays(path, Budget(1 << 30), fields), count)
 
 
-def _cameras_only(
-    path: Path, camera_to_world: Floats, names: ViewNames | None, what: str
-) -> ScenePrediction:
-    """Return a scene with cameras and no surface: its clouds score 0."""
-    note, dtype = f"cameras alone, without a surface, which scores 0: {what}", np.dtype(np.float64)
-    cloud = FileCloud(path, "cameras", 0, lambda _: iter(()), dtype, (note,))
-    return ScenePrediction(cloud, _posed(path, camera_to_world, names), (note,))
-
-
-class _Cut3rDemo(Layout):
+class _Cut3rDemo(scenes.Layout):
     """The folders that CUT3R's demo.py writes: depth, conf and camera, a file a view in each."""
 
-    said = ("pose camera-to-world, axes of OpenCV", *CENTRES_AND_SIZE)
+    said = ("pose camera-to-world, axes of OpenCV", *scenes.CENTRES_AND_SIZE)
 
     def sure(self, place: Path) -> float:
         fields = npz_fields(place / "camera" / "000000.npz")
         return 0.9 * ({"pose", "intrinsics"} <= fields and (place / "depth").is_dir())
 
-    def views(self, output: SceneOutput) -> ViewNames | None:
+    def views(self, output: scenes.SceneOutput) -> scenes.ViewNames | None:
         return output.view_names(output.place / "images")
 
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+    def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
         place = output.place
         depth = frame_files(place / "depth", r"(\d+)\.npy")
         views = range(len(depth))
@@ -115,16 +97,16 @@ class _Cut3rDemo(Layout):
         cameras = [read_fields(path, ("pose", "intrinsics"), memory) for path in files]
         with readable(place / "camera", "holds matrices of several shapes"):
             poses, intrinsics = (np.stack(one) for one in zip(*cameras, strict=True))
-        fields: dict[str, Any] = {"intrinsics": intrinsics, "extrinsics": inverted(poses)}
+        fields: dict[str, Any] = {"intrinsics": intrinsics, "extrinsics": scenes.inverted(poses)}
         fields["depth"] = gather_maps(depth, map_numbers)
         if (place / "conf").is_dir():
             fields["conf"] = gather_maps(
                 frame_files(place / "conf", r"(\d+)\.npy", views), map_numbers
             )
-        return scene_of(place, Budget(memory), fields, self.views(output))
+        return scenes.scene_of(place, Budget(memory), fields, self.views(output))
 
 
-class _Cut3rTrajectory(Layout):
+class _Cut3rTrajectory(scenes.Layout):
     """A text of a number with a camera a row, quaternions w x y z."""
 
     said = ("camera-to-world, quaternions w x y z, axes of OpenCV; cameras alone",)
@@ -136,17 +118,18 @@ class _Cut3rTrajectory(Layout):
         path = place / "pred_traj.txt" if place.is_dir() else place
         return path if path.name == "pred_traj.txt" else Path()
 
-    def views(self, output: SceneOutput) -> ViewNames | None:
+    def views(self, output: scenes.SceneOutput) -> scenes.ViewNames | None:
         return output.view_names(self._file(output.place).parent / "images")
 
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
-        path = self._file(output.place)
+    def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
+        path, dtype = self._file(output.place), np.dtype(np.float64)
         _, poses = read_trajectory(path, TUM, memory, w_first=True)
-        missing = "demo.py --output_dir writes depth maps, too"
-        return _cameras_only(path, poses, self.views(output), missing)
+        note = "cameras alone, without a surface, which scores 0: demo.py --output_dir writes depth"
+        cloud = FileCloud(path, "cameras", 0, lambda _: iter(()), dtype, (note,))
+        return ScenePrediction(cloud, _posed(path, poses, self.views(output)), (note,))
 
 
-class _PosesAndPoints(Layout):
+class _PosesAndPoints(scenes.Layout):
     """``poses.txt`` of VGGT-SLAM's --log_results, with the point maps in ``poses_logs``.
 
     A camera's number is the first number in the name of its photo, and the name of its points.
@@ -159,52 +142,40 @@ class _PosesAndPoints(Layout):
     )
 
     def sure(self, place: Path) -> float:
-        # Without maps, digits as it writes them are all there is.
         text = self._text(place)
-        if text is None:
-            return 0.0
-        first = next(_logs(text).glob("*.npz"), None)
-        if first is not None and npz_fields(first) >= {"pointcloud", "mask"}:
-            return 0.9
-        with text.open("rb") as stream:
-            line = stream.readline(512)
-        own = re.fullmatch(rb"-?\d+\.\d{8}( -?\d+\.\d{8}){7}\n", line) is not None
-        return 0.6 * (own and text.name == "poses.txt")
+        first = None if text is None else next(_logs(text).glob("*.npz"), None)
+        return 0.9 * (first is not None and npz_fields(first) >= {"pointcloud", "mask"})
 
     def _text(self, place: Path) -> Path | None:
         """Return the text of a scene: itself, or the one in its folder with maps."""
-        texts = (
-            sorted(place.glob("*.txt")) if place.is_dir() else [place] * (place.suffix == ".txt")
-        )
-        if place.is_dir():
-            texts = [one for one in texts if one.name == "poses.txt" or _logs(one).is_dir()]
-        texts = [one for one in texts if trajectory_columns(one) == TUM]
-        return texts[0] if len(texts) == 1 else None
+        texts = place.glob("*.txt") if place.is_dir() else [place]
+        found = [one for one in texts if _logs(one).is_dir() and trajectory_columns(one) == TUM]
+        return found[0] if len(found) == 1 else None
 
-    def order(self, output: SceneOutput) -> str:
+    def order(self, output: scenes.SceneOutput) -> str:
         listed = output.reading.names
         if listed is None:
             return "numbers are the first number in the name of each photo"
         return f"numbers are lines, from 0, of {listed.name}, or those that stand there"
 
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+    def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
         text = self._text(output.place) or output.place
         numbers, poses = read_trajectory(text, TUM, memory)
         last = {number: row for row, number in enumerate(numbers)}
         names, poses = _names_by_number(output, text, numbers), poses[[*last.values()]]
-        if not _logs(text).is_dir():
-            return _cameras_only(text, poses, names, "leave out --skip_dense_log")
         files = frame_files(_logs(text), rf"({_NUMBER})\.npz", list(last))
         maps = gather_maps(files, lambda path: _masked_points(path, memory))
-        fields = {"world_points": maps, "extrinsics": inverted(poses)}
-        return scene_of(text, Budget(memory), fields, names)
+        fields = {"world_points": maps, "extrinsics": scenes.inverted(poses)}
+        return scenes.scene_of(text, Budget(memory), fields, names)
 
 
 def _logs(text: Path) -> Path:
     return text.with_name(text.name.replace(".txt", "_logs"))
 
 
-def _names_by_number(output: SceneOutput, text: Path, numbers: Sequence[float]) -> ViewNames:
+def _names_by_number(
+    output: scenes.SceneOutput, text: Path, numbers: Sequence[float]
+) -> scenes.ViewNames:
     """Return the photo of each number, by the names of photos or by ``--names``."""
     times, unclear = Counter(numbers), False
     if output.reading.names is not None:
@@ -218,18 +189,14 @@ def _names_by_number(output: SceneOutput, text: Path, numbers: Sequence[float]) 
     odd = [n for n, count in times.items() if n not in photos or count > _TWICE]
     if odd or unclear:
         listed = first_of([f"{number:.10g}" for number in odd or times], len(times))
-        raise PredictionError(
-            f"its numbers are of no photo, or of several: {listed}",
-            where=text,
-            expected="the first number in the name of each photo, which is the date in "
-            "DJI_20260101101500_0001.JPG; or lines of --names: 'number name', or names from 0",
-            fix="rename the photos to numbers first, and list their names with --names, as "
-            "docs/recipes/reconstruction.md does",
-        )
-    return ViewNames([photos[number] for number in times])
+        what = f"its numbers are of no photo, or of several (a date in names is one): {listed}"
+        expected = "the first number in the name of each photo; or lines of --names: 'number name'"
+        fix = "rename the photos to numbers first, as docs/recipes/reconstruction.md does"
+        raise PredictionError(what, where=text, expected=expected, fix=fix)
+    return scenes.ViewNames([photos[number] for number in times])
 
 
-def _listed_by_number(output: SceneOutput, path: Path) -> dict[float, str]:
+def _listed_by_number(output: scenes.SceneOutput, path: Path) -> dict[float, str]:
     """Return the photos that a list has by number: ``number name``, or lines from 0."""
     listed = read_names(path)
     lines = [re.fullmatch(rf"({_NUMBER})\s+(.+)", line) for line in listed]
@@ -252,7 +219,7 @@ def _masked_points(path: Path, memory: int) -> NDArray[Any]:
     return found
 
 
-class _CloudWithTrajectory(Layout):
+class _CloudWithTrajectory(scenes.Layout):
     """A folder with one cloud and one text of poses, as SLAM systems leave them."""
 
     said = (
@@ -271,26 +238,26 @@ class _CloudWithTrajectory(Layout):
         texts = [one for one in files if trajectory_columns(one) is not None]
         return [*clouds, *texts] if len(texts) == len(clouds) == 1 else []
 
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+    def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
         cloud, text = self._files(output.place)
         _, poses = read_trajectory(text, trajectory_columns(text) or TUM, memory)
         cameras = _posed(text, poses, output.view_names())
         return ScenePrediction(open_cloud(cloud, limit_bytes=memory, sampling=None), cameras)
 
 
-CUT3R = SceneReader(
+CUT3R = scenes.SceneReader(
     "depth maps and cameras of CUT3R",
     "folders depth and camera of 000000.npy, 000000.npz (pose, intrinsics); or pred_traj.txt",
     ("CUT3R",),
     *(_Cut3rDemo(), _Cut3rTrajectory()),
 )
-VGGT_SLAM = SceneReader(
+VGGT_SLAM = scenes.SceneReader(
     "poses and point maps of VGGT-SLAM",
     "poses.txt (number, place, quaternion) and poses_logs/<number>.npz (pointcloud, mask)",
     ("VGGT-SLAM",),
     _PosesAndPoints(),
 )
-CLOUD_TRAJECTORY = SceneReader(
+CLOUD_TRAJECTORY = scenes.SceneReader(
     "a cloud with a trajectory of TUM or KITTI",
     "a folder a scene with one cloud and one text of 8 (TUM) or 12 (KITTI) numbers a row",
     ("SLAM systems", "evo"),

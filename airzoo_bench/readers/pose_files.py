@@ -29,7 +29,6 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _BYTES_A_PIXEL, _BYTES_A_TRACK_ELEMENT = 24, 8
 _LONGEST_NAME = 1024
 _BYTES_AN_IMAGE = 2400  # in memory, while names and poses are checked
-_TEXT_BYTES = 1 << 30
 _PARAMETERS = {0: 3, 1: 4, 2: 4, 3: 5, 4: 8, 5: 8, 6: 12, 7: 5, 8: 4, 9: 5, 10: 12}
 _LOOKED_AT = 64
 
@@ -152,24 +151,15 @@ def first_cameras(folder: Path) -> list[tuple[int, tuple[int, int], tuple[float,
     return found
 
 
-def images_file(folder: Path) -> Path | None:
-    """Return the file of images of a model; COLMAP reads .bin where text is there too."""
-    for suffix in (".bin", ".txt"):
-        images, cameras = (folder / f"{name}{suffix}" for name in ("images", "cameras"))
-        if images.is_file() and cameras.is_file():
-            return images
-    return None
-
-
 def read_images(path: Path, budget: Budget) -> tuple[list[str], Floats]:
     """Return names (N) and, for each (N, 7), w x y z and translation, world-to-camera."""
-    found = list((_binary_images if path.suffix == ".bin" else _text_images)(path, budget))
+    found = list(_images(path, budget))
     if not found:
         raise PredictionError("has no image with a pose", where=path, fix="register images")
     return [name for name, _ in found], np.array([pose for _, pose in found], dtype=np.float64)
 
 
-def _binary_images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]]:
+def _images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]]:
     with _opened(path) as (data, count):
         budget.hold(path, f"{count:,} images", count * _BYTES_AN_IMAGE)
         at = _COUNT.size
@@ -184,22 +174,6 @@ def _binary_images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float
             (pixels,) = _COUNT.unpack_from(data, end + 1)
             at = end + 1 + _COUNT.size + pixels * _BYTES_A_PIXEL
         _check_end(path, at, len(data))
-
-
-def _text_images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]]:
-    """Yield the images of images.txt: two lines each; the second may be empty."""
-    budget.hold(path, "its text", path.stat().st_size * 3)
-    text = read_text(path, UnreadableError, "images.txt", _TEXT_BYTES)
-    lines = (line for line in text.splitlines() if not line.startswith("#"))
-    for line in lines:
-        if not line.strip():
-            continue
-        words = line.split(maxsplit=9)  # id, quaternion, translation, camera, name
-        try:
-            yield words[9].strip(), [float(word) for word in words[1:8]]
-        except (ValueError, IndexError) as error:
-            raise _damaged(path, f"a line that is no image: {line[:80]!r}") from error
-        next(lines, None)
 
 
 def count_points(path: Path) -> int:

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from airzoo_bench.readers.pose_files import (
     KITTI,
     TUM,
     first_rows,
-    images_file,
     numbers_of,
     read_images,
     read_rows,
@@ -32,8 +31,7 @@ from airzoo_bench.readers.pose_files import (
 _BY_TRACK = 0.4  # other tracks have such files, too: it must be known that matching is meant
 
 
-@dataclass(frozen=True, eq=False)
-class NamedPoses:
+class NamedPoses(NamedTuple):
     """Poses of N images, world-to-camera; a row that is not finite is none.
 
     `rotation` has quaternions w x y z (N, 4) or matrices (N, 3, 3), `place` translations or, if
@@ -156,7 +154,7 @@ class _Colmap(PoseReader):
     """Queries registered in a COLMAP model: the poses of its images, and nothing else of it."""
 
     title = "photos registered in a COLMAP model"
-    layout = "a folder with cameras and images, .bin or .txt, whose world is the scene's CRS"
+    layout = "a folder with cameras.bin and images.bin, whose world is the scene's CRS"
     methods = ("COLMAP", "hloc", "pycolmap")
     conventions = (
         "poses are world-to-camera, quaternions w x y z, in the scene's CRS",
@@ -164,8 +162,9 @@ class _Colmap(PoseReader):
     )
 
     def _file(self, path: Path) -> Path | None:
-        files = (images_file(path / below) for below in (".", "sparse/0", "sparse"))
-        return next((one for one in files if one is not None), None)
+        folders = (path / below for below in (".", "sparse/0", "sparse"))
+        there = (one / "images.bin" for one in folders if (one / "cameras.bin").is_file())
+        return next((one for one in there if one.is_file()), None)
 
     def recognise(self, path: Path) -> float:
         return _BY_TRACK * (self._file(path) is not None)

@@ -9,65 +9,44 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError, readable
-from airzoo_bench.core.files import first_bytes
+from airzoo_bench.core.errors import readable
 from airzoo_bench.evaluation.reader import refuse_option
 from airzoo_bench.formats.arrays import numbers
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.npz import Budget, NpzFile
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import unit_quaternion_to_matrix
-from airzoo_bench.readers.frames import frame_files, gather_maps, not_whole, read_fields
-from airzoo_bench.readers.pose_files import (
-    count_points,
-    first_cameras,
-    is_model,
-    read_images,
-    read_points,
-    rotations_of,
-)
-from airzoo_bench.readers.scenes import (
-    CENTRES_AND_SIZE,
-    Layout,
-    MadeArrays,
-    SceneOutput,
-    SceneReader,
-    ViewArrays,
-    inverted,
-    scene_of,
-)
+from airzoo_bench.readers import pose_files, scenes
+from airzoo_bench.readers.frames import frame_files, gather_maps, read_fields
 from airzoo_bench.reconstruction.predictions import ScenePrediction, image_poses
 
 _LONG_SIDES = (504, 512, 518)  # of images as MapAnything sees them
 
 
-class _Streaming(Layout):
+class _Streaming(scenes.Layout):
     """A streaming run of Depth Anything 3: poses and intrinsics as text, and an npz a frame.
 
     The poses are written last, so that frames without them are those of a run that did not end.
     """
 
-    said = ("camera_poses.txt camera-to-world, axes of OpenCV", *CENTRES_AND_SIZE)
+    said = ("camera_poses.txt camera-to-world, axes of OpenCV", *scenes.CENTRES_AND_SIZE)
 
     def sure(self, place: Path) -> float:
         frames = place / "results_output"
         texts = [(place / name).is_file() for name in ("camera_poses.txt", "intrinsic.txt")]
         return 0.9 * (all(texts) or any(frames.glob("frame_*.npz")))
 
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+    def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
         place = output.place
         poses = self._table(place / "camera_poses.txt", 16).reshape(-1, 4, 4)
         focal = self._table(place / "intrinsic.txt", 4)
-        if len(focal) != len(poses):
-            lines = f"{len(poses):,} lines of poses, {len(focal):,} of intrinsics"
-            raise not_whole(place, f"is a run that did not end: {lines}")
         files = frame_files(place / "results_output", r"frame_(\d{1,9})\.npz", range(len(poses)))
         matrices = np.tile(np.eye(3), (len(focal), 1, 1))
         matrices[:, (0, 1, 0, 1), (0, 1, 2, 2)] = focal
-        fields: dict[str, Any] = {"intrinsics": matrices, "extrinsics": inverted(poses)}
+        fields: dict[str, Any] = {"intrinsics": matrices, "extrinsics": scenes.inverted(poses)}
         for name in ("depth", "conf"):
             fields[name] = gather_maps(files, lambda path: read_fields(path, (name,), memory)[0])  # noqa: B023
-        return scene_of(place, Budget(memory), fields, output.view_names())
+        return scenes.scene_of(place, Budget(memory), fields, output.view_names())
 
     def _table(self, path: Path, columns: int) -> Floats:
         """Read lines with equal counts of numbers."""
@@ -76,52 +55,53 @@ class _Streaming(Layout):
 
 
 @dataclass(frozen=True)
-class _Model(Layout):
-    """A binary model, `below` a scene's folder; `any_other` is read too once it is asked for."""
+class _Model(scenes.Layout):
+    """A binary model, `below` a scene's folder."""
 
     knows: Callable[[Path], bool]
     below: str = "sparse"
-    any_other: bool = False
     said = (
         "poses world-to-camera, quaternions w x y z, axes of OpenCV",
         "points of points3D.bin; 2D points and intrinsics are not read",
     )
 
     def sure(self, place: Path) -> float:
-        return 0.9 * (is_model(place / self.below) and self.knows(place / self.below))
+        return 0.9 * (pose_files.is_model(place / self.below) and self.knows(place / self.below))
 
-    def accepts(self, place: Path) -> bool:
-        return is_model(place / self.below) and (self.any_other or self.knows(place / self.below))
-
-    def order(self, output: SceneOutput) -> str:
+    def order(self, output: scenes.SceneOutput) -> str:
         return "images by their names in the model"
 
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
+    def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
         folder, budget = output.place / self.below, Budget(memory)
         path, cloud = folder / "images.bin", folder / "points3D.bin"
         refuse_option("--names", output.reading.names, "a COLMAP model", path)
-        names, poses = read_images(path, budget)
-        rotation = rotations_of(path, poses[:, :4], names)
+        names, poses = pose_files.read_images(path, budget)
+        rotation = pose_files.rotations_of(path, poses[:, :4], names)
         fields = {
             "image_names": np.array(output.photos(names), dtype=str),
             "extrinsics": np.concatenate([rotation, poses[:, 4:, None]], axis=2),
         }
-        images, dtype = image_poses(MadeArrays(path, budget, fields), len(names)), np.dtype("f8")
-        count = count_points(cloud)
-        points = FileCloud(cloud, "COLMAP", count, lambda most: read_points(cloud, most), dtype)
+        images, dtype = (
+            image_poses(scenes.MadeArrays(path, budget, fields), len(names)),
+            np.dtype("f8"),
+        )
+        count = pose_files.count_points(cloud)
+        points = FileCloud(
+            cloud, "COLMAP", count, lambda most: pose_files.read_points(cloud, most), dtype
+        )
         return ScenePrediction(points, images)
 
 
 def _is_of_mapanything(folder: Path) -> bool:
     """Whether cameras have the image size that MapAnything sees, and points.ply is there."""
-    sizes = {size for _, size, _ in first_cameras(folder)}
+    sizes = {size for _, size, _ in pose_files.first_cameras(folder)}
     has_points = (folder / "points.ply").is_file()
     return has_points and len(sizes) == 1 and max(sizes.pop()) in _LONG_SIDES
 
 
 def _is_of_vggt(folder: Path) -> bool:
     """Whether all principal points are in the middle, and points.ply is there."""
-    cameras = first_cameras(folder)
+    cameras = pose_files.first_cameras(folder)
     centred = bool(cameras)
     for model, (width, height), parameters in cameras:
         first = 1 if model in (0, 2, 3) else 2
@@ -131,7 +111,7 @@ def _is_of_vggt(folder: Path) -> bool:
 
 def _is_of_depth_anything_3(folder: Path) -> bool:
     """Whether there is a pinhole camera an image, with the files of newer versions of COLMAP."""
-    cameras = first_cameras(folder)
+    cameras = pose_files.first_cameras(folder)
     new = all((folder / name).is_file() for name in ("rigs.bin", "frames.bin"))
     return new and len(cameras) > 1 and all(model == 1 for model, _, _ in cameras)
 
@@ -157,11 +137,11 @@ def _decoded(file: NpzFile, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
     return intrinsics, np.concatenate([rotation, code[:, :3, None]], axis=2)
 
 
-VGGT = SceneReader(
+VGGT = scenes.SceneReader(
     "depth maps of VGGT",
     "predictions.npz with depth or world_points, and pose_enc or their own confidence",
     ("VGGT",),
-    ViewArrays(
+    scenes.ViewArrays(
         maps=_DEPTH_OR_POINTS,
         confidence={"depth": "depth_conf", "world_points": "world_points_conf"},
         needed=(
@@ -177,23 +157,23 @@ VGGT = SceneReader(
         said=(
             "depth is read, and world_points only where there is none",
             "extrinsic world-to-camera, axes of OpenCV",
-            *CENTRES_AND_SIZE,
+            *scenes.CENTRES_AND_SIZE,
         ),
     ),
 )
-VGGT_COLMAP = SceneReader(
+VGGT_COLMAP = scenes.SceneReader(
     "COLMAP models of VGGT",
     "sparse/ with points.ply, whose cameras all have their principal point in the middle",
     ("VGGT",),
-    _Model(_is_of_vggt, any_other=True),
+    _Model(_is_of_vggt),
 )
-MAPANYTHING = SceneReader(
+MAPANYTHING = scenes.SceneReader(
     "depth maps or COLMAP models of MapAnything",
     "predictions.npz with depth, extrinsic and final_mask; or sparse/ with points.ply and cameras "
     "of the size that the network sees",
     ("MapAnything",),
     _Model(_is_of_mapanything),
-    ViewArrays(
+    scenes.ViewArrays(
         maps=_DEPTH_OR_POINTS,
         confidence={"depth": "conf", "world_points": "conf"},
         needed=({"depth", "world_points"}, {"extrinsic"}, {"intrinsic"}, {"final_mask"}),
@@ -204,18 +184,18 @@ MAPANYTHING = SceneReader(
         said=(
             "depth is read where final_mask is set, and world_points only where there is none",
             "extrinsic camera-to-world, axes of OpenCV",
-            *CENTRES_AND_SIZE,
+            *scenes.CENTRES_AND_SIZE,
         ),
     ),
 )
 
 
-DEPTH_ANYTHING_3 = SceneReader(
+DEPTH_ANYTHING_3 = scenes.SceneReader(
     "depth maps of Depth Anything 3",
     "results.npz with depth, extrinsics, intrinsics and no names, in exports/; camera_poses.txt "
     "with results_output/; or a COLMAP model with a camera an image",
     ("Depth Anything 3",),
-    ViewArrays(
+    scenes.ViewArrays(
         maps={"depth": "depth"},
         confidence={"depth": "conf"},
         needed=({"depth"}, {"extrinsics"}, {"intrinsics"}),
@@ -229,33 +209,18 @@ DEPTH_ANYTHING_3 = SceneReader(
             *("mini_npz/results.npz", "npz/results.npz", "results.npz"),
         ),
         photos=None,
-        said=("extrinsics world-to-camera, axes of OpenCV", *CENTRES_AND_SIZE),
+        said=("extrinsics world-to-camera, axes of OpenCV", *scenes.CENTRES_AND_SIZE),
     ),
     _Streaming(),
     _Model(_is_of_depth_anything_3, below="."),
 )
 
 
-class _Demo(Layout):
-    """The GLB of a demo, which trimesh writes with a mesh for each camera: refused."""
-
-    def sure(self, place: Path) -> float:
-        path = place / "scene.glb" if place.is_dir() else place
-        head = first_bytes(path, 1 << 20) if path.name == "scene.glb" else b""
-        shown = head.startswith(b"glTF") and b"trimesh" in head and head.count(b'"primitives"') > 2
-        return 0.9 * shown
-
-    def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
-        what = "is what a demo shows: turned, thinned, with cameras as meshes among the points"
-        fix = "save maps and cameras, as docs/recipes/reconstruction.md does"
-        raise PredictionError(what, where=output.place, expected="maps with their cameras", fix=fix)
-
-
-DUST3R = SceneReader(
+DUST3R = scenes.SceneReader(
     "point maps of DUSt3R or MASt3R",
-    "npz with pts3d and poses, as the recipe's lines save them; scene.glb of the demo",
+    "npz with pts3d and poses, as the recipe's lines save them",
     ("DUSt3R", "MASt3R"),
-    ViewArrays(
+    scenes.ViewArrays(
         maps={"pts3d": "world_points"},
         confidence={"pts3d": "conf"},
         needed=({"pts3d"}, {"poses"}),
@@ -270,5 +235,4 @@ DUST3R = SceneReader(
             "poses camera-to-world, axes of OpenCV",
         ),
     ),
-    _Demo(),
 )

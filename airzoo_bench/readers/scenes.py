@@ -12,7 +12,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,13 +54,13 @@ class SceneOutput:
         listed = self.reading.names
         if listed is not None:
             names = self.photos(self.names_of_scene(read_names(listed)))
-            return ViewNames(names, f"in {listed}", f"named by {listed.name}, in its order")
+            return ViewNames(names, f"named by {listed.name}, in its order")
         names = [] if beside is None else [one.name for one in _children(beside)]
         found = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
         if beside is None or not found:
             return None
         said = f"named by the images in {beside.name}/, sorted by name"
-        return ViewNames(self.photos(found), f"of images in {beside}", said)
+        return ViewNames(self.photos(found), said)
 
     def photos(self, names: Sequence[str]) -> list[str]:
         """Return the benchmark's names of the photos that names mean; others stay as they are."""
@@ -92,24 +92,19 @@ def _photo_names(truths: Sequence[ReconstructionTruth], reading: Reading) -> Ima
     return ImageNames("photo", photos, left_out=left_out, scenes=reading.scenes)
 
 
-@dataclass(frozen=True)
-class ViewNames:
-    """Photos of a scene's views in their order, as the benchmark names them.
-
-    `source` is where names are from, `said` how they are, for a reader's conventions.
-    """
+class ViewNames(NamedTuple):
+    """Photos of a scene's views in their order, as the benchmark names them, and where from."""
 
     names: list[str]
-    source: str = ""
     said: str = ""
 
     def check(self, path: Path, count: int) -> None:
         """Refuse names of another number than the views."""
         if len(self.names) != count:
-            what = f"holds {counted(count, 'view')}, and there are {len(self.names):,} names "
+            what = f"holds {counted(count, 'view')}, and there are {len(self.names):,} names, "
+            what += self.said
             fix = f"{_IN_ORDER}, and give the list with --names"
-            expected = "the name of each view"
-            raise PredictionError(what + self.source, where=path, expected=expected, fix=fix)
+            raise PredictionError(what, where=path, expected="the name of each view", fix=fix)
 
 
 class Layout(ABC):
@@ -120,10 +115,6 @@ class Layout(ABC):
     @abstractmethod
     def sure(self, place: Path) -> float:
         """Say how sure it is that a file or folder is one scene's output, 0 to 1."""
-
-    def accepts(self, place: Path) -> bool:
-        """Say whether a place is read once its reader is chosen."""
-        return self.sure(place) > 0.0
 
     def views(self, output: SceneOutput) -> ViewNames | None:
         """Name the views; None if they are the scene's photos in the order of their names."""
@@ -163,7 +154,7 @@ class SceneReader(Reader):
 
     def layout_of(self, place: Path) -> Layout | None:
         """Return the layout that a place has."""
-        return next((layout for layout in self.layouts if layout.accepts(place)), None)
+        return next((layout for layout in self.layouts if layout.sure(place)), None)
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """List the scenes; each is read when it is scored."""
@@ -332,8 +323,8 @@ class ViewArrays(Layout):
         if names is not None or self.names not in npz_fields(path):
             return names
         file = NpzFile(path, output.reading.memory_bytes, npz_fields(path) - {str(self.names)})
-        listed, where = texts(file, str(self.names), 1).tolist(), f"the field {self.names}"
-        return ViewNames(output.photos(listed), f"in {where}", f"named by {where}")
+        listed = texts(file, str(self.names), 1).tolist()
+        return ViewNames(output.photos(listed), f"named by the field {self.names}")
 
     def read(self, output: SceneOutput, memory: int) -> ScenePrediction:
         """See `Layout.read`."""

@@ -56,8 +56,7 @@ _BY_COUNT = (
 class _Log:
     """A log folder: the arguments of its run as Python prints them, and its counts of images.
 
-    `labels`: names begin with positions, which decide their order; `only_wrong`: lists of rightly
-    answered queries were left out.
+    `labels`: names begin with positions, which decide their order.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -69,7 +68,6 @@ class _Log:
         self.folders = (str(folder), self.database or "", self.queries or "")
         counts = re.search(r"#queries: (\d{1,12}); #database: (\d{1,12})", text)
         self.counts = (int(counts[1]), int(counts[2])) if counts else None
-        self.only_wrong = "save_only_wrong_preds=True" in arguments
         self.labels = "use_labels=True" in arguments
         self.folder = folder
         lists = (one for one in (folder / _LISTS).glob("*.txt") if one.stem.isdecimal())
@@ -205,9 +203,8 @@ def _lists(log: _Log, images: SceneImages) -> tuple[dict[str, list[str]], int]:
     numbers = {int(file.stem) for file in files}
     expected = max(numbers, default=-1) + 1 if log.counts is None else log.counts[0]
     lacking = sorted(set(range(expected)) - numbers)
-    if log.only_wrong or lacking or not files:
+    if lacking or not files:
         what = f"lacks the lists of {first_of(lacking, expected, noun='query')}"
-        what += ": --save_only_wrong_preds leaves queries out" * log.only_wrong
         wanted = "a list for each query, or the descriptors"
         raise PredictionError(what, where=log.folder, expected=wanted, fix=_AGAIN)
     here = images.of_run(log.folders)
@@ -294,26 +291,26 @@ def _by_count(
     log: _Log, images: SceneImages, tiles: int, photos: int
 ) -> tuple[list[str], list[str]]:
     """Take the benchmark's own order where one scene, or all, has an image for each row."""
-    choices = [[truth] for truth in images.truths if images.home in ("", truth.scene)]
-    if len(images.truths) > 1:
-        choices.append(list(images.truths))
-    found = []
-    for truths in choices:
+    own = [truth for truth in images.reading.truths if truth.scene == images.home]
+    for truths in filter(None, (own, list(images.reading.truths))):
         squares = sorted(f"{one.scene}/{name}" for one in truths for _, name in tile_images(one))
         asked = [truth.queries for truth in truths]
-        left_out = [truth.excluded for truth in truths]
-        for tables in [asked, asked + left_out] if any(map(len, left_out)) else [asked]:
+        for tables in (asked, asked + [truth.excluded for truth in truths]):
             named = names_in(tables)
             names = sorted(f"{one.split('/', 1)[0]}/{image}" for one, image in named)
-            if (len(squares), len(names)) == (tiles, photos):
-                found.append((squares, names))
-    # All in one folder they may have another order than in a folder a scene.
-    last = [[path.rsplit("/", 1)[1] for path in paths] for one in found for paths in one]
-    if len(found) != 1 or any(len({*one}) == len(one) and sorted(one) != one for one in last):
-        what = f"{counted(tiles, 'database image')} and {counted(photos, 'query')} without names, "
-        what += "which are those of no scene, of several, or in several orders"
-        raise PredictionError(what, where=log.folder, expected=_NAMED, fix=_LIST_NAMES)
-    return found[0]
+            if (len(squares), len(names)) == (tiles, photos) and all(
+                map(_same_order, (squares, names))
+            ):
+                return squares, names
+    what = f"{counted(tiles, 'database image')} and {counted(photos, 'query')} without names, "
+    what += "which are those of no scene, or in several orders"
+    raise PredictionError(what, where=log.folder, expected=_NAMED, fix=_LIST_NAMES)
+
+
+def _same_order(paths: list[str]) -> bool:
+    """Whether images in a folder a scene have the order that they have all in one folder."""
+    last = [path.rsplit("/", 1)[1] for path in paths]
+    return len({*last}) < len(last) or sorted(last) == last
 
 
 VPR = _Vpr()

@@ -109,7 +109,7 @@ UNREADABLE: list[tuple[Callable[[Path], object], str]] = [
     (lambda scene: (scene / "retrieval" / "footprints.csv").unlink(), "footprints.csv"),
     (beyond_the_last_tile, "positives"),
     (without_scenes, "ids of queries lack their scene"),
-    (lambda scene: shutil.rmtree(scene / "matching"), "has no truth for matching"),
+    (lambda scene: shutil.rmtree(scene / "matching"), "matching"),
     (lambda scene: shutil.rmtree(scene.parents[1] / "protocols"), "has no protocol"),
 ]
 

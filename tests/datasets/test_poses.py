@@ -92,7 +92,7 @@ def colmap(folder: Path, model: str, params: tuple[float, ...], *, text: bool = 
 def test_colmap(model: str, params: Any, distortion: Any, text: bool, tmp_path: Path) -> None:
     photos = read_poses(colmap(tmp_path / "model", model, params, text=text), SIZES)
     assert photos.names == ("a.jpg", "sub/b.jpg")
-    assert photos.crs is None
+    assert not photos.crs
     np.testing.assert_allclose(photos.poses.centres, list(CENTRES.values()), atol=1e-8)
     np.testing.assert_allclose(photos.poses.rotation, [tilted(), tilted()], atol=1e-12)
     fy = 65 if params[1] == 65 else 64

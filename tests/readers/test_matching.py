@@ -19,7 +19,6 @@ from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import Reading, find_reader
 from tests.matching.world import SIZE
 from tests.readers.cases import Worlds
-from tests.support import run_main
 
 Score = Callable[..., Any]
 
@@ -56,18 +55,6 @@ def test_folders_name_the_scene_of_their_pairs(named: str, worlds: Worlds, tmp_p
     read = READERS.get("loftr").read(home, reading)
     assert set(read.predictions.query_ids) == {*world.ids, *asked["id"]}
     assert read.notes == ("8 files of other pictures left out",)
-
-
-def test_a_size_is_refused_where_it_is_not_used(
-    worlds: Worlds, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    world = worlds.hills
-    where = ("--protocol", world.protocol.name, "--data", world.root)
-    roma = worlds.sample("roma", tmp_path / "f")
-    plain = world.write(tmp_path / "own.npz", world.matches())
-    for path, given in ((roma, "320x224"), (plain, "320x224"), (roma, "7")):
-        assert run_main("eval", "matching", path, *where, "--image-size", given) == 2
-        assert "--image-size" in capsys.readouterr().err
 
 
 def test_empty_matches_are_an_answer(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
@@ -158,15 +145,11 @@ def test_the_identity_is_no_pose(worlds: Worlds, tmp_path: Path, matched: Score)
         matched(worlds.sample("kitti", tmp_path / "k"))
 
 
-@pytest.mark.parametrize("text", [False, True])
-def test_a_colmap_model_below_a_folder(
-    text: bool, worlds: Worlds, tmp_path: Path, matched: Score
-) -> None:
+def test_a_colmap_model_below_a_folder(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
     home = tmp_path / "out" / "sparse/0"
     home.mkdir(parents=True)
     sample = worlds.sample("colmap-poses", tmp_path / "f")
-    model = pycolmap.Reconstruction(str(sample))
-    (model.write_text if text else model.write_binary)(str(home))
+    pycolmap.Reconstruction(str(sample)).write_binary(str(home))
     found, expected = matched(tmp_path / "out"), matched(sample)
     assert found.overall == pytest.approx(expected.overall, abs=1e-9)
     assert "1 pose of photos that are no queries left out" in found.result.notes

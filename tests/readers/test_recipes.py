@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import pickle
 import re
-import shlex
 import sys
 import zipfile
 from pathlib import Path
@@ -14,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 
 from airzoo_bench.core.registry import READERS
 from tests.readers.cases import Worlds
@@ -42,32 +40,6 @@ def test_readers_are_there(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     named = re.findall(r"--reader ([a-z][\w-]+)|reader `([\w-]+)`", text)
     assert {"".join(one) for one in named} <= {*READERS.names()}
-
-
-def options_of(words: list[str]) -> set[str]:
-    """Return the options of a command; none where there is no such command."""
-    from airzoo_bench.cli.main import app
-
-    command: Any = typer.main.get_command(app)
-    for word in words:
-        if not hasattr(command, "get_command"):
-            return {name for one in command.params for name in (*one.opts, *one.secondary_opts)}
-        command = command.get_command(typer.Context(command), word)
-        if command is None:
-            break
-    return set()
-
-
-@EACH_PAGE
-def test_commands_and_options_are_there(page: Path) -> None:
-    for text in blocks(page, ("bash", "")):
-        lines = (line.strip() for line in text.replace("\\\n", " ").splitlines())
-        for line in lines:
-            if line.startswith("airzoo-bench "):
-                words = [*shlex.split(line, comments=True)[1:], ""]
-                known = options_of(words)
-                assert known, line
-                assert {word for word in words if word.startswith("--")} <= known, line
 
 
 def test_methods_lists_every_recipe_and_reader() -> None:

@@ -173,7 +173,9 @@ REFUSALS = [
     Refusal("vggt", fields(YARD, depth=np.array(1.0)), r"field 'depth' has shape \(\)"),
     Refusal("mapanything", fields(YARD, final_mask=MASK), "'final_mask' is bool"),
     Refusal(
-        "vggt", lambda path: (path / "yard/images/x.jpg").touch(), "there are 7 names of images in"
+        "vggt",
+        lambda path: (path / "yard/images/x.jpg").touch(),
+        "there are 7 names, named by the images",
     ),
     # A file a frame
     *(

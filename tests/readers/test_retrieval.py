@@ -120,16 +120,6 @@ def test_university1652_on_its_benchmarks(tmp_path: Path, tree: str) -> None:
 class TestVpr:
     """Log folders of VPR-methods-evaluation: where the names of rows come from."""
 
-    def test_names_by_order_are_a_convention_and_a_note(
-        self, tmp_path: Path, retrieved: Score
-    ) -> None:
-        result = retrieved(files.write_vpr(tmp_path, Place()))
-        said = result.result.predictions.reader.conventions
-        assert "method salad" in said[0]
-        assert "names are taken by order" in said[1]
-        assert said[1] in result.result.notes
-        assert "compared by l2" in said[2]
-
     @pytest.mark.parametrize("labels", [False, True])
     def test_lists_of_paths(self, tmp_path: Path, retrieved: Score, labels: bool) -> None:
         for scene in Place().scenes:
@@ -219,7 +209,13 @@ class TestVpr:
         for name, rows in zip(("queries", "database"), place.every_descriptor(), strict=True):
             np.save(whole / f"{name}_descriptors.npy", rows)
         files.write_log(whole, place.scenes[0], counts=(10, 20), **ELSEWHERE)
-        assert perfect(retrieved(whole))
+        result = retrieved(whole)
+        assert perfect(result)
+        said = result.result.predictions.reader.conventions
+        assert "method salad" in said[0]
+        assert "names are taken by order" in said[1]
+        assert said[1] in result.result.notes
+        assert "compared by l2" in said[2]
         assert perfect(retrieved(files.write_vpr(tmp_path / "east", place)))
 
     @pytest.mark.parametrize("lists", [False, True])
@@ -241,6 +237,6 @@ class TestVpr:
             scored(log, one)
         (log / "queries_descriptors.npy").unlink()
         files.write_lists(log, Place(ONE), ONE[0])
-        files.write_log(log, ONE[0], save_only_wrong_preds=True)
-        with pytest.raises(UserError, match="--save_only_wrong_preds leaves queries out"):
+        (log / "preds" / "002.txt").unlink()
+        with pytest.raises(UserError, match="lacks the lists of 1 query"):
             scored(log, one)

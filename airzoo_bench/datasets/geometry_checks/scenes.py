@@ -85,7 +85,7 @@ def scene_from_poses(
 ) -> PosedScene:
     """Read a scene from a pose file and the folder of its photos, as `prepare photos` does."""
     photos = read_poses(poses, photo_sizes(images, progress))
-    name, crs = images.resolve().name, crs or photos.crs
+    name, crs = images.resolve().name, crs or photos.crs or None
     return PosedScene(name, photos.names, photos.names, photos.cameras, photos.poses, crs, images)
 
 

@@ -48,7 +48,7 @@ from airzoo_bench.datasets.published.places import (
     sub_path,
     with_georeference,
 )
-from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import Files, SourceOptions
 from airzoo_bench.datasets.surveys.dji import (
     photo_cameras,
@@ -152,10 +152,9 @@ def _given_files(options: _AirZooRealOptions, scene: str) -> dict[str, Path]:
 
 
 def _given_cloud(options: _AirZooRealOptions, scene: str) -> Path | None:
-    """Return the true cloud that was given for a scene, or for its site at all hours."""
-    known = [*_SITES, *published_scenes("airzoo-real-reconstruction")]
-    given = values_by_scene(options.cloud, "cloud", known)
-    file = given.get(scene, given.get(_site_and_hours(scene)[0]))
+    """Return the true cloud that was given for a scene."""
+    known = published_scenes("airzoo-real-reconstruction")
+    file = values_by_scene(options.cloud, "cloud", known).get(scene)
     return None if file is None else Path(file)
 
 
@@ -212,11 +211,10 @@ def _read_region(options: _AirZooRealOptions, scene: str, progress: Progress) ->
     truth, more = true_positions(stated, tags, stamps, home)
     notes += [*said, *more]
     notes.append("true orientations are the gimbal's, and not trusted")
-    names, crs = tuple(truth), _CRS
-    own_sizes, fix = {name: sizes[name] for name in names}, "download the photos as they were taken"
+    own_sizes, fix = {name: sizes[name] for name in truth}, "download the photos as they were taken"
     cameras, of_cameras = photo_cameras(home, own_sizes, tags, None, fix)
-    poses = priors_to_poses(truth, crs)
-    priors = metadata_priors({name: metadata[name] for name in names}, crs)
+    poses, own = priors_to_poses(truth, _CRS), {name: metadata[name] for name in truth}
+    priors = metadata_priors(own, _CRS)
     notes += of_cameras
     if priors is not None:
         priors = _unlike_truth(priors, poses, notes)
@@ -224,15 +222,12 @@ def _read_region(options: _AirZooRealOptions, scene: str, progress: Progress) ->
     return NativeScene(
         scene,
         home,
-        names,
-        cameras,
-        poses,
-        crs,
+        *PosedPhotos(tuple(truth), cameras, poses, _CRS),
         dom=maps["dom"],
         dsm=maps["dsm"],
         gallery=None if satellite == maps["dom"] else satellite,
         priors=priors,
-        metadata={name: metadata[name] for name in names},
+        metadata=own,
         unposed=tuple(name for name in photos if name not in truth),
         notes=tuple(notes),
         poses_from=home,
@@ -287,6 +282,7 @@ def _read_site(options: _AirZooRealOptions, scene: str, progress: Progress) -> N
         cameras,
         _photo_key,
         progress,
+        crs=_CRS,
         axes=_OPENGL,
         # Lines of the other renderings, <name>_1 and <name>_2.
         is_other=lambda key, known: key[:-2] in known and key[-2:] in ("_1", "_2"),
@@ -307,20 +303,17 @@ def _read_site(options: _AirZooRealOptions, scene: str, progress: Progress) -> N
             f"{_REACH_M:g} m of the cameras; it has no facades and nothing below a roof "
             "or a crown; --cloud names another"
         )
-    names = posed.photos.names
+    hours = _site_and_hours(scene)[1]
     return NativeScene(
         scene,
         images,
-        names,
-        posed.photos.cameras,
-        posed.photos.poses,
-        _CRS,
+        *posed.photos,
         dsm=dsm,
         cloud=cloud,
         unposed=posed.unposed,
         notes=tuple(notes),
         poses_from=poses,
-        conditions={"hours": [_site_and_hours(scene)[1]] * len(names)},
+        conditions={"hours": [hours] * len(posed.photos.names)},
     )
 
 

@@ -122,16 +122,14 @@ class _AirZooTest(Dataset[_AirZooTestOptions]):
             sizes = [photo_size(folder / "images" / name) for name in shown]
             cameras = _cameras(table, rows, sizes)
             poses, place = _local(*_ecef_poses(table), rows, names)
-        check_centred(PosedPhotos(names, cameras, poses), table.path)
+        posed = PosedPhotos(names, cameras, poses, LOCAL_CRS)
+        check_centred(posed, table.path)
         cloud = _cloud(folder / "depth", names, cameras, poses.rounded(), options, scene, progress)
         own = "" if folder.name == scene else f"is the trajectory {folder.name}; "
         return NativeScene(
             scene,
             folder / "images",
-            names,
-            cameras,
-            poses,
-            LOCAL_CRS,
+            *posed,
             cloud=cloud,
             poses_from=table.path,
             conditions={

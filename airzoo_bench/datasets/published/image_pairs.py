@@ -92,7 +92,7 @@ class ClassFolders(Dataset[SourceOptions]):
         home = self.home(options.source)
         (asked, queries), (given, gallery) = self.sets(home, scene)
         labels = [[image.label for image in images] for images in (queries, gallery)]
-        positions, notes = self.positions(home)
+        positions = self.positions(home)
         answered = set(labels[1]) if positions is None else set(labels[1]) & set(positions)
         lacking = sorted(set(labels[0]) - answered, key=int)
         if lacking:
@@ -106,12 +106,11 @@ class ClassFolders(Dataset[SourceOptions]):
             given,
             pairs_of_labels(*labels),
             self.gallery_sizes[scene.endswith(_DIRECTIONS[1])],
-            notes,
         )
 
-    def positions(self, home: Path) -> tuple[Mapping[str, Place] | None, tuple[str, ...]]:
-        """Return longitude and latitude by class, where the benchmark has them, and notes."""
-        return None, ()
+    def positions(self, home: Path) -> Mapping[str, Place] | None:
+        """Return longitude and latitude by class, where the benchmark has them."""
+        return None
 
 
 def class_images(folder: Path, below: str = "") -> list[ClassImage]:
@@ -199,23 +198,17 @@ class _DenseUav(ClassFolders):
     def is_home(self, folder: Path) -> bool:
         return folder.is_dir() and (folder.parent / _POSITIONS).exists()
 
-    def positions(self, home: Path) -> tuple[Mapping[str, Place] | None, tuple[str, ...]]:
-        path = home.parent / _POSITIONS
-        found: dict[str, Place] = {}
-        moved: dict[str, None] = {}
+    def positions(self, home: Path) -> Mapping[str, Place]:
+        path, found = home.parent / _POSITIONS, dict[str, Place]()
         for number, line in enumerate(read_native_text(path).splitlines(), start=1):
             match = _POSITION.match(line.replace("\\", "/"))
             if match is not None:
-                label, position = str(int(match[1])), (float(match[2]), float(match[3]))
-                if found.setdefault(label, position) != position:
-                    moved[label] = None
-                found[label] = position
+                found[str(int(match[1]))] = (float(match[2]), float(match[3]))
             elif line.strip():
                 expected = "such as test/query_drone/000001/H80.JPG E120.387 N30.324 93.2"
                 where = f"{path}, line {number}"
                 raise BenchmarkError(f"is {line[:80]!r}", where=where, expected=expected)
-        said = f"classes whose lines in {_POSITIONS} differ, of which the last is taken: "
-        return found, (said + first_of(moved),) if moved else ()
+        return found
 
 
 _AREAS = ("cross-area", "same-area")

@@ -45,7 +45,7 @@ from airzoo_bench.datasets.published.places import (
     sub_path,
     with_georeference,
 )
-from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
 from airzoo_bench.formats.npz import NpzFile
@@ -92,7 +92,7 @@ class _AerialExtreMatch(Dataset[_Options]):
     def read(self, options: _Options, scene: str, progress: Progress) -> NativeScene:
         images, poses, cameras, references = _parts(options)
         photos = files_by_key(images, stem_key, _PARTS)
-        posed = read_posed_lines(images, photos, poses, cameras, stem_key, progress)
+        posed = read_posed_lines(images, photos, poses, cameras, stem_key, progress, crs=_CRS)
         names = posed.photos.names
         metadata = photo_metadata(names, images, options.priors, photos.values(), progress)
         maps, surfaces = find_maps(references)
@@ -106,10 +106,7 @@ class _AerialExtreMatch(Dataset[_Options]):
         return NativeScene(
             scene,
             images,
-            names,
-            posed.photos.cameras,
-            posed.photos.poses,
-            _CRS,
+            *posed.photos,
             dom=dom,
             dsm=dsm,
             priors=metadata_priors(metadata, _CRS),
@@ -154,14 +151,11 @@ class _OrthoLoc(Dataset[SourceOptions]):
     protocols = ("ortholoc-matching",)
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
-        source = options.source
-        if source.name in _SETS and source.is_dir():
-            return {source.name: [source]}
-        for home in (source, source / "full"):
-            found = {name: [home / name] for name in _SETS if (home / name).is_dir()}
-            if found:
-                return found
-        raise missing("holds no test set", source, _SAMPLES)
+        def is_home(folder: Path) -> bool:
+            return any((folder / name).is_dir() for name in _SETS)
+
+        home = find_home(options.source, is_home, _SAMPLES)
+        return {name: [home / name] for name in _SETS if (home / name).is_dir()}
 
     def read(self, options: SourceOptions, scene: str, progress: Progress) -> NativeScene:
         folder = self.scenes(options)[scene][0]
@@ -182,13 +176,13 @@ class _OrthoLoc(Dataset[SourceOptions]):
             np.array(part) for part in zip(*samples.values(), strict=True)
         )
         matches = [match for name, match in kinds.items() if match and name in samples]
+        matrices = matrices + _HALF_PIXEL
+        cameras = Cameras.from_matrices(matrices, sizes[:, 0], sizes[:, 1], names=names)
+        poses = Poses.from_translations(extrinsics[:, :, :3], extrinsics[:, :, 3], names)
         return NativeScene(
             scene,
             made / "photos",
-            names,
-            Cameras.from_matrices(matrices + _HALF_PIXEL, sizes[:, 0], sizes[:, 1], names=names),
-            Poses.from_translations(extrinsics[:, :, :3], extrinsics[:, :, 3], names),
-            LOCAL_CRS,
+            *PosedPhotos(names, cameras, poses, LOCAL_CRS),
             maps=made / "maps",
             conditions={
                 "location": [match[1] for match in matches],

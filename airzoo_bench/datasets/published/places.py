@@ -6,9 +6,8 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import rasterio
@@ -53,23 +52,16 @@ def folders_in(folder: Path) -> list[Path]:
 
 
 def sub_path(folder: Path, *parts: str) -> Path | None:
-    """Return the entry of a folder with one of these names in any case, or None."""
-    for part in parts:
-        inside = folder.iterdir() if folder.is_dir() else ()
-        found = [path for path in inside if path.name.casefold() == part.casefold()]
-        exact = [path for path in found if path.name == part] or found
-        if len(exact) != 1:
-            return None
-        folder = exact[0]
-    return folder
+    """Return an entry below a folder, or None."""
+    path = folder.joinpath(*parts)
+    return path if path.exists() else None
 
 
 def needed_path(folder: Path, place: str, layout: str) -> Path:
-    """Return the path below a folder that matches these parts in any case."""
-    found = sub_path(folder, *place.split("/"))
-    if found is None:
+    """Return a place below a folder."""
+    if not (folder / place).exists():
         raise missing(f"lacks {place}", folder, layout)
-    return found
+    return folder / place
 
 
 def find_home(source: Path, is_home: Callable[[Path], bool], layout: str) -> Path:
@@ -126,14 +118,8 @@ _MOST_ABSENT = 0.01  # of the poses may lack a photo; more is a download that is
 Key = Callable[[str], str]
 
 
-@dataclass(frozen=True, eq=False)
-class PosedLines:
-    """Photos with a camera and a pose each, names of photos without, and notes.
-
-    AerialExtreMatch and the sites of AirZoo-Real write lines of text: ``name qw qx qy qz tx ty
-    tz``, quaternion and translation of the world-to-camera pose in a projected CRS, and ``name
-    PINHOLE width height fx fy cx cy``.
-    """
+class PosedLines(NamedTuple):
+    """Photos with a camera and a pose each, names of photos without, and notes."""
 
     photos: PosedPhotos
     unposed: tuple[str, ...]
@@ -148,14 +134,16 @@ def read_posed_lines(
     key: Key,
     progress: Progress,
     *,
+    crs: str,
     axes: Sequence[float] = (1.0, 1.0, 1.0),
     is_other: Callable[[str, set[str]], bool] = lambda name, known: False,
 ) -> PosedLines:
-    """Read cameras and poses of the photos of a folder.
+    """Read cameras and poses of the photos of a folder, as AerialExtreMatch and AirZoo-Real write.
 
-    `photos` are file names by the key that `key` makes of a name in the two files of lines. The
-    camera's axes are multiplied by `axes` to be OpenCV's; `is_other` takes a key and all keys, and
-    says whether it is of no photo.
+    Their lines are ``name qw qx qy qz tx ty tz``, quaternion and translation of the world-to-camera
+    pose, and ``name PINHOLE width height fx fy cx cy``. `photos` are file names by the key that
+    `key` makes of a name in the two files. The camera's axes are multiplied by `axes` to be
+    OpenCV's; `is_other` takes a key and all keys, and says whether it is of no photo.
     """
     table, keys = _read(poses, ("name", *_QUATERNION, *_TRANSLATION), key)
     wxyz, translation = table.columns(_QUATERNION, -2.0, 2.0), table.columns(_TRANSLATION)
@@ -187,7 +175,7 @@ def read_posed_lines(
         )
     taken = every.take(np.array([rows[one] for one in posed]))
     unposed = tuple(name for one, name in photos.items() if one not in rows)
-    return PosedLines(PosedPhotos(names, lenses, taken), unposed, tuple(notes))
+    return PosedLines(PosedPhotos(names, lenses, taken, crs), unposed, tuple(notes))
 
 
 def _read(path: Path, columns: Sequence[str], key: Key) -> tuple[Table, dict[str, int]]:

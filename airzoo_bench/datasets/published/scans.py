@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -76,10 +76,7 @@ class _UavScenes(Dataset[_UavScenesOptions]):
 
     def scenes(self, options: _UavScenesOptions) -> Mapping[str, Sequence[Path]]:
         runs = _find_runs(options)
-        return {
-            run: [folder, *(path for _, path in _clouds(options, run, runs))]
-            for run, folder in runs.items()
-        }
+        return {run: [folder, *_clouds(options, run, runs)] for run, folder in runs.items()}
 
     def read(self, options: _UavScenesOptions, scene: str, progress: Progress) -> NativeScene:
         runs = _find_runs(options)
@@ -97,19 +94,21 @@ class _UavScenes(Dataset[_UavScenesOptions]):
             shown = progress(names, scene, len(names))
             sizes = [photo_size(folder / name) for name in shown]
             cameras, poses = _posed([samples[s] for s in chosen], sizes, names)
-        check_centred(PosedPhotos(names, cameras, poses), path)
-        cloud, where = _cloud_of(scene, options, runs)
+        posed = PosedPhotos(names, cameras, poses, LOCAL_CRS)
+        check_centred(posed, path)
+        clouds = _clouds(options, scene, runs)
+        if not clouds:
+            fix = f"unpack {_CLOUDS}.zip there, or name the cloud with --cloud {scene}=FILE"
+            layout = f"{_CLOUDS}/{scene}/{_CLOUD}"
+            raise missing(f"there is no cloud for {scene}", options.source, layout, fix)
         return NativeScene(
             scene,
             folder,
-            names,
-            cameras,
-            poses,
-            LOCAL_CRS,
-            cloud=cloud,
+            *posed,
+            cloud=clouds[0],
             poses_from=path,
             unposed=tuple(name for stem, name in photos.items() if stem not in samples),
-            notes=(*notes, *where),
+            notes=(*notes, f"its cloud is {clouds[0]}"),
         )
 
 
@@ -134,33 +133,18 @@ def _find_runs(options: _UavScenesOptions) -> dict[str, Path]:
     return {run: found[run] for run in known if run in found}
 
 
-def _clouds(
-    options: _UavScenesOptions, run: str, runs: Mapping[str, Path]
-) -> list[tuple[str, Path]]:
-    """Return the clouds that a run may have, with their places, the most special first."""
+def _clouds(options: _UavScenesOptions, run: str, runs: Mapping[str, Path]) -> list[Path]:
+    """Return the clouds that a run may have, the most special first."""
     given = values_by_scene(options.cloud, "cloud", list(runs)).get(run)
     if given is not None:
-        return [(run, Path(given))]
+        return [Path(given)]
     source = options.source.resolve()
     tops = [source, *source.parents[:3]] if source.name.startswith("interval") else [source]
     folders = [path for top in tops for path in (top / _CLOUDS, top / _CLOUDS / _CLOUDS)]
     place = re.sub(r"(\d+|_Evening)$", "", run)
     places = dict.fromkeys((run, place, place.partition("_")[0]))
-    paths = [(one, folder / one / _CLOUD) for one in places for folder in folders]
-    return [(one, path) for one, path in paths if path.is_file()]
-
-
-def _cloud_of(
-    run: str, options: _UavScenesOptions, runs: Mapping[str, Path]
-) -> tuple[Path, tuple[str, ...]]:
-    """Return a run's cloud and, if it has another name, a sentence that says so."""
-    place, cloud = next(iter(_clouds(options, run, runs)), ("", None))
-    if cloud is None:
-        fix = f"unpack {_CLOUDS}.zip there, or name the cloud with --cloud {run}=FILE"
-        layout = f"{_CLOUDS}/{run}/{_CLOUD}"
-        raise missing(f"there is no cloud for {run}", options.source, layout, fix)
-    own = place in (run, re.sub(r"(\d+|_Evening)$", "", run))
-    return cloud, () if own else (f"its cloud is taken to be that of {place}",)
+    paths = (folder / one / _CLOUD for one in places for folder in folders)
+    return [path for path in paths if path.is_file()]
 
 
 def _posed(
@@ -238,14 +222,11 @@ class _UrbanScene3D(Dataset[_UrbanScene3DOptions]):
         if transform is not None:
             moved = similarity_in(Path(transform)).apply_poses(photos.poses)
             moved = Poses.from_centres(moved.rotation, moved.centres, photos.names)
-            photos = replace(photos, poses=moved)
+            photos = photos._replace(poses=moved)
         return NativeScene(
             scene,
             images,
-            photos.names,
-            photos.cameras,
-            photos.poses,
-            LOCAL_CRS,
+            *photos._replace(crs=LOCAL_CRS),
             cloud=Path(scan),
             poses_from=folder,
             unposed=unposed,
@@ -257,18 +238,16 @@ def _find_scenes(source: Path) -> dict[str, Path]:
     """Return the folders of scenes by id, in the order of the protocol."""
     known = published_scenes("urbanscene3d-reconstruction")
     inside = sorted(path for path in source.iterdir() if path.is_dir()) if source.is_dir() else []
-    found: dict[str, list[Path]] = {}
+    found: dict[str, Path] = {}
     for folder in (source.resolve(), *inside):
         # Sci-Art-pixsfm is ArtSci.
         letters = re.sub(r"[^a-z]", "", folder.name.casefold().removesuffix("-pixsfm"))
         scene = _OTHER_NAMES.get(letters, letters)
         if scene in known and ((folder / _COORDINATES).is_file() or _model(folder)):
-            found.setdefault(scene, []).append(folder)
-    if not found or any(len(folders) > 1 for folders in found.values()):
-        what = "several folders claim to be one scene" if found else "holds no scene"
-        fix = f"name the folders {', '.join(known)}, each once"
-        raise missing(what, source, _SCENES, fix)
-    return {scene: found[scene][0] for scene in known if scene in found}
+            found.setdefault(scene, folder)
+    if not found:
+        raise missing("holds no scene", source, _SCENES, f"name the folders {', '.join(known)}")
+    return {scene: found[scene] for scene in known if scene in found}
 
 
 def _model(folder: Path) -> Path | None:

@@ -24,7 +24,7 @@ from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import utm_zone
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.published.places import find_home, join_maps, missing
-from airzoo_bench.datasets.scenes import NativeScene
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_table
 from airzoo_bench.datasets.truths import BenchmarkProtocols
@@ -80,24 +80,19 @@ class _UavVisLoc(Dataset[UavVisLocOptions]):
         sizes = np.array([photo_size(images / name) for name in shown], dtype=np.int64)
         crs = utm_zone(lonlat)
         convergence = grid_convergence_deg(crs, lonlat)
-        if root != options.source and scene == next(iter(_flights(root))):
-            notes.insert(0, f"the flights are those of {root}")
+        cameras = Cameras(
+            width=sizes[:, 0],
+            height=sizes[:, 1],
+            focal=sizes / (2.0 * tangents),
+            principal_point=sizes / 2.0,
+            distortion=np.zeros((len(names), 5)),
+        )
+        rotations = angles_to_rotations(heading, -90.0, 0.0, convergence_deg=convergence)
+        centres = np.column_stack([from_lonlat(crs, lonlat), height])
         return NativeScene(
             scene,
             images,
-            names,
-            Cameras(
-                width=sizes[:, 0],
-                height=sizes[:, 1],
-                focal=sizes / (2.0 * tangents),
-                principal_point=sizes / 2.0,
-                distortion=np.zeros((len(names), 5)),
-            ),
-            Poses(
-                rotation=angles_to_rotations(heading, -90.0, 0.0, convergence_deg=convergence),
-                centres=np.column_stack([from_lonlat(crs, lonlat), height]),
-            ),
-            crs,
+            *PosedPhotos(names, cameras, Poses(rotation=rotations, centres=centres), crs),
             dom=dom,
             plane_height_m=plane,
             unposed=tuple(sorted(set(_photos(images).values()) - set(names))),
@@ -176,10 +171,10 @@ def _plane_height(
         )
     below = int((heights <= plane).sum())
     if below:
-        what = f"{below:,} of {counted(len(heights), 'photo')} were taken at or below the ground: "
-        what += f"the lowest at {heights.min():g} m, the ground is at {plane:g} m"
-        fix = f"give the height of the ground: --plane-height {flight}=METRES"
-        raise BenchmarkError(what, where=path, fix=fix)
+        what = (
+            f"{below:,} of {counted(len(heights), 'photo')} are at or below the ground, {plane:g} m"
+        )
+        raise BenchmarkError(what, where=path, fix=f"give --plane-height {flight}=METRES")
     return plane
 
 

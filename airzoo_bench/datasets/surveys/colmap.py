@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from pyproj import CRS
 
-from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of, readable
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, readable
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import photo_sizes
@@ -72,14 +72,14 @@ def _placed(
             fix="give --from-exif, or --georeference FILE, or --crs alone if the model is in it",
         )
     crs = stated or map_crs(options.dsm, options.dom)
-    photos = replace(photos, crs=crs.to_string())
+    photos = photos._replace(crs=crs.to_string())
     transform, notes, left = None, tuple[str, ...](), None
     if file is not None:
         transform = similarity_in(file)
     elif options.from_exif:
         transform, notes, left = _fitted(photos, _exif_positions(images, photos, crs), images)
     if transform is not None:
-        photos = replace(photos, poses=transform.apply_poses(photos.poses))
+        photos = photos._replace(poses=transform.apply_poses(photos.poses))
     return photos, notes, left
 
 
@@ -130,15 +130,12 @@ def _fitted(
     left = found.inlier_centres
     if left is None or not found.robust or found.inliers < _LEAST_AGREEING * found.cameras:
         raise fault
-    notes = [
+    note = (
         f"a similarity of scale {found.transform.scale:.6g} places the model by {found.inliers} "
         f"of {counted(found.cameras, 'position')}: {left['rms']:.3f} m remain (root mean square), "
         f"{left['largest']:.3f} m at most; no truth is better than these positions"
-    ]
-    out = [name for name in places if name not in found.inlier_names]
-    if out:
-        notes.append(f"positions that do not fit: {first_of(out, len(places))}")
-    return found.transform, tuple(notes), round(left["rms"], 4) or None
+    )
+    return found.transform, (note,), round(left["rms"], 4) or None
 
 
 COLMAP = _ColmapModels()

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 from pyproj import CRS
@@ -18,10 +18,10 @@ from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.lenses import (
     are_alike,
     cameras_of_lenses,
-    check_focal_lengths,
     film_focal_px,
     lens_of,
     read_camera_file,
+    stated_cameras,
 )
 from airzoo_bench.datasets.metadata import (
     PhotoPrior,
@@ -31,8 +31,13 @@ from airzoo_bench.datasets.metadata import (
     read_prior,
     read_prior_file,
 )
-from airzoo_bench.datasets.scenes import NativeScene
-from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, stated_crs
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
+from airzoo_bench.datasets.surveys.survey import (
+    Survey,
+    SurveyOptions,
+    posed_scene,
+    stated_crs,
+)
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.cameras import Cameras
@@ -96,30 +101,17 @@ class _DjiFolders(Survey[_DjiOptions]):
         plane = options.plane_height
         if plane is None and options.dsm is None:
             plane = _take_off(truth, images, notes)
-        priors = _priors(options, names, sizes, poses, crs)
+        priors = None
+        if options.priors is not None:
+            priors = _other_priors(options.priors, names, sizes, poses, crs)
         own_sizes = {name: sizes[name] for name in names}
         fix = "give the camera with --camera"
         cameras, said = photo_cameras(images, own_sizes, tags, options.camera, fix)
-        return NativeScene(
-            scene,
-            images,
-            names,
-            cameras,
-            poses,
-            crs,
-            dom=options.dom,
-            dsm=options.dsm,
-            cloud=options.cloud,
-            plane_height_m=plane,
-            priors=priors,
-            metadata=metadata,
-            is_metadata=True,
-            unposed=tuple(name for name in sorted(sizes) if name not in truth),
-            notes=(*notes, *said),
-            truth_accuracy_m=options.truth_accuracy or accuracy,
-            poses_from=images,
-            crs_from=f"--crs {options.crs}" if options.crs else str(options.dsm or options.dom),
-        )
+        parts: dict[str, Any] = {"plane_height_m": plane, "truth_accuracy_m": accuracy}
+        parts |= {"priors": priors, "metadata": metadata, "is_metadata": True}
+        parts |= {"notes": (*notes, *said), "crs_from": str(options.dsm or options.dom)}
+        posed = PosedPhotos(names, cameras, poses, crs)
+        return posed_scene(options, scene, images, sizes, posed, images, progress, **parts)
 
 
 def _crs(options: _DjiOptions, truth: Mapping[str, PhotoPrior], notes: list[str]) -> str:
@@ -140,14 +132,12 @@ def _stated_accuracy(stds: Sequence[Std], notes: list[str]) -> float | None:
         notes.append("photos do not state how good their positions are")
         return None
     values = np.array(stds)
-    level = np.median(np.hypot(values[:, 0], values[:, 1]))
+    level = round(float(np.median(np.linalg.norm(values, axis=1))), 4)
     notes.append(
-        f"positions are stated good to {level:.3f} m in plan and {np.median(values[:, 2]):.3f} m "
-        f"in height (medians of standard deviations of {len(stds)} photos); gimbal angles to no "
-        "figure"
+        f"positions are stated good to {level} m (median of the standard deviations of {len(stds)} "
+        "photos); gimbal angles to no figure"
     )
-    # A file of zeros states nothing.
-    return round(float(np.median(np.linalg.norm(values, axis=1))), 4) or None
+    return level or None  # a file of zeros states nothing
 
 
 def _take_off(truth: Mapping[str, PhotoPrior], images: Path, notes: list[str]) -> float:
@@ -168,29 +158,21 @@ def _take_off(truth: Mapping[str, PhotoPrior], images: Path, notes: list[str]) -
     return height
 
 
-def _priors(
-    options: _DjiOptions,
-    names: tuple[str, ...],
-    sizes: Mapping[str, tuple[int, int]],
-    poses: Poses,
-    crs: str,
-) -> Poses | None:
-    """Return priors of another source than the truth; None where none are given."""
-    if options.priors is None:
-        return None
-    given = read_prior_file(options.priors, sizes)
-    every = {name: PhotoPrior(**given.get(name, {})) for name in names}
-    priors = metadata_priors(every, crs)
-    away = 0.0
+def _other_priors(
+    path: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int]], poses: Poses, crs: str
+) -> Poses:
+    """Read priors of another source than the truth."""
+    given, away = read_prior_file(path, sizes), 0.0
+    priors = metadata_priors({name: PhotoPrior(**given.get(name, {})) for name in names}, crs)
     if priors is not None:
         away = float(np.nanmedian(np.linalg.norm(priors.centres - poses.centres, axis=1)))
-    if away < _SAME_PRIOR_M:
-        raise BenchmarkError(
-            f"gives no photo a whole prior, or its positions are the truth ({away:.4f} m from it)",
-            where=options.priors,
-            expected="priors of another source, such as the receiver without RTK",
-            fix="leave --priors out: retrieval needs none",
+    if priors is None or away < _SAME_PRIOR_M:
+        what = (
+            f"gives no photo a whole prior, or its positions are the truth ({away:.4f} m from it)"
         )
+        expected = "priors of another source, such as the receiver without RTK"
+        fix = "leave --priors out: retrieval needs none"
+        raise BenchmarkError(what, where=path, expected=expected, fix=fix)
     return priors
 
 
@@ -251,21 +233,18 @@ def photo_cameras(
 
     `fix` says how the file is given.
     """
-    names = list(sizes)
     if given is not None:
-        values = dict.fromkeys(names, read_camera_file(given))
-        check_focal_lengths(home, values, sizes, given)
-        said = [given.name]
-    else:
-        values = {name: tags[name].lens for name in names}
-        said = sorted({tags[name].lens_from for name in names})
-    lacking = [name for name in names if not values[name]]
+        values = dict.fromkeys(sizes, read_camera_file(given))
+        return stated_cameras(values, sizes, home, given), [f"cameras are from {given.name}"]
+    lacking = [name for name in sizes if not tags[name].lens]
     if lacking:
-        what = f"photos state no camera: {first_of(lacking, len(names))}"
+        what = f"photos state no camera: {first_of(lacking, len(sizes))}"
         expected = "DJI's DewarpData, or EXIF FocalLengthIn35mmFilm"
         raise CameraError(what, where=home, expected=expected, fix=fix)
-    lenses = [lens_of(values[name], sizes[name], given or home / name) for name in names]
-    return cameras_of_lenses(lenses, names, sizes), [f"cameras are from {what}" for what in said]
+    lenses = [lens_of(tags[name].lens, size, home / name) for name, size in sizes.items()]
+    said = sorted({tags[name].lens_from for name in sizes})
+    cameras = cameras_of_lenses(lenses, list(sizes), sizes)
+    return cameras, [f"cameras are from {what}" for what in said]
 
 
 @dataclass(frozen=True)
@@ -304,13 +283,10 @@ def photo_time_stamps(
     found: dict[str, TimeStamp] = {}
     for table in tables:
         stamps = read_time_stamps(table)
-        alone = sum(other.parent == table.parent for other in tables) == 1
-        flight = re.sub(r"timestamp\.mrk$", "", table.name, flags=re.IGNORECASE)
         for name in metadata:
             numbers = _PHOTO_NUMBER.findall(PurePosixPath(name).stem)
             ours = (images / name).parent == table.parent
-            same = alone or PurePosixPath(name).name.startswith(flight)
-            if ours and same and numbers and int(numbers[-1]) in stamps:
+            if ours and numbers and int(numbers[-1]) in stamps:
                 found[name] = stamps[int(numbers[-1])]
     if not tables:
         return {}, []
@@ -356,9 +332,7 @@ def true_positions(
         if name in placed and placed[name].is_complete and flags[name] in _FIXED
     ]
     if not chosen:
-        seen = Counter(f"RtkFlag {flag}" for flag in flags.values())
-        counts = ", ".join(f"{count} with {what}" for what, count in sorted(seen.items()))
-        what = f"no photo has a fixed RTK position, an altitude and gimbal angles: {counts}"
+        what = "no photo has a fixed RTK position, an altitude and gimbal angles"
         expected = "photos as the drone wrote them, with EXIF GPS, DJI's XMP and RtkFlag 50"
         raise BenchmarkError(what, where=where, expected=expected)
     others = [name for name in metadata if name not in chosen]

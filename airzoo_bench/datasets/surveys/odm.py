@@ -38,7 +38,7 @@ from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, posed_scene
 from airzoo_bench.datasets.tables import match_names
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, same_plane
+from airzoo_bench.geometry.crs import horizontal_crs
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 
@@ -68,7 +68,7 @@ class _OdmProjects(Survey[SurveyOptions]):
     def read(self, options: SurveyOptions, scene: str, progress: Progress) -> NativeScene:
         project, images = options.source, options.images or options.source / "images"
         folders = _parts(project)
-        crs, sizes = _same_crs(folders), photo_sizes(images, progress)
+        crs, sizes = _crs_of(folders), photo_sizes(images, progress)
         photos, notes, apart = _joined([_read_part(f) for f in folders], sizes, crs)
         dom, dsm = options.dom or project / _ORTHOPHOTO, options.dsm
         if dsm is None and (project / _SURFACE).is_file():
@@ -98,32 +98,22 @@ def _parts(project: Path) -> list[Path]:
     return found[:1] if found[0] == project else found
 
 
-def _same_crs(folders: Sequence[Path]) -> CRS:
-    """Return the projected CRS of a project, which all its files and submodels must state."""
-    stated: dict[Path, CRS] = {}
-    for folder in folders:
-        for path in (folder / _COORDS, folder / _PROJ):
-            if path.is_file():
-                stated[path] = _crs_of(_text(path).strip().partition("\n")[0].strip(), path)
-        if (folder / _ORTHOPHOTO).is_file():
-            stated[folder / _ORTHOPHOTO] = horizontal_crs(open_info(folder / _ORTHOPHOTO).crs)
-    first = next(iter(stated.values()), None)
-    if first is None or not all(same_plane(first, other) for other in stated.values()):
-        each = "; ".join(f"{path}: {describe_crs(found)}" for path, found in stated.items())
-        what = f"its files state different CRS, or none: {each or 'none'}"
-        expected = f"{_COORDS}, {_PROJ} or {_ORTHOPHOTO}, in one CRS"
-        raise BenchmarkError(what, where=folders[0], expected=expected)
-    return next((crs for crs in stated.values() if crs.to_epsg() is not None), first)
-
-
-def _crs_of(text: str, path: Path) -> CRS:
-    utm = re.fullmatch(r"WGS84 UTM (\d{1,2})([NS])", text)
-    if utm:
-        return CRS.from_epsg((32600 if utm[2] == "N" else 32700) + int(utm[1]))
-    try:
-        return horizontal_crs(text)
-    except UserError as error:
-        raise error.inside(path) from error
+def _crs_of(folders: Sequence[Path]) -> CRS:
+    """Return the projected CRS of a project, by the first file that states one."""
+    for path in (folder / name for folder in folders for name in (_COORDS, _PROJ)):
+        if path.is_file():
+            text = _text(path).strip().partition("\n")[0].strip()
+            utm = re.fullmatch(r"WGS84 UTM (\d{1,2})([NS])", text)
+            if utm:
+                return CRS.from_epsg((32600 if utm[2] == "N" else 32700) + int(utm[1]))
+            try:
+                return horizontal_crs(text)
+            except UserError as error:
+                raise error.inside(path) from error
+    if (folders[0] / _ORTHOPHOTO).is_file():
+        return horizontal_crs(open_info(folders[0] / _ORTHOPHOTO).crs)
+    expected = f"{_COORDS}, {_PROJ} or {_ORTHOPHOTO}"
+    raise BenchmarkError("its files state no CRS", where=folders[0], expected=expected)
 
 
 def _text(path: Path) -> str:

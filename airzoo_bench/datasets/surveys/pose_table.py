@@ -16,13 +16,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
 from airzoo_bench.datasets.content import photo_sizes
-from airzoo_bench.datasets.lenses import (
-    LENS_KEYS,
-    cameras_of_lenses,
-    check_focal_lengths,
-    lens_of,
-    read_camera_file,
-)
+from airzoo_bench.datasets.lenses import read_camera_file, stated_cameras
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.survey import (
     Survey,
@@ -33,7 +27,6 @@ from airzoo_bench.datasets.surveys.survey import (
 )
 from airzoo_bench.datasets.tables import Table, match_names, plain, read_native_text, read_table
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import describe_crs, from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses
 
@@ -54,13 +47,7 @@ _POSE: Mapping[str, tuple[str, ...]] = {
     "phi": ("phi",),
     "kappa": ("kappa",),
 }
-_OTHERS: Mapping[str, tuple[str, ...]] = {
-    "image": ("image", "imagename", "label", "name", "filename", "file", "photo", "sourcefile"),
-    "focal_mm": ("focalmm", "focallengthmm"),
-    "sensor_mm": ("sensormm", "sensorwidthmm"),
-    "fov_deg": ("fovdeg", "fov", "hfov", "hfovdeg"),
-    **{name: (name,) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")},
-}
+_IMAGE = ("image", "imagename", "label", "name", "filename", "file", "photo", "sourcefile")
 _YAW, _OMEGA = ("yaw", "pitch", "roll"), ("omega", "phi", "kappa")
 _MOST_OFF_NADIR_DEG, _OBLIQUE_DEG = 65.0, -20.0
 _EXPECTED = (
@@ -82,7 +69,7 @@ class _PoseTables(Survey[_PoseTableOptions]):
 
     about = about_of("poses")
     options = _PoseTableOptions
-    needs = ("images", "dom")
+    needs = ("images", "dom", "camera")
     needs_ground = True
 
     def read(self, options: _PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
@@ -97,7 +84,9 @@ class _PoseTables(Survey[_PoseTableOptions]):
         rotations = _rotations(
             table, rows, options.angles, grid_convergence_deg(crs, lonlat), notes
         )
-        cameras = _cameras(table, rows, names, images, sizes, options.camera)
+        camera = options.camera or Path()
+        values = dict.fromkeys(names, read_camera_file(camera))
+        cameras = stated_cameras(values, sizes, images, camera)
         poses = Poses.from_centres(rotations, centres, names)
         photos = PosedPhotos(tuple(names), cameras, poses, crs.to_string())
         photos = photos.take(np.argsort(np.array(names)).tolist())
@@ -112,7 +101,7 @@ def _read(path: Path) -> tuple[Table, list[str]]:
     found = {ours: tuple(f"{name}est" for name in names) for ours, names in _POSE.items()}
     has = {ours for ours, names in found.items() if there & set(names)}
     estimated = "height" in has and ({"x", "y"} <= has or {"lat", "lon"} <= has)
-    columns = {**(found if estimated else _POSE), **_OTHERS}
+    columns = {**(found if estimated else _POSE), "image": _IMAGE}
     table = read_table(path, columns, optional=set(columns), blanks=True)
     if not table.has("image", "height", *_place_columns(table), *_angle_columns(table)):
         what = f"its columns are {', '.join(table.names)[:300]!r}, which name no pose"
@@ -228,39 +217,13 @@ def _check_down(table: Table, rotations: Floats, pitch: float, convention: str) 
     """
     away = -rotations[:, 2, 2] < math.cos(math.radians(_MOST_OFF_NADIR_DEG))
     if away.mean() > 0.5 or (convention == "airframe" and pitch < _OBLIQUE_DEG):
-        raise UsageError(
-            f"read as {convention}, {int(away.sum())} of {counted(len(away), 'camera')} look more "
-            f"than {_MOST_OFF_NADIR_DEG:g} degrees away from straight down; pitch is {pitch:.6g}",
-            where=table.path,
-            expected="photos of the ground: gimbal pitch is -90 straight down, airframe pitch 0",
-            fix="name the convention with --angles gimbal, airframe or omega-phi-kappa",
+        what = (
+            f"read as {convention}, {int(away.sum())} of {counted(len(away), 'camera')} look away "
         )
-
-
-def _cameras(
-    table: Table,
-    rows: Sequence[int],
-    names: Sequence[str],
-    images: Path,
-    sizes: Mapping[str, tuple[int, int]],
-    camera: Path | None,
-) -> Cameras:
-    columns = {key: table.numbers(key, empty=True)[rows] for key in LENS_KEYS if table.has(key)}
-    if (camera is None) == (not columns):
-        what = "no camera is given, or two: by --camera and by columns"
-        expected = "--camera FILE, or columns such as fx, or focal_mm and sensor_mm, or fov_deg"
-        raise UsageError(what, where=table.path, expected=expected)
-    if camera is not None:
-        values = dict.fromkeys(names, read_camera_file(camera))
-    else:
-        values = {
-            name: {key: float(part[i]) for key, part in columns.items() if not np.isnan(part[i])}
-            for i, name in enumerate(names)
-        }
-    where = camera or table.path
-    lenses = [lens_of(values[name], sizes[name], where) for name in names]
-    check_focal_lengths(images, values, sizes, where)
-    return cameras_of_lenses(lenses, names, sizes)
+        what += f"from the ground; pitch is {pitch:.6g}"
+        expected = "gimbal pitch is -90 straight down, airframe pitch 0"
+        fix = "name the convention with --angles gimbal, airframe or omega-phi-kappa"
+        raise UsageError(what, where=table.path, expected=expected, fix=fix)
 
 
 POSES = _PoseTables()

@@ -143,23 +143,21 @@ def posed_scene(
     go before those of the options.
     """
     check_centred(photos, poses_from)
-    stated = options.crs or photos.crs or ""
+    stated = options.crs or photos.crs
     place = f"--crs {options.crs}" if options.crs else crs_from or str(poses_from)
     crs = metric_crs(stated, place).to_string()
     unit = vertical_m(CRS.from_user_input(stated)) or 1.0
-    metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
-    named = {"dom": options.dom, "dsm": options.dsm, "cloud": options.cloud, **parts}
+    poses = replace(photos.poses, centres=photos.poses.centres * (1.0, 1.0, unit))
+    named = {"dom": options.dom, "dsm": options.dsm, "cloud": options.cloud}
+    named |= {"plane_height_m": options.plane_height, **parts}
+    if "metadata" not in parts:
+        metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
+        named |= {"metadata": metadata, "priors": metadata_priors(metadata, crs)}
     named["truth_accuracy_m"] = options.truth_accuracy or parts.get("truth_accuracy_m")
     return NativeScene(
         scene,
         images,
-        photos.names,
-        photos.cameras,
-        replace(photos.poses, centres=photos.poses.centres * (1.0, 1.0, unit)),
-        crs,
-        plane_height_m=options.plane_height,
-        priors=metadata_priors(metadata, crs),
-        metadata=metadata,
+        *photos._replace(poses=poses, crs=crs),
         unposed=tuple(sorted(set(sizes) - set(photos.names))),
         poses_from=poses_from,
         crs_from=place,
@@ -188,7 +186,7 @@ class _Photos(Survey[PhotoOptions]):
         images, poses = options.images, options.poses
         sizes = photo_sizes(images, progress)
         photos, crs_from = read_poses(poses, sizes), f"{poses}, key 'crs'"
-        if options.crs is None and photos.crs is None:
+        if options.crs is None and not photos.crs:
             fix = "add the key 'crs' to the file, or give --crs EPSG:..."
             raise UsageError("the CRS of the poses is not known", where=poses, fix=fix)
         parts = (scene, images, sizes, photos, poses, progress)
