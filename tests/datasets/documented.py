@@ -35,12 +35,7 @@ def overview() -> str:
     return HEADER + "".join(rows) + "\n"
 
 
-def main() -> None:
-    """Write the table anew."""
+if __name__ == "__main__":
     before, rest = PAGE.read_text(encoding="utf-8").split(MARKER)
     after = rest.split("<!-- end -->", 1)[1]
     PAGE.write_text(f"{before}{MARKER}{overview()}<!-- end -->{after}", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -19,7 +19,6 @@ from tests.datasets.tagged import packet, write_photo
 GPS = {1: "N", 2: (46.0, 50.0, 33.3855), 3: "W", 4: (91.0, 59.0, 40.4156), 5: b"\0", 6: 198.309}
 LON, LAT = -(91 + 59 / 60 + 40.4156 / 3600), 46 + 50 / 60 + 33.3855 / 3600
 UNKNOWN = IFDRational(0, 0)
-SOUTH_EAST = {1: "S", 2: (33.0, 30.0, 36.0), 3: "E", 4: (151.0, 0.0, 0.0)}
 NOTHING = (None,) * 7
 
 Photo = Callable[..., Path]
@@ -59,7 +58,11 @@ def altitude(code: bytes | None) -> dict[int, Any]:
         (None, dji(**PLACE, GpsLongitude="+112.25"), (112.25, -28.5, 80.5, *NOTHING[3:])),
         (None, dji(**PLACE, GpsLongtitude="+112.25"), (112.25, -28.5, 80.5, *NOTHING[3:])),
         (GPS, dji(**PLACE, GpsLongitude="+112.25"), (LON, LAT, 198.309, *NOTHING[3:])),
-        (SOUTH_EAST, None, (151.0, -33.51, *NOTHING[2:])),
+        (
+            {1: "S", 2: (33.0, 30.0, 36.0), 3: "E", 4: (151.0, 0, 0)},
+            None,
+            (151.0, -33.51, *NOTHING[2:]),
+        ),
         *(
             (altitude(code), None, (LON, LAT, sign * 198.309, *NOTHING[3:]))
             for code, sign in ((b"\0", 1), (b"\1", -1), (b"\2", 1), (b"\3", -1), (None, 1))

@@ -70,22 +70,6 @@ def test_tiles_and_crops_as_files_are_those_of_the_maps(tmp_path: Path) -> None:
     hold_crops(home, scene)
 
 
-def test_from_photos_to_a_score(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place = make_place(tmp_path)
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    assert run_main(*place.arguments()) == 0
-    said = capsys.readouterr()
-    assert "retrieval       4 queries" in said.out
-    assert "next: airzoo-bench baseline retrieval park-retrieval" in said.err
-    out = tmp_path / "t.npz"
-    assert run_main("template", "park-retrieval", "--out", out, "--kind", "descriptors") == 0
-    assert run_main("check", out) == 0
-    assert run_main("eval", "retrieval", out, "--format", "csv") == 0
-    assert "\npark,4," in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("shards", [0, 3])
 def test_a_true_cloud_makes_truth_for_reconstruction(shards: int, tmp_path: Path) -> None:
     place = make_place(tmp_path)

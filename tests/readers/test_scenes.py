@@ -130,10 +130,6 @@ def test_mini_npz_of_depth_anything_3_goes_before_npz(
     spoilt = files.da3_fields(true_views(worlds.views, "yard")) | {"depth": np.ones((9, 36, 48))}
     files.write_fields(path / "yard" / "exports" / "npz" / "results.npz", spoilt)
     assert yard(path)["f1_0.2m"] == 1.0
-    exported = path / "yard" / "exports" / "mini_npz" / "results.npz"
-    (tmp_path / "plain" / "yard").mkdir(parents=True)
-    shutil.copy(exported, tmp_path / "plain" / "yard")
-    assert yard(tmp_path / "plain")["f1_0.2m"] == 1.0
 
 
 def test_cameras_alone_have_no_surface(

@@ -28,7 +28,7 @@ from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_P
 from airzoo_bench.datasets.geometry_checks.scenes import SceneGeometry
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from tests.support import BRIGHTON, run_main
+from tests.support import run_main
 
 from .analytic import Flight, looking, orbit, scene, write_benchmark, write_depths, write_photos
 
@@ -232,13 +232,3 @@ class TestCommand:
         for words in ((), (folder, "--poses", folder)):
             assert run_main("check-geometry", *words) == 2
             assert "what is to be checked" in capsys.readouterr().err
-
-    def test_the_real_scene(self, capsys: pytest.CaptureFixture[str]) -> None:
-        if not BRIGHTON.is_dir():
-            pytest.skip(f"no real scene at {BRIGHTON}")
-        places = ("--poses", BRIGHTON / "poses.json", "--images", BRIGHTON / "images")
-        assert run_main("check-geometry", *places, "--format", "json") == 0
-        found = json.loads(capsys.readouterr().out)
-        [[_, photos, closure_m, *_, verdict]] = found["rows"]
-        assert (photos, verdict) == (18, "passes")
-        assert float(closure_m) < 1e-7
