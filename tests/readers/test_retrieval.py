@@ -238,5 +238,5 @@ class TestVpr:
         (log / "queries_descriptors.npy").unlink()
         files.write_lists(log, Place(ONE), ONE[0])
         (log / "preds" / "002.txt").unlink()
-        with pytest.raises(UserError, match="lacks the lists of 1 query"):
+        with pytest.raises(UserError, match="lacks the lists of"):
             scored(log, one)
