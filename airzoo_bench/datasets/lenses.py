@@ -76,7 +76,7 @@ def stated_cameras(
     images: Path,
     where: Path,
 ) -> Cameras:
-    """Return the cameras of photos by what states them; fx is compared with EXIF.
+    """Return the cameras of photos by their stated values; fx is compared with EXIF.
 
     It is not where the camera states the size of its photos.
     """
