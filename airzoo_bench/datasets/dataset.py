@@ -28,9 +28,18 @@ class Dataset(Generic[OptionsT]):
     the protocols that its truth is made for; `jobs` the default of ``--jobs``, None where there is
     nothing to share out.
 
-    Its methods take an instance of `options`, one of `scenes`, the data `root` that protocols start
-    from, `settings` of where and how the folder is made, and `progress`, which shows what takes
-    long.
+    Parameters of its methods
+    -------------------------
+    options : OptionsT
+        An instance of `options`.
+    scene : str
+        One of `scenes`.
+    root : Path
+        The data root, for protocols to start from.
+    settings : PrepareSettings
+        Where the folder is made, and how.
+    progress : Progress
+        Shows what takes long.
     """
 
     name: ClassVar[str] = ""
