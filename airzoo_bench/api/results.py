@@ -100,7 +100,7 @@ class Result(Scored):
         from airzoo_bench.report.page import make_report  # Matplotlib takes a second to load
 
         with TemporaryDirectory() as folder:
-            page = make_report([self.save(folder)], data=data_here(data)).page
+            page, _ = make_report([self.save(folder)], data=data_here(data))
         Path(path).write_text(page, encoding="utf-8")
         return Path(path)
 

@@ -183,7 +183,7 @@ def report(
     if out.suffix.lower() not in (".html", ".htm"):
         raise UsageError("a report is a page", where=out, expected="a name that ends in .html")
     check_output_file(out)
-    made = make_report(
+    page, notes = make_report(
         result_paths(results),
         data=cli.resolve_data(data),
         data_was_named=data is not None,
@@ -191,7 +191,7 @@ def report(
         progress=cli.progress,
     )
     with atomic_write(out, "w") as stream:
-        stream.write(made.page)
-    for note in made.notes:
+        stream.write(page)
+    for note in notes:
         cli.say(note)
     cli.say(f"wrote {out} ({out.stat().st_size / 1e6:.1f} MB)")

@@ -168,10 +168,10 @@ def save_figure(figure: Figure, path: Path) -> None:
         stream.write(content)
 
 
-def label_text(name: str, most: int = _LONGEST) -> str:
+def label_text(name: str) -> str:
     """Return a name as Matplotlib shows it literally, on one line, cut where it is very long."""
     line = plain(name) or "(no name)"
-    return (line if len(line) <= most else line[: most - 1] + "…").replace("$", r"\$")
+    return (line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…").replace("$", r"\$")
 
 
 def series_style(number: int) -> dict[str, Any]:

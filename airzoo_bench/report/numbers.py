@@ -31,7 +31,7 @@ from airzoo_bench.tables.breakdown import breakdown_table
 from airzoo_bench.tables.comparison import comparison_table, differences_table
 from airzoo_bench.tables.intervals import intervals_made, resampled, score_cell
 from airzoo_bench.tables.marks import mark_cells
-from airzoo_bench.tables.method_table import score_column, shared_references
+from airzoo_bench.tables.method_table import score_column, share_notes, shared_references
 from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
 
 OVERALL, POOLED = "overall", "pooled"
@@ -218,15 +218,7 @@ def counts_table(section: Section) -> Table:
 
 def notes_by_method(section: Section) -> list[str]:
     """Return the notes of all results, each once, with the methods that have it."""
-    names: dict[str, list[str]] = {}
-    for method in section.methods:
-        for note in notes_of(method.result):
-            names.setdefault(note, []).append(method.name)
-    every = len(section.methods)
-    return [
-        f"{'All methods' if len(who) == every > 1 else ', '.join(who)}: {note}"
-        for note, who in names.items()
-    ]
+    return share_notes((m.name, note) for m in section.methods for note in notes_of(m.result))
 
 
 @cache

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,14 +56,6 @@ _STYLES = ("style.css", "report.css")
 _MOST_ERRORS = 2
 
 
-@dataclass(frozen=True)
-class Report:
-    """A page that needs no other file and no network, and notes on what was left out."""
-
-    page: str
-    notes: list[str]
-
-
 def make_report(
     paths: Sequence[Path],
     *,
@@ -72,8 +63,8 @@ def make_report(
     data_was_named: bool = False,
     pictures: int = 12,
     progress: Progress = silent,
-) -> Report:
-    """Make the report of results."""
+) -> tuple[str, list[str]]:
+    """Make the report of results: a page that needs no other file, and what was left out."""
     sections, parts = read_sections(paths), []
     blobs, notes, faults = Blobs(), list[str](), list[Exception]()
     places: list[list[Place]] = []
@@ -89,7 +80,7 @@ def make_report(
     together = enumerate(zip(sections, places, strict=True), 1)
     for number, (section, found) in progress(together, "sections", len(sections)):
         parts.append(_part(f"part{number}", section, found, pictures, blobs, notes))
-    return Report(_render(parts, blobs), notes)
+    return _render(parts, blobs), notes
 
 
 def _part(
@@ -101,27 +92,26 @@ def _part(
     notes: list[str],
 ) -> dict[str, Any]:
     """Return what the template shows of a section, and in ``data`` what the script reads."""
-    found, first, by_query = find(section), section.first, section.by_query
+    found, first, main = find(section), section.first, section.headline[0]
     references = shared_references([method.result for method in section.methods])
-    protocol, summary = first.protocol, summary_panes(section, found)
+    summary = summary_panes(section, found)
     facts = [counted(len(section.methods), "method"), counted(len(first.scenes), "scene")]
-    facts += [counted(len(section.methods[0].records), "query")] if by_query else []
-    facts.append(f"truth {first.truth.fingerprint[:12]}")
-    settings = {
-        f"{key}.{name}".rstrip("."): canonical_json(value).strip('"')
-        for key, part in protocol.settings.items()
-        for name, value in (part.items() if isinstance(part, dict) else [("", part)])
-    }
+    facts += [counted(len(section.methods[0].records), "query")] if section.by_query else []
     headings = {score.key: score_column(score).heading for score in section.scores}
-    maps = pack_maps(section, places, blobs, notes)
-    clouds = pack_clouds(section, places, blobs)
+    data = {
+        "id": key,
+        "methods": section.names,
+        "scenes": [*first.truth.scene_titles.values()],
+        "queries": pack_queries(section, blobs) if section.by_query else None,
+        "maps": pack_maps(section, places, blobs, notes),
+        "clouds": pack_clouds(section, places, blobs),
+    }
     return {
         "id": key,
-        "name": f"{protocol.name} v{protocol.version}",
-        "title": f"{_TRACKS.get(section.track, section.track)}: "
-        f"{protocol.name} v{protocol.version}",
-        "facts": facts,
-        "headline": 1 + [*headings].index(section.headline[0].key),
+        "section": section,
+        "track": _TRACKS.get(section.track, section.track),
+        "facts": [*facts, f"truth {first.truth.fingerprint[:12]}"],
+        "headline": 1 + [*headings].index(main.key),
         "summary": summary,
         "hints": {headings[s.key]: meaning(section.track, s) for s in section.scores},
         "more": [headings[score.key] for score in section.scores if not score.headline],
@@ -132,34 +122,22 @@ def _part(
         ],
         "figures": [_image(*figure) for figure in _figures(section)],
         "pairs": pair_panes(section),
-        "methods": section.names,
         "scenes": scene_panes(section, summary),
         "conditions": breakdown_panes(section),
         "condition_titles": [(by, condition_title(by)) for by in section.conditions],
-        "query_scores": section.query_scores,
         "condition_figures": [
-            (by, *_image(f"{axis_label(section.headline[0])} by {condition_title(by)}", figure))
+            (by, *_image(f"{axis_label(main)} by {condition_title(by)}", figure))
             for by in section.conditions
-            for figure in [
-                condition(section.methods, section.headline[0], by, plan=plan_of(section))
-            ]
+            for figure in [condition(section.methods, main, by, plan=plan_of(section))]
         ],
-        "by_query": by_query,
-        "maps": maps,
-        "hardest": hardest(section, places, pictures) if by_query else [],
-        "clouds": clouds,
+        "hardest": hardest(section, places, pictures) if section.by_query else [],
         "counts": counts_table(section),
-        "settings": settings,
-        "first": first,
-        "results": [(method.name, method.result) for method in section.methods],
-        "data": {
-            "id": key,
-            "methods": section.names,
-            "scenes": [*first.truth.scene_titles.values()],
-            "queries": pack_queries(section, blobs) if by_query else None,
-            "maps": maps,
-            "clouds": clouds,
+        "settings": {
+            f"{key}.{name}".rstrip("."): canonical_json(value).strip('"')
+            for key, part in first.protocol.settings.items()
+            for name, value in (part.items() if isinstance(part, dict) else [("", part)])
         },
+        "data": data,
     }
 
 

@@ -31,7 +31,7 @@ def ranked(scene: MadeScene, number: int) -> list[str]:
     return [scene.tile(t) for t in [*scene.positives[number], *rest]]
 
 
-@pytest.mark.parametrize("way", [None, 1.0, -1.0])
+@pytest.mark.parametrize("way", [None, -1.0])
 def test_ranked_ids(
     data: Path,
     scenes: list[MadeScene],
@@ -117,113 +117,83 @@ RANKED = {"ranked_ids": TILES}
 MASKED = np.ma.masked_equal([1.0, 2], 2)
 
 
-@pytest.fixture(scope="module")
-def writers(prepared: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Return a writer of each protocol, to which no answer was added."""
-    out, benchmark = tmp_path_factory.mktemp("out"), load_benchmark(prepared / "data" / NAME)
-    names = {RETRIEVAL: "a.npz", MATCHING: "b.npz", RECONSTRUCTION: "c"}
-    return {key: PredictionWriter(out / name, key, benchmark) for key, name in names.items()}
-
-
 @pytest.mark.parametrize(
     ("protocol", "name", "fields", "named"),
     [
         (RETRIEVAL, f"{NAME}/aa", RANKED, "did you mean"),
-        (RETRIEVAL, f"{A}.png", RANKED, "'field/a'"),
         (RETRIEVAL, A, {"ranked_ids": ["field/9"]}, "field/9"),
-        (RETRIEVAL, A, {"ranks": TILES}, "ranked_ids and scores"),
-        (RETRIEVAL, A, {}, "ranked_ids and scores"),
-        (RETRIEVAL, A, XYS, "ranked_ids and scores"),
+        *((RETRIEVAL, A, fields, "ranked_ids and scores") for fields in ({}, XYS)),
         (RETRIEVAL, A, RANKED | {"scores": [1, 2]}, "ranked_ids, scores"),
         (RETRIEVAL, TILES[0], {"descriptor": np.ones((2, 2))}, "descriptor"),
         (RETRIEVAL, A, {"descriptor": MASKED}, "descriptor"),
-        (MATCHING, f"{NAME}/x", XYS, "field/x"),
         (MATCHING, A, XYS | {"map_xy": XY[:1]}, "query_xy, map_xy"),
-        (MATCHING, A, {"query_xy": XY}, "query_xy"),
-        (RECONSTRUCTION, A, {"points": XY}, "field"),
         (RECONSTRUCTION, NAME, {"points": XY}, "points"),
         (RECONSTRUCTION, f"{NAME}/x", VIEW, "photo"),
         (RECONSTRUCTION, A, VIEW | {"depth": np.ones((2, 24, 32))}, "depth"),
+        # After another answer, with which these do not go together.
+        (RETRIEVAL, B, {"descriptor": [1.0]}, "ranked_ids"),
+        (RETRIEVAL, B, RANKED | {"scores": [*range(6)]}, "scores"),
+        (RECONSTRUCTION, B, VIEW | {"depth": np.ones((25, 32))}, "depth"),
+        (RECONSTRUCTION, B, POSE, "depth"),
     ],
 )
 def test_an_answer_that_cannot_be_meant_is_refused_at_once(
-    writers: dict[str, Any], protocol: str, name: str, fields: dict[str, Any], named: str
-) -> None:
-    with pytest.raises(UserError) as refusal:
-        writers[protocol].add(name, **fields)
-    assert f", {name}" in str(refusal.value)
-    assert named in str(refusal.value)
-    assert "0 added" in repr(writers[protocol])
-
-
-@pytest.mark.parametrize(
-    ("protocol", "first", "second", "named"),
-    [
-        (RETRIEVAL, RANKED, {"descriptor": [1.0]}, "ranked_ids"),
-        (RETRIEVAL, RANKED, RANKED | {"scores": [*range(6)]}, "scores"),
-        (RETRIEVAL, {"descriptor": [1.0, 2]}, {"descriptor": [1.0]}, "descriptor"),
-        (RECONSTRUCTION, VIEW, VIEW | {"depth": np.ones((25, 32))}, "depth"),
-        (RECONSTRUCTION, VIEW, POSE, "depth"),
-    ],
-)
-def test_answers_that_do_not_go_together(
     field: BlindBenchmark,
     tmp_path: Path,
     protocol: str,
-    first: dict[str, Any],
-    second: dict[str, Any],
+    name: str,
+    fields: dict[str, Any],
     named: str,
 ) -> None:
     writer = PredictionWriter(tmp_path / "mine.npz", protocol, field)
-    writer.add(A, **first)
-    with pytest.raises(UserError, match="added before"):
+    if name == B:
+        first = {RETRIEVAL: RANKED, RECONSTRUCTION: VIEW}[protocol]
         writer.add(A, **first)
-    with pytest.raises(UserError, match=named):
-        writer.add(B, **second)
-    assert "1 added" in repr(writer)
+        with pytest.raises(UserError, match="added before"):
+            writer.add(A, **first)
+    with pytest.raises(UserError) as refusal:
+        writer.add(name, **fields)
+    assert f", {name}" in str(refusal.value)
+    assert named in str(refusal.value)
+    assert f"{int(name == B)} added" in repr(writer)
 
 
 @pytest.mark.parametrize(
-    ("protocol", "name", "fields"),
+    ("protocol", "fields"),
     [
-        (RETRIEVAL, A, {"ranked_ids": TILES[:3], "scores": [1, 3, 2]}),
-        (RETRIEVAL, A, {"ranked_ids": TILES[:1] * 2}),
-        (MATCHING, A, XYS | {"map_xy": XY * np.nan}),
-        (MATCHING, A, POSE | {"rotation": TURN * 2}),
-        (MATCHING, A, POSE | {"centre": POSE["centre"].astype("f4")}),
-        (RECONSTRUCTION, A, VIEW | {"confidence": np.ones((2, 2))}),
-        (RECONSTRUCTION, A, VIEW | {"rotation": TURN * 2}),
+        (RETRIEVAL, {"ranked_ids": TILES[:3], "scores": [1, 3, 2]}),
+        (MATCHING, XYS | {"map_xy": XY * np.nan}),
+        (MATCHING, POSE | {"centre": POSE["centre"].astype("f4")}),
+        (RECONSTRUCTION, VIEW | {"rotation": TURN * 2}),
     ],
 )
 def test_the_reader_checks_the_file_and_the_answers_are_not_lost(
-    field: BlindBenchmark, tmp_path: Path, protocol: str, name: str, fields: dict[str, Any]
+    field: BlindBenchmark, tmp_path: Path, protocol: str, fields: dict[str, Any]
 ) -> None:
     out = tmp_path / ("mine" if protocol == RECONSTRUCTION else "mine.npz")
     writer = PredictionWriter(out, protocol, field)
-    writer.add(name, **fields)
+    writer.add(A, **fields)
     with pytest.raises(UserError):
         writer.close()
     assert out.name in files_below(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("track", "error"),
+    ("track", "name", "fields", "error"),
     [
-        ("retrieval", KeyboardInterrupt),
-        ("matching", RuntimeError),
-        ("reconstruction", RuntimeError),
+        ("retrieval", A, RANKED, KeyboardInterrupt),
+        ("reconstruction", NAME, {"points": np.eye(3)}, RuntimeError),
     ],
 )
 def test_an_exception_leaves_what_was_there(
-    field: BlindBenchmark, tmp_path: Path, error: type[BaseException], track: str
+    field: BlindBenchmark,
+    tmp_path: Path,
+    track: str,
+    name: str,
+    fields: dict[str, Any],
+    error: type[BaseException],
 ) -> None:
     out = tmp_path / ("mine" if track == "reconstruction" else "mine.npz")
-    answers: dict[str, tuple[str, dict[str, Any]]] = {
-        "retrieval": (A, RANKED),
-        "matching": (A, POSE),
-        "reconstruction": (NAME, {"points": np.random.default_rng(0).random((4, 3))}),
-    }
-    name, fields = answers[track]
 
     def predict(*, stopped: bool) -> None:
         with PredictionWriter(out, f"{NAME}-{track}", field) as writer:
@@ -253,8 +223,7 @@ def test_places_and_protocols(field: BlindBenchmark, data: Path, tmp_path: Path)
             PredictionWriter(path, protocol, field)
     writer = PredictionWriter(out, RETRIEVAL, field)
     tiles = field.scene(NAME).tiles()
-    for tile in (*tiles[:9], *tiles[10:]):
-        writer.add(tile.id, descriptor=[2.0])
+    writer.add(tiles[0].id, descriptor=[2.0])
     with pytest.raises(UserError, match="no answer was added"):
         writer.close()
     with pytest.raises(UserError, match="the file is closed"):
