@@ -255,10 +255,9 @@ def npz_fields(path: Path) -> frozenset[str]:
 
 def first_bytes(path: Path, count: int) -> bytes:
     """Return the first bytes of a regular file, or none where it cannot be read."""
-    with suppress(OSError):
-        if path.is_file():  # opening a pipe would wait
-            with path.open("rb") as stream:
-                return stream.read(count)
+    if path.is_file():  # opening a pipe would wait
+        with suppress(OSError), path.open("rb") as stream:
+            return stream.read(count)
     return b""
 
 

@@ -145,6 +145,8 @@ def _write(folder: Path, name: str, value: Any) -> None:
 
 
 def _read(folder: Path, name: str) -> Any:
+    if (folder / name).stat().st_size > 1 << 28:  # as much memory would be taken here
+        raise ValueError("it has far too many entries")
     return json.loads((folder / name).read_text(), object_hook=partial(_restore, folder))
 
 
@@ -170,7 +172,6 @@ def _describe(folder: Path, value: Any) -> Any:
 
 
 def _restore(folder: Path, found: dict[str, Any]) -> Any:
-    made: Any
     match found.get("$"):
         case ["path", text]:
             return Path(text)
@@ -180,14 +181,14 @@ def _restore(folder: Path, found: dict[str, Any]) -> Any:
             path = folder / f"{int(number)}.npy"
             return np.load(path, mmap_mode="c" if path.stat().st_size > 1 << 20 else None)
         case ["error", kind, texts]:
-            made = getattr(errors, kind, UserError)
+            made: Any = getattr(errors, kind, UserError)
             if isinstance(made, type) and issubclass(made, UserError):
                 return made(**texts)
         case ["dataclass", kind, fields]:
             made = resolve(kind) if kind.startswith("airzoo_bench.") else None
             if not dataclasses.is_dataclass(made):
                 raise ValueError(f"{kind} is no type of the suite")
-            return made(**fields)  # type: ignore[operator]
+            return made(**fields)
     return found
 
 
