@@ -188,7 +188,7 @@ def _restore(folder: Path, found: dict[str, Any]) -> Any:
             made = resolve(kind) if kind.startswith("airzoo_bench.") else None
             if not dataclasses.is_dataclass(made):
                 raise ValueError(f"{kind} is no type of the suite")
-            return made(**fields)
+            return made(**fields)  # type: ignore[operator]
     return found
 
 
