@@ -45,16 +45,13 @@ _Indices = NDArray[np.int64]
 _Rgb = NDArray[np.uint8]
 
 _PLANS = {"city": city_plan, "rural": rural_plan}
-_MAP = Raster(2400, 0.25)
-_DSM = Raster(1200, 0.5)
+_MAP, _DSM = Raster(2400, 0.25), Raster(1200, 0.5)
 # The older mosaic is shifted by 0.6 m.
 _MOSAIC = Raster(2000, 0.3, 0.48, -0.36)
 _TREE_STREAM = 51
 _BLOCK, _ROWS = 512, 100  # triangles and rows worked on at once
-# Heights of shadows are in integers of this many to the metre.
-_UNITS = 1024
-_BIAS, _SOFT = 200, 512
-_FAR_STEPS = 512
+# Heights of shadows are in integers, so many to the metre.
+_UNITS, _BIAS, _SOFT, _FAR_STEPS = 1024, 200, 512, 512
 
 
 def build_world(region: str, seed: int) -> World:

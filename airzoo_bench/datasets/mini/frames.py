@@ -34,7 +34,6 @@ IMAGE_SUFFIX = ".jpg"
 PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
 ECEF_COLUMNS = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
 _DIGITS = (12, 12, 6, 12, 12, 12, 6, 6, 6, 15, 15, 15, 15)  # of these columns
-_FLOATING_POINT = {317: 3}  # the predictor of a TIFF
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +167,8 @@ def _render_frame(shared: tuple[FrameList, list[str], Path, str, Path], row: int
     image, depth = frame_paths(folder, name)
     photo, distances = Image.fromarray(frame.rgb), Image.fromarray(frame.depth)
     with atomic_write(depth) as stream:
-        tags, kind = _FLOATING_POINT, "tiff_adobe_deflate"
-        distances.save(stream, format="TIFF", compression=kind, tiffinfo=tags)
+        kind, predictor = "tiff_adobe_deflate", {317: 3}  # of floating point
+        distances.save(stream, format="TIFF", compression=kind, tiffinfo=predictor)
     with atomic_write(image) as stream:  # after its depth, so that it says that both are there
         photo.save(stream, format="JPEG", quality=92, subsampling=0, comment=marks[row])
 

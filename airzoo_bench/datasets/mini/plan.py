@@ -321,7 +321,11 @@ class Plan:
     def paint(self, kind: str, form: Form, key: int | None = None, season: int = ALWAYS) -> None:
         """Add a decal on top of the existing ones; its key is drawn where there is none."""
         key = self.dice.integer(0, 1 << 14) if key is None else key
-        self.decals.append(Decal(kind, form, key, season, self.side))
+        parts: list[Form] = [form]
+        if isinstance(form, Box) and form.deep < 1.0:  # a long line would cover a wide window
+            ends = [*steps(form.u0, form.u1, 60.0), form.u1]
+            parts = [form._replace(u0=u0, u1=u1) for u0, u1 in pairwise(ends)]
+        self.decals += [Decal(kind, part, key, season, self.side) for part in parts]
 
     def strew(self, what: str, lot: Box, count: int) -> None:
         """Paint so many of a kind of clutter anywhere in a lot."""
