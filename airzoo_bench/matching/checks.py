@@ -181,6 +181,7 @@ def _check_axes(given: Floats, priors: Floats) -> None:
     # Quarter turns, such as those of a map's tile, are no reading of a camera's.
     if off <= 20.0 or np.isin(np.abs(np.round(given, 12)), (0.0, 1.0)).all():
         return
+    of_world = np.roll(matrix_to_quaternion(back), -1, axis=1)
     readings = {
         "camera-to-world rotations": back,
         f"{axes} (x right, y up, z backward)": _OPENGL @ given,
@@ -188,13 +189,11 @@ def _check_axes(given: Floats, priors: Floats) -> None:
         "quaternions read in the order x y z w": quaternion_to_matrix(
             np.roll(matrix_to_quaternion(given), 1, axis=1)
         ),
+        "quaternions in the order w x y z": np.swapaxes(quaternion_to_matrix(of_world), 1, 2),
     }
     errors = {name: _angle(rotation, priors) for name, rotation in readings.items()}
-    fitting = [
-        name
-        for name in sorted(errors, key=errors.__getitem__)
-        if errors[name] < min(20.0, off / 3.0)
-    ]
+    near = [name for name, left in errors.items() if left < min(20.0, off / 3.0)]
+    fitting = sorted(near, key=errors.__getitem__)
     if fitting:  # of cameras that look down several may fit
         what = f"looks like {' or '.join(fitting)}: they differ from the IMU's by {off:.4g} degrees"
         what += f", read so by {errors[fitting[0]]:.4g}"
