@@ -68,12 +68,9 @@ def template(
     from airzoo_bench.evaluation.evaluate import write_template
 
     folder = cli.resolve_data(data)
-    written = write_template(protocol, data=folder, out=out, kind=kind)
-    cli.say(f"wrote {written.out}: replace its arrays, which are random, by your own")
-    if written.note is not None:
-        cli.say(written.note)
-    command = "check" if written.sealed else f"eval {written.track}"
-    cli.say(f"next: airzoo-bench {command} {written.out}{cli.with_data(data)}")
+    path, command = write_template(protocol, data=folder, out=out, kind=kind)
+    cli.say(f"wrote {path}: replace its arrays, which are random, by your own")
+    cli.say(f"next: airzoo-bench {command} {path}{cli.with_data(data)}")
 
 
 def baseline(

@@ -30,7 +30,6 @@ from airzoo_bench.datasets.folder import (
 )
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.evaluation.evaluate import accuracy_notes
 
 RECORDS = "prepared.json"
 _FILES = ("images", "dom", "dsm", "gallery", "maps", "cloud")
@@ -236,9 +235,6 @@ class Run:
 
         with atomic_folder(folder, replace=settings.replace) as staged:
             with_progress(put_together, "writing the folder", settings.progress)
-        accuracy = {scene: record.entry.truth_accuracy_m for scene, record in records.items()}
-        for sentence in (one for protocol in served for one in accuracy_notes(protocol, accuracy)):
-            settings.note(f"warning: {sentence}")
         summaries = {scene: record.summary for scene, record in records.items()}
         return Prepared(folder, {one.name: one.track for one in served}, summaries)
 

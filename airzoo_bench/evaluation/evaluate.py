@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,29 +14,18 @@ from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import (
     CameraError,
     PredictionError,
-    ProtocolError,
     UnreadableError,
     UsageError,
     UserError,
-    agreeing,
-    first_of,
 )
 from airzoo_bench.core.files import fingerprint, sha256_of, sha256_of_tree
 from airzoo_bench.core.registry import READERS, TRACKS, load_track, resolve
 from airzoo_bench.core.version import versions
-from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.opening import Given, ReadBy, open_predictions, read_truths
 from airzoo_bench.evaluation.queries import check_npz
 from airzoo_bench.evaluation.run_files import SceneStore
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Truth
-from airzoo_bench.protocol.model import (
-    Protocol,
-    find_protocol,
-    load_protocol,
-    protocol_files,
-    protocol_of_track,
-)
-from airzoo_bench.results.comparable import other_settings
+from airzoo_bench.protocol.model import find_protocol, protocol_of_track
 from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
@@ -46,15 +35,6 @@ from airzoo_bench.results.result import (
     summarise,
 )
 
-FACTOR = 3.0
-"""Errors of method and truth add as squares: a truth that is wrong by a third of a threshold makes
-an error there larger by 5 % (the root of 1 + 1/9); one that is wrong by half of it, by 12 %."""
-
-# Settings that hold lengths in metres, by which predictions pass or fail.
-_THRESHOLDS = (
-    *("distance_below_m", "translation_below_m", "pose_below_m_deg", "auc_up_to_m"),
-    *("f1_below_m", "headline_below_m"),
-)
 _HERE = Run()
 _AS_FOUND = ReadBy()
 
@@ -88,16 +68,20 @@ def evaluate(
     store: SceneStore | None = None,
 ) -> Evaluation:
     """Score predictions."""
-    asked = {"track": track, "protocol": protocol}
-    given = open_predictions(path, data=data, run=run, read_by=read_by, **asked)
+    given = open_predictions(
+        path, data=data, track=track, protocol=protocol, run=run, read_by=read_by
+    )
     chosen, known = given.protocol, given.truths
     benchmark, truths = known if known and not known[0].is_sealed else read_truths(chosen, data)
     assignment = given.track.assign(given.predictions, truths, chosen)
     for error in assignment.errors:
         raise error
-    sha256 = sha256_of_tree(path)
-    if store is not None:
-        store.begin(_run_fingerprint(given, sha256, truths, read_by, run))
+    sha256, of_truths = sha256_of_tree(path), truth_fingerprint(truths)
+    if store is not None:  # versions too, but not code that is being changed
+        reader = None if given.reader is None else given.reader.model_dump(mode="json")
+        names = None if read_by.names is None else sha256_of(read_by.names)
+        inputs = [sha256, reader, names, chosen.fingerprint, of_truths, versions()]
+        store.begin(fingerprint([*inputs, run.memory_bytes]))
     scored: dict[str, Scored] = {}
     parts = zip(truths, assignment.parts, strict=True)
     for truth, part in run.progress(parts, "scenes", len(truths)):
@@ -108,13 +92,6 @@ def evaluate(
                 store.save(truth.scene, scene)
         scored[truth.scene] = scene
     scores, records = _join_records([*scored.values()], given.track.scores(chosen))
-    used = PredictionsUsed(
-        file=path.name,
-        sha256=sha256,
-        kind=", ".join(sorted({scene.kind for scene in scored.values() if scene.kind})),
-        method=method or (path.name if path.is_dir() else path.stem),
-        reader=given.reader,
-    )
     result = Result(
         track=chosen.track,
         protocol=ProtocolUsed(
@@ -126,15 +103,21 @@ def evaluate(
         truth=TruthUsed(
             benchmark=benchmark.name,
             version=benchmark.file.version,
-            fingerprint=truth_fingerprint(truths),
+            fingerprint=of_truths,
             scene_titles={scene.id: scene.title for scene in chosen.scenes},
         ),
-        predictions=used,
+        predictions=PredictionsUsed(
+            file=path.name,
+            sha256=sha256,
+            kind=", ".join(sorted({scene.kind for scene in scored.values() if scene.kind})),
+            method=method or (path.name if path.is_dir() else path.stem),
+            reader=given.reader,
+        ),
         versions=dict(versions()),
         columns=tuple(scores),
         counts={name: scene.counts for name, scene in scored.items()},
         extra_queries=assignment.strange,
-        notes=_notes(given, benchmark, truths, assignment, [*scored.values()]),
+        notes=tuple(_notes(given, truths, assignment, [*scored.values()])),
         **asdict(summarise(records, scores, [scene.id for scene in chosen.scenes])),
         references=dict(given.track.references(chosen, truths)),
     )
@@ -142,32 +125,18 @@ def evaluate(
 
 
 def _notes(
-    given: Given,
-    benchmark: Benchmark,
-    truths: Sequence[Truth],
-    assignment: Assignment,
-    scored: Sequence[Scored],
-) -> tuple[str, ...]:
-    accuracy = {scene.id: scene.truth_accuracy_m for scene in benchmark.file.scenes}
-    return (
-        *_namesake_notes(given.protocol, benchmark.folder),
-        *_count_notes(given.protocol, scored),
-        *accuracy_notes(given.protocol, accuracy),
-        *given.notes,
-        *assignment.notes,
-        *(note for scene in scored for note in scene.notes),
-        *given.track.notes(given.predictions, truths, given.protocol, scored),
-    )
-
-
-def _run_fingerprint(
-    given: Given, sha256: str, truths: Sequence[Truth], read_by: ReadBy, run: Run
-) -> str:
-    """Return a fingerprint of the inputs and versions, but not of code that is being changed."""
-    reader = None if given.reader is None else given.reader.model_dump(mode="json")
-    names = None if read_by.names is None else sha256_of(read_by.names)
-    parts = sha256, reader, names, given.protocol.fingerprint, truth_fingerprint(truths)
-    return fingerprint([*parts, versions(), run.memory_bytes])
+    given: Given, truths: Sequence[Truth], assignment: Assignment, scored: Sequence[Scored]
+) -> list[str]:
+    """Return what a reader of the scores must know, of files, scenes and all together."""
+    counts = [
+        f"scene {scene.title} has {one.counts['queries']:,} queries here, "
+        f"{scene.queries:,} in the paper"
+        for scene, one in zip(given.protocol.scenes, scored, strict=True)
+        if scene.queries not in (None, one.counts.get("queries", scene.queries))
+    ]
+    of_scenes = [note for scene in scored for note in scene.notes]
+    of_track = given.track.notes(given.predictions, truths, given.protocol, scored)
+    return [*counts, *given.notes, *assignment.notes, *of_scenes, *of_track]
 
 
 def _join_records(
@@ -222,93 +191,35 @@ def check(
         raise
     except (PredictionError, CameraError) as error:
         return Checked([error])
-    described = [f"{given.protocol.track} predictions for {given.protocol.name}"]
-    if given.reader is not None:
-        reader = READERS.get(given.reader.name)
-        writers = f" ({', '.join(reader.methods)})" if reader.methods else ""
-        described = [
-            f"{reader.title}{writers}: {described[0]}, read by --reader {given.reader.name}",
-            *(f"taken to be so: {convention}" for convention in given.reader.conventions),
-        ]
     _, truths = given.truths or read_truths(given.protocol, data, sealed=True)
     try:
-        errors, notes, covered = _check_scenes(given, truths, data, run)
+        assignment = given.track.assign(given.predictions, truths, given.protocol)
     except (PredictionError, CameraError) as error:
-        errors, notes, covered = [error], [], []
-    # Of the suite's own files the errors say all; of others, who reads them comes first.
-    described = [] if errors and given.reader is None else [*described, *covered]
-    return Checked(errors, [*given.notes, *notes], described)
-
-
-def _check_scenes(
-    given: Given, truths: Sequence[Truth], data: Path, run: Run
-) -> tuple[list[UserError], list[str], list[str]]:
-    """Return errors, notes, and how much is answered; errors of a scene hide no others."""
-    track, protocol = given.track, given.protocol
-    assignment = track.assign(given.predictions, truths, protocol)
+        return Checked([error], [*given.notes], _describe(given) if given.reader else [])
     errors: list[UserError] = [*assignment.errors]
     scored = []
     for part, truth in zip(assignment.parts, truths, strict=True):
-        try:
+        try:  # errors of a scene hide no others
             if part is not None:
-                scored.append(track.check(part, truth, protocol, run))
-        except PredictionError as error:
+                scored.append(given.track.check(part, truth, given.protocol, run))
+        except (PredictionError, CameraError) as error:
             errors.append(error)
-    notes = [note for scene in scored for note in scene.notes]
-    notes += [*_namesake_notes(protocol, data), *assignment.notes]
+    described = [*_describe(given), f"answers {assignment.covered}"]
     if not errors:
-        notes += _count_notes(protocol, scored)
-        notes += track.notes(given.predictions, truths, protocol, scored)
-    return errors, notes, [f"answers {assignment.covered}"]
+        return Checked([], _notes(given, truths, assignment, scored), described)
+    notes = [*given.notes, *assignment.notes, *(note for one in scored for note in one.notes)]
+    # Of the suite's own files the errors say all; of others, who reads them comes first.
+    return Checked(errors, notes, described if given.reader else [])
 
 
-def _namesake_notes(used: Protocol, data: Path) -> list[str]:
-    """Note a protocol that has the name of a known one and measures something else."""
-    path = protocol_files(data).get(used.name)
-    try:
-        known = None if path is None else load_protocol(path)
-    except ProtocolError:  # a protocol that cannot be used is no namesake
-        known = None
-    if known is None or known.fingerprint == used.fingerprint:
-        return []
-    why = other_settings(known.settings(), used.settings())
-    return [f"the protocol is not the {used.name} that all have: {why}"]
-
-
-def _count_notes(protocol: Protocol, scored: Sequence[Scored]) -> list[str]:
-    """Name scenes with more or fewer queries than in the paper."""
-    return [
-        f"scene {scene.title} has {one.counts['queries']:,} queries here, "
-        f"{scene.queries:,} in the paper"
-        for scene, one in zip(protocol.scenes, scored, strict=True)
-        if scene.queries not in (None, one.counts.get("queries", scene.queries))
-    ]
-
-
-def accuracy_notes(protocol: Protocol, accuracy_m: Mapping[str, float | None]) -> list[str]:
-    """Say which thresholds are finer than three times the stated accuracy of the truth."""
-    stated = {one.id: m for one in protocol.scenes if (m := accuracy_m.get(one.id)) is not None}
-    worst = max(stated.values(), default=0.0)
-    fine = sorted({m for m in _lengths(protocol.settings()) if m < FACTOR * worst})
-    if not fine:
-        return []
-    scenes = first_of([name for name, m in stated.items() if FACTOR * m > fine[0]], noun="scene")
-    return [
-        f"the truth of {scenes} is stated to be good to {worst:g} m: below {FACTOR:g} times that, "
-        f"{agreeing(len(fine), 'the threshold', 'the thresholds')} "
-        f"{', '.join(f'{m:g}' for m in fine)} m of {protocol.name} "
-        f"{agreeing(len(fine), 'measures', 'measure')} errors of the truth too"
-    ]
-
-
-def _lengths(settings: Mapping[str, Any]) -> Iterator[float]:
-    """Yield the metres of all thresholds."""
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _lengths(value)
-        elif key in _THRESHOLDS:
-            for one in value if isinstance(value, list) else [value]:
-                yield float(one[0] if isinstance(one, list) else one)
+def _describe(given: Given) -> list[str]:
+    what = f"{given.protocol.track} predictions for {given.protocol.name}"
+    if given.reader is None:
+        return [what]
+    reader = READERS.get(given.reader.name)
+    writers = f" ({', '.join(reader.methods)})" if reader.methods else ""
+    what = f"{reader.title}{writers}: {what}, read by --reader {given.reader.name}"
+    return [what, *(f"taken to be so: {convention}" for convention in given.reader.conventions)]
 
 
 def run_baseline(
@@ -333,27 +244,15 @@ def run_baseline(
         predict(chosen, benchmark, settings or baseline.settings, out, run, note)
 
 
-@dataclass(frozen=True)
-class Template:
-    """An example that was written; `note` says what it will score, if known and not `sealed`."""
-
-    track: str
-    out: Path
-    note: str | None
-    sealed: bool = False
-
-
 def write_template(
     protocol: str, *, data: Path, out: Path | None = None, kind: str | None = None, seed: int = 0
-) -> Template:
-    """Write an example prediction for a protocol, at random."""
+) -> tuple[Path, str]:
+    """Write an example prediction for a protocol, at random; return where, and what takes it."""
     chosen = find_protocol(protocol, data)
-    info: TrackInfo = TRACKS.get(chosen.track)
+    info = TRACKS.get(chosen.track)
     if kind is not None and kind not in info.templates:
-        raise UsageError(
-            f"templates of {info.name} have no kind {kind!r}",
-            expected=" or ".join(info.templates) or "no --kind",
-        )
+        expected = " or ".join(info.templates) or "no --kind"
+        raise UsageError(f"templates of {info.name} have no kind {kind!r}", expected=expected)
     target = out or Path("template" if info.folders else "template.npz")
     if not info.folders:
         check_npz(target)
@@ -362,5 +261,5 @@ def write_template(
         raise UsageError(what, where=target, fix="name another place with --out")
     benchmark, truths = read_truths(chosen, data, sealed=True)
     kind = kind or (*info.templates, "")[0]
-    note = load_track(info.name).template(target, truths, chosen, kind, seed)
-    return Template(info.name, target, note, benchmark.is_sealed)
+    load_track(info.name).template(target, truths, chosen, kind, seed)
+    return target, "check" if benchmark.is_sealed else f"eval {info.name}"

@@ -16,23 +16,12 @@ from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolEr
 from airzoo_bench.core.files import npz_fields, sha256_of, temporary_folder
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.sandbox import call_limited, check_limits
-from airzoo_bench.evaluation.info import TrackInfo
-from airzoo_bench.evaluation.reader import (
-    Reader,
-    Reading,
-    find_reader,
-    image_size_of,
-    reader_named,
-    refuse_option,
-)
+from airzoo_bench.evaluation.reader import Reading, find_reader, image_size_of, reader_named
 from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth
 from airzoo_bench.formats.arrays import protocol_name
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.protocol.model import Protocol, find_protocol, prepared_protocols, protocol_files
 from airzoo_bench.results.result import ReaderUsed
-
-_EXAMPLE = "`airzoo-bench template` writes an example"
-_LISTED = "`airzoo-bench protocols` lists them"
 
 
 @dataclass(frozen=True)
@@ -78,90 +67,72 @@ def open_predictions(
     read_by: ReadBy = ReadBy(),
 ) -> Given:
     """Open predictions in this process, or in a child under limits where `run` has some."""
+    infos = {name: TRACKS.get(name) for name in TRACKS.names()}
+    kinds = "; ".join(f"{name}: {info.kinds}" for name, info in infos.items())
+    example = {"expected": kinds, "fix": "`airzoo-bench template` writes an example"}
     if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
-        what = "no such prediction file or folder"
-        raise UnreadableError(what, where=path, expected=_kinds(), fix=_EXAMPLE)
+        raise UnreadableError("no such prediction file or folder", where=path, **example)
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
-    fields = npz_fields(path)
+    fields, chosen = npz_fields(path), None
     others = fields - {"protocol"}  # they may be a method's own, which its reader opens
-    arrays = NpzFile(path, run.memory_bytes, others) if path.suffix == ".npz" else None
-    chosen = _find_protocol(path, protocol, protocol_name(arrays) if arrays else None, data)
-    asked = track or (None if chosen is None else chosen.track)
+    is_npz = path.suffix == ".npz"
+    stated = protocol_name(NpzFile(path, run.memory_bytes, others)) if is_npz else None
+    if protocol is not None or stated is not None:
+        chosen = _stated_protocol(path, protocol, stated, data)
+        track = _checked_track(path, chosen, track)
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
-    name = read_by.reader or (None if is_own else find_reader(path, asked))
+    name = read_by.reader or (None if is_own else find_reader(path, track))
     if name is not None:
-        return _open_native(path, reader_named(name), name, data, track, chosen, run, read_by)
-    for option, value in (("--names", read_by.names), ("--image-size", read_by.image_size)):
-        if value is not None:
-            refuse_option(option, value, "the suite's own file, no reader's", path)
-    info = _track_of(path, asked, fields)
-    if chosen is not None:
-        _check_track(path, chosen, info.name)
-    predictions: Predictions = load_track(info.name).open(path, run.memory_bytes)
-    chosen = chosen or _find_protocol(path, None, predictions.protocol, data)
+        return _open_native(path, name, data, track, chosen, run, read_by)
+    if track is None:
+        kind, is_folder = path.name.lower(), path.is_dir()
+        fitting = [
+            one.name
+            for one in sorted(infos.values(), key=lambda info: not fields & {*info.fields})
+            if (one.folders if is_folder else kind.endswith(one.suffixes))
+        ]
+        if not fitting:
+            what = f"no kind of file that predictions come in: {path.suffix[:20]!r}"
+            raise UnreadableError(what, where=path, **example)
+        track = fitting[0]
+    predictions: Predictions = load_track(track).open(path, run.memory_bytes)
     if chosen is None:
-        expected = "a field 'protocol' in the file, or protocol.txt in the folder or archive"
-        raise _without_protocol(path, expected, f"name it with --protocol; {_LISTED}")
-    _check_track(path, chosen, info.name)
+        chosen = _stated_protocol(path, None, predictions.protocol, data)
+        _checked_track(path, chosen, track)
     return Given(predictions, chosen)
 
 
-def _kinds() -> str:
-    return "; ".join(f"{name}: {TRACKS.get(name).kinds}" for name in TRACKS.names())
-
-
-def _find_protocol(
-    path: Path, named: str | None, in_file: str | None, data: Path
-) -> Protocol | None:
+def _stated_protocol(path: Path, named: str | None, in_file: str | None, data: Path) -> Protocol:
     """Return the protocol that was named, else the one that predictions state."""
-    if named is not None or in_file is None:
-        return None if named is None else find_protocol(named, data)
+    if named is not None:
+        return find_protocol(named, data)
+    if in_file is None:
+        raise ProtocolError(
+            "does not say which protocol it is for",
+            where=path,
+            expected="a field 'protocol' in the file, or protocol.txt in the folder or archive",
+            fix="name it with --protocol; `airzoo-bench protocols` lists them",
+        )
     try:
         return find_protocol(in_file, data)
     except ProtocolError as error:
         raise error.inside(f"{path}, field 'protocol'") from error
 
 
-def _without_protocol(path: Path, expected: str, fix: str) -> ProtocolError:
-    what = "does not say which protocol it is for"
-    return ProtocolError(what, where=path, expected=expected, fix=fix)
-
-
-def _check_track(path: Path, chosen: Protocol, track: str) -> None:
-    if chosen.track != track:
+def _checked_track(path: Path, chosen: Protocol, track: str | None) -> str:
+    """Return the track of a protocol, which must be the one that is asked for, if one is."""
+    if track not in (None, chosen.track):
         raise PredictionError(
-            f"protocol {chosen.name} is of the {chosen.track} track",
+            f"protocol {chosen.name} is of the {chosen.track} track, not of the {track} track",
             where=path,
-            expected=f"a protocol of the {track} track",
             fix=f"airzoo-bench eval {chosen.track} {path}",
         )
-
-
-def _track_of(path: Path, asked: str | None, fields: frozenset[str]) -> TrackInfo:
-    """Return the track that was asked for, or find it; a kind of file that it lacks is refused."""
-    tracks: dict[str, TrackInfo] = {name: TRACKS.get(name) for name in TRACKS.names()}
-    kind, is_folder = path.name.lower(), path.is_dir()
-    fitting = [
-        one
-        for one in tracks.values()
-        if (one.folders if is_folder else kind.endswith(one.suffixes))
-    ]
-    if asked is not None and (tracks[asked] in fitting or not fitting):
-        return tracks[asked]
-    if asked is None and fitting:
-        return ([one for one in fitting if fields & {*one.fields}] or fitting)[0]
-    what, fix = f"no kind of file that predictions come in: {path.suffix[:20]!r}", _EXAMPLE
-    if fitting:
-        other = fitting[0].name
-        what = f"predictions of the {other} track come so, not those of the {asked} track"
-        fix = f"airzoo-bench eval {other} {path}"
-    raise UnreadableError(what, where=path, expected=_kinds(), fix=fix)
+    return chosen.track
 
 
 def _open_native(
     path: Path,
-    reader: Reader,
     name: str,
     data: Path,
     track: str | None,
@@ -170,6 +141,7 @@ def _open_native(
     read_by: ReadBy,
 ) -> Given:
     """Read what a method wrote; such files do not say which protocol they are for."""
+    reader = reader_named(name)
     if track not in (None, reader.track):
         raise UnreadableError(
             f"is {reader.title}, predictions of the {reader.track} track, not of the {track} track",
@@ -178,10 +150,12 @@ def _open_native(
         )
     if chosen is None:
         there = " or ".join(prepared_protocols(reader.track, data)[:3])
-        expected = f"--protocol NAME, for what was read as {reader.title}"
-        raise _without_protocol(path, expected, f"add --protocol {there}" if there else _LISTED)
-    _check_track(path, chosen, reader.track)
-    size = image_size_of(read_by.image_size)
+        raise ProtocolError(
+            "does not say which protocol it is for",
+            where=path,
+            expected=f"--protocol NAME, for what was read as {reader.title}",
+            fix=f"add --protocol {there}" if there else "`airzoo-bench protocols` lists them",
+        )
     benchmark, truths = read_truths(chosen, data, sealed=True)
     reading = Reading(
         chosen,
@@ -190,9 +164,8 @@ def _open_native(
         run.memory_bytes,
         folders=benchmark.image_folders,
         scenes=tuple(scene.id for scene in benchmark.file.scenes),
-        image_size=size,
+        image_size=image_size_of(read_by.image_size),
     )
-    reader.check_options(path, reading)
     try:
         read = reader.read(path, reading)
     except IsADirectoryError as error:
@@ -254,6 +227,13 @@ class _ListedScenes(ScenePredictions):
         yield _call("open_scene_here", {**self.request, **settings}, self.path, self.run)
 
 
+@dataclass(frozen=True)
+class _Opened:
+    predictions: Any
+    reader: dict[str, Any] | None
+    notes: tuple[str, ...]
+
+
 def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **asked: Any) -> Given:
     check_limits()
     # In a container the child does not see the folder of benchmarks, which has their truth.
@@ -281,21 +261,14 @@ def _call(function: str, request: Mapping[str, Any], path: Path, run: Run) -> An
         return found
 
 
-def _by_path(request: Mapping[str, Any]) -> dict[str, Any]:
-    protocol = request["protocol"]
-    return {**request, "protocol": None if protocol is None else str(protocol)}
+def _given_here(memory_bytes: int, protocol: Path | str | None, **request: Any) -> Given:
+    named = None if protocol is None else str(protocol)
+    return open_predictions(run=Run(memory_bytes), protocol=named, **request)
 
 
-@dataclass(frozen=True)
-class _Opened:
-    predictions: Any
-    reader: dict[str, Any] | None
-    notes: tuple[str, ...]
-
-
-def open_here(memory_bytes: int, **request: Any) -> _Opened:
+def open_here(**request: Any) -> _Opened:
     """Open predictions, in the child."""
-    given = open_predictions(run=Run(memory_bytes), **_by_path(request))
+    given = _given_here(**request)
     found: Any = given.predictions
     if isinstance(found, ScenePredictions):
         listed = tuple(found.unknown_files), tuple(found.scenes)
@@ -305,10 +278,10 @@ def open_here(memory_bytes: int, **request: Any) -> _Opened:
 
 
 def open_scene_here(
-    memory_bytes: int, scene: str, limit_bytes: int, sampling: Any, **request: Any
+    scene: str, limit_bytes: int, sampling: Any, **request: Any
 ) -> AbstractContextManager[Any]:
     """Open one scene of predictions, in the child."""
-    predictions: Any = open_predictions(run=Run(memory_bytes), **_by_path(request)).predictions
+    predictions: Any = _given_here(**request).predictions
     opened: AbstractContextManager[Any] = predictions.opened(
         scene, limit_bytes=limit_bytes, sampling=sampling
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ class QueryPredictions(Generic[C]):
     content: C
 
 
-@dataclass(frozen=True, eq=False)
-class QueryPart:
+class QueryPart(NamedTuple):
     """The predictions of all scenes, and the row of each query of one scene, -1 for none."""
 
     predictions: Any
@@ -46,37 +45,28 @@ def assign_queries(
     predictions: QueryPredictions[Any], truths: Sequence[Any], protocol: Protocol
 ) -> Assignment:
     """Find the row that answers each query."""
-    ids = predictions.query_ids
+    ids, notes = predictions.query_ids, []
     wanted = [truth.queries["id"].to_numpy(str) for truth in truths]
     asked = np.concatenate(wanted)
     found = rows_among(asked, ids)
     if (found < 0).all():
         raise _other_benchmark(predictions, protocol, str(asked[0]))
-    strange = np.ones(len(ids), np.bool_)
-    strange[found[found >= 0]] = False
+    missing, strange = asked[found < 0], np.delete(ids, found[found >= 0])
     ends = np.cumsum([len(some) for some in wanted])[:-1]
     parts = [QueryPart(predictions, rows) for rows in np.split(found, ends)]
-    missing = asked[found < 0]
-    covered = f"{len(asked) - len(missing):,} of {counted(len(asked), 'query')}"
-    notes = _notes(asked, missing, ids[strange])
-    return Assignment(parts, covered, notes, int(strange.sum()))
-
-
-def _notes(
-    asked: NDArray[np.str_], missing: NDArray[np.str_], strange: NDArray[np.str_]
-) -> list[str]:
-    """Name the first queries that are missing, and the first ids that are no queries."""
-    notes = []
     if missing.size:
         named = first_of(missing, len(asked), _SHOWN)
         notes.append(f"queries that the predictions lack, scored at their worst: {named}")
     if strange.size:
         # Each id stands once: what a mistyped one means is among the queries that are missing.
-        absent, some = missing.tolist(), strange[:_SHOWN].tolist()
-        shown = [repr(name[:_SHOWN_LETTERS]) + nearest(name, absent, 1) for name in some]
+        shown = [
+            repr(name[:_SHOWN_LETTERS]) + nearest(name, missing.tolist(), 1)
+            for name in strange[:_SHOWN].tolist()
+        ]
         named = first_of([*shown, *strange[_SHOWN:]], shown=_SHOWN)
         notes.append(f"ids of the predictions that are no queries, left aside: {named}")
-    return notes
+    covered = f"{len(asked) - len(missing):,} of {counted(len(asked), 'query')}"
+    return Assignment(parts, covered, notes, len(strange))
 
 
 def _other_benchmark(
@@ -100,8 +90,7 @@ def _other_benchmark(
     )
 
 
-@dataclass(frozen=True)
-class Fields(Generic[C]):
+class Fields(NamedTuple, Generic[C]):
     """A form that predictions of a track can have; a file with the field `marker` has this form.
 
     `needed` and `optional` are fields besides ``query_ids`` and ``protocol``; `read` takes the
@@ -118,18 +107,13 @@ def read_fields(arrays: Arrays, forms: tuple[Fields[C], ...], expected: str) -> 
     """Read predictions in the one form that a file has."""
     found = [form for form in forms if form.marker in arrays.names()]
     if len(found) > 1:
-        raise PredictionError(
-            f"holds {' and '.join(form.marker for form in found)}, and they could disagree",
-            where=arrays.path,
-            expected=expected,
-            fix="keep one of them",
-        )
+        what = f"holds {' and '.join(form.marker for form in found)}, and they could disagree"
+        raise PredictionError(what, where=arrays.path, expected=expected, fix="keep one of them")
     form = (*found, forms[0])[0]
     allowed = ("protocol", "query_ids", *form.needed, *form.optional)
     check_fields(arrays, ("query_ids", *form.needed), allowed, expected)
     ids = texts(arrays, "query_ids", 1)
-    content = form.read(arrays, ids)
-    return QueryPredictions(arrays.path, protocol_name(arrays), ids, content)
+    return QueryPredictions(arrays.path, protocol_name(arrays), ids, form.read(arrays, ids))
 
 
 def check_npz(out: Path) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from airzoo_bench.core.errors import PredictionError, UnreadableError, UsageError
+from airzoo_bench.core.errors import UnreadableError, UsageError
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.track import Predictions
@@ -49,11 +49,8 @@ def image_size_of(text: str | None) -> tuple[float, float] | None:
         return None
     found = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text)
     if found is None:
-        raise UsageError(
-            f"{text[:40]!r} is no size of a picture",
-            where="--image-size",
-            expected="width and height in pixels, such as 640x480",
-        )
+        what, expected = f"{text[:40]!r} is no size of a picture", "width and height, as 640x480"
+        raise UsageError(what, where="--image-size", expected=expected)
     return float(found[1]), float(found[2])
 
 
@@ -75,16 +72,13 @@ class Reader(ABC):
     """Reads what one method, or a family of methods, writes, into predictions of a track.
 
     `title` names the files for people, such as "descriptors of VPR-methods-evaluation", `layout`
-    says how they are recognised, `methods` who writes them. A reader that does not take names or an
-    image size refuses them.
+    says how they are recognised, `methods` who writes them.
     """
 
     track: ClassVar[str]
     title: str
     layout: str
     methods: tuple[str, ...] = ()
-    takes_names: ClassVar[bool] = False
-    takes_image_size: ClassVar[bool] = False
 
     @abstractmethod
     def recognise(self, path: Path) -> float:
@@ -94,54 +88,32 @@ class Reader(ABC):
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         """Read a path into predictions."""
 
-    def check_options(self, path: Path, reading: Reading) -> None:
-        """Refuse names and sizes that the files state themselves: they would not be used."""
-        if not self.takes_names:
-            refuse_option("--names", reading.names, self.title, path)
-        if not self.takes_image_size:
-            refuse_option("--image-size", reading.image_size, self.title, path)
-
-
-def refuse_option(option: str, value: object, title: str, where: Path) -> None:
-    """Refuse an option that the files make needless."""
-    if value is not None:
-        raise PredictionError(
-            f"read as {title}, which says all by itself: {option} is not used",
-            where=where,
-            fix="leave it out",
-        )
-
 
 def reader_named(name: str) -> Reader:
     """Return the reader of a name."""
     names = READERS.names()
-    if name in names:
-        found: Reader = READERS.get(name)
-        return found
-    raise UsageError(
-        f"there is no reader {name[:80]!r}{nearest(name[:80], names)}",
-        where="--reader",
-        expected="one of " + ", ".join(names),
-        fix="`airzoo-bench readers` says what each reads",
-    )
+    if name not in names:
+        raise UsageError(
+            f"there is no reader {name[:80]!r}{nearest(name[:80], names)}",
+            where="--reader",
+            expected="one of " + ", ".join(names),
+        )
+    found: Reader = READERS.get(name)
+    return found
 
 
 def find_reader(path: Path, track: str | None = None) -> str | None:
     """Return the name of the reader that recognises a path, if one does."""
-    readers: dict[str, Reader] = {name: READERS.get(name) for name in READERS.names()}
+    readers = {name: reader_named(name) for name in READERS.names()}
     sure = {name: one.recognise(path) for name, one in readers.items() if one.track == track}
-    least = POSSIBLE if max(sure.values(), default=0.0) >= POSSIBLE else SURE
-    if least == SURE:
-        sure = {name: reader.recognise(path) for name, reader in readers.items()}
-    most = max(sure.values(), default=0.0)
-    found = [name for name, value in sure.items() if value == most]
-    if most < least:
-        return None
-    if len(found) > 1:
+    if max(sure.values(), default=0.0) < POSSIBLE:
+        found = {name: one.recognise(path) for name, one in readers.items()}
+        sure = {name: value for name, value in found.items() if value >= SURE}
+    most = [name for name, value in sure.items() if value == max(sure.values())]
+    if len(most) > 1:
         raise UnreadableError(
-            f"could be {' or '.join(readers[name].title for name in found)}",
+            f"could be {' or '.join(readers[name].title for name in most)}",
             where=path,
-            expected="files of one layout",
-            fix=f"say which: {' or '.join(f'--reader {name}' for name in found)}",
+            fix=f"say which: {' or '.join(f'--reader {name}' for name in most)}",
         )
-    return found[0]
+    return most[0] if most else None

@@ -30,37 +30,32 @@ _RESULT = "result.json"
 _RECORDS, _REST = ".records", ".scene"
 
 
-def _run_entries() -> tuple[list[str], set[str]]:
-    """Name the files and the folders that runs of any track leave."""
+def check_run_folder(out: Path, predictions: str | Path) -> tuple[list[str], set[str]]:
+    """Refuse, before any work, a folder where a run would replace predictions or a user's own.
+
+    Return the names of the files and of the folders that runs of any track leave.
+    """
     tracks = [TRACKS.get(name) for name in TRACKS.names()]
     files = [_RESULT, "records.csv", *(name for info in tracks for name in info.files)]
-    return files, {name for info in tracks for name in info.options}
-
-
-def check_run_folder(out: Path, predictions: str | Path) -> None:
-    """Refuse, before any work, a folder where a run would replace predictions or a user's own."""
-    files, folders = _run_entries()
+    folders = {name for info in tracks for name in info.options}
     check_output_folder(out, files)
-    lost = [
-        name
-        for name in (*files, *folders)
-        if Path(predictions).resolve().is_relative_to(out.resolve() / name)
-        or (name in folders and (out / name).exists() and not (out / _RESULT).exists())
-    ]
-    if lost:
-        raise UsageError(
-            f"the run would replace {lost[0]}, which no run wrote",
-            where=out / lost[0],
-            fix="move it elsewhere, or name another --out",
-        )
+    given, is_run = Path(predictions).resolve(), (out / _RESULT).exists()
+    for name in (*files, *folders):
+        is_own = name in folders and (out / name).exists() and not is_run
+        if is_own or given.is_relative_to(out.resolve() / name):
+            raise UsageError(
+                f"the run would replace {name}, which no run wrote",
+                where=out / name,
+                fix="move it elsewhere, or name another --out",
+            )
+    return files, folders
 
 
 def save(
     evaluation: Evaluation, folder: Path, draw: Callable[[Path], None] | None = None
 ) -> list[Path]:
     """Write the files of a run into a folder, in place of an earlier run's."""
-    check_run_folder(folder, evaluation.given.predictions.path)
-    files, folders = _run_entries()
+    files, folders = check_run_folder(folder, evaluation.given.predictions.path)
     with atomic_entries(folder, (*files, *folders)) as staged:
         checksum = write_csv(evaluation.records, staged / "records.csv")
         result = evaluation.result.with_records(checksum)

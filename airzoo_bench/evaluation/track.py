@@ -20,7 +20,6 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
-from typing import Protocol as Structural
 
 import pandas as pd
 
@@ -33,19 +32,18 @@ from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Reference, ScoreColumn
 
+Predictions = Any
+"""A prediction file or folder, opened: its `path`, and the `protocol` that it names, or None.
 
-class Predictions(Structural):
-    """A prediction file or folder, opened, with the protocol that it names.
+A child process that reads what strangers wrote hands it to its parent by its fields, so it is a
+dataclass of texts, numbers, arrays, paths, and dataclasses of these; or `ScenePredictions`.
+"""
 
-    A child process that reads what strangers wrote hands it to its parent by its fields, so it is
-    a dataclass of texts, numbers, arrays, paths, and dataclasses of these; or `ScenePredictions`.
-    """
+Truth = Any
+"""The truth of a `scene`, and the `fingerprint` over all that scores depend on, by SHA-256.
 
-    @property
-    def path(self) -> Path: ...  # noqa: D102
-
-    @property
-    def protocol(self) -> str | None: ...  # noqa: D102
+Of a track with queries it has `queries`, a table with their ids.
+"""
 
 
 class ScenePredictions(ABC):
@@ -70,19 +68,6 @@ class ScenePredictions(ABC):
         It is a dataclass, as of `Predictions`; what is not in memory has a method
         ``stored(folder)``, which writes it to files of a folder and returns it as read from there.
         """
-
-
-class Truth(Structural):
-    """The truth of a scene, and the SHA-256 over all that scores depend on.
-
-    Of a track with queries it has ``queries``, a table with their ids.
-    """
-
-    @property
-    def scene(self) -> str: ...  # noqa: D102
-
-    @property
-    def fingerprint(self) -> str: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,25 +130,9 @@ class Run:
 class Track(ABC):
     """A track; ``Any`` marks types of its own.
 
-    Attributes
-    ----------
-    info : TrackInfo
-    protocol : type, the class of its protocols
-    recorded : frozenset of str
-        Columns of the records that are neither scores nor conditions of the queries; patterns as
-        of `fnmatch`.
-
-    Notes
-    -----
-    path, out : Path of predictions; of the template to write
-    memory_bytes : int, the most that reading may hold
-    benchmark, scene : Benchmark and the id of a scene in it
-    protocol : Protocol of the class `protocol`
-    predictions : from `open`
-    truth, truths : from `truth`; of all scenes in the protocol's order
-    part, run : one of `Assignment.parts`; a Run
-    scored : from `score` or `check`, of all scenes
-    kind, seed : one of `TrackInfo.templates`, and what random answers come from
+    `protocol` is the class of its protocols; `recorded` are columns of the records that are neither
+    scores nor conditions of the queries, as patterns of `fnmatch`. Truths and what is `scored` come
+    in the order of the protocol's scenes; a `part` is one of `Assignment.parts`.
     """
 
     info: ClassVar[TrackInfo]
@@ -215,9 +184,6 @@ class Track(ABC):
 
     def template(
         self, out: Path, truths: Sequence[Any], protocol: Any, kind: str, seed: int
-    ) -> str | None:
-        """Write an example prediction, at random, and return what it will score, if known."""
-        raise UsageError(
-            f"the {self.info.name} track has no template",
-            fix="write predictions as the track's own documentation says",
-        )
+    ) -> None:
+        """Write an example prediction at random, of one of the kinds of `TrackInfo.templates`."""
+        raise UsageError(f"the {self.info.name} track has no template")

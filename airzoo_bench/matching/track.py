@@ -138,7 +138,7 @@ class MatchingTrack(Track):
         protocol: MatchingProtocol,
         kind: str,
         seed: int,
-    ) -> str | None:
+    ) -> None:
         """Match random pixels of every query to random pixels of its crop."""
         random = np.random.default_rng(seed)
         sizes = [np.stack([t.cameras.width, t.cameras.height], axis=1) for t in truths]
@@ -152,7 +152,6 @@ class MatchingTrack(Track):
             "map_xy": crop[:, :2] + random.uniform(0, crop[:, 2:]),
         }
         write_predictions(out, protocol.name, arrays)
-        return None
 
 
 def _solve(

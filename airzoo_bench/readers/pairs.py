@@ -37,6 +37,7 @@ class PairFiles(Reader):
     fields: ClassVar[tuple[str, str]]  # pixels (N, 2), whole numbers being centres of pixels
     conventions: ClassVar[tuple[str, ...]]
     suffix: ClassVar[str] = ".npz"
+    takes_image_size: ClassVar[bool] = False
 
     def knows(self, path: Path) -> bool:
         """Say whether a file has this layout."""

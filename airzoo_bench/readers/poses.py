@@ -120,8 +120,6 @@ class _HlocPoses(PoseReader):
 class _Trajectory(PoseReader):
     """A trajectory with poses in the order of ``--names``."""
 
-    takes_names = True
-
     title: str
     layout: str
     columns: int

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from airzoo_bench.core.errors import readable
-from airzoo_bench.evaluation.reader import refuse_option
 from airzoo_bench.formats.arrays import numbers
 from airzoo_bench.formats.clouds.cloud import FileCloud
 from airzoo_bench.formats.npz import Budget, NpzFile
@@ -74,7 +73,6 @@ class _Model(scenes.Layout):
     def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
         folder, budget = output.place / self.below, Budget(memory)
         path, cloud = folder / "images.bin", folder / "points3D.bin"
-        refuse_option("--names", output.reading.names, "a COLMAP model", path)
         names, poses = pose_files.read_images(path, budget)
         rotation = pose_files.rotations_of(path, poses[:, :4], names)
         fields = {

@@ -134,7 +134,6 @@ class SceneReader(Reader):
     """Reads what a method writes of a scene: the output of one scene, or a folder of them."""
 
     track = "reconstruction"
-    takes_names = True
 
     def __init__(self, title: str, layout: str, methods: tuple[str, ...], *layouts: Layout) -> None:
         self.title, self.layout, self.methods, self.layouts = title, layout, methods, layouts

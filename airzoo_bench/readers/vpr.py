@@ -96,7 +96,6 @@ class _Vpr(Reader):
     title = "a log folder of VPR-methods-evaluation"
     layout = "queries_descriptors.npy and database_descriptors.npy, or preds/NNN.txt, with info.log"
     methods = ("VPR-methods-evaluation", "SALAD", "MegaLoc", "AnyLoc", "BoQ", "CosPlace")
-    takes_names = True
 
     def recognise(self, path: Path) -> float:
         try:

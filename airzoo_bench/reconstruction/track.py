@@ -407,14 +407,13 @@ class ReconstructionTrack(Track):
         protocol: ReconstructionProtocol,
         kind: str,
         seed: int,
-    ) -> str | None:
+    ) -> None:
         """Write a folder with random depth maps of each scene."""
         for number, truth in enumerate(truths):
             with atomic_write(out / f"{truth.scene}.npz") as stream:
                 write_npz(stream, _random_views(truth, np.random.default_rng(seed + number)))
         with atomic_write(out / "protocol.txt", "w") as text:
             text.write(protocol.name + "\n")
-        return None
 
 
 def _random_views(

@@ -199,22 +199,18 @@ def _rank_lists(
         tiles = rows_among(ids.ravel(), known).reshape(ids.shape)
         strange = (tiles < 0) & (ids != "")
         if strange.any():
-            named = names[rows[part]][strange.any(axis=1)]
-            raise _strange_tile(str(ids[strange][0]), first_of(named), known, truth.scene)
+            named, tile = first_of(names[rows[part]][strange.any(axis=1)]), str(ids[strange][0])
+            raise PredictionError(
+                f"tiles that are not in the gallery of scene {truth.scene}, ranked for queries "
+                f"{named}; the first is {tile!r}{suggestion(tile, known.tolist(), 1)}",
+                where="field 'ranked_ids'",
+                expected=f"ids scene/name of the query's own scene, such as {known[0]}",
+                fix="cut the gallery with the protocol's tile sizes, or take the ids from "
+                "tiles.parquet",
+            )
         some = np.arange(part.start, part.stop)
         right, depths = positives.take(some), {"k": k, "tie_ranks": tie_ranks}
         yield some, rank_by_ids(tiles, scores, right, n_tiles=len(known), **depths)
-
-
-def _strange_tile(tile: str, queries: str, known: NDArray[np.str_], scene: str) -> PredictionError:
-    """Return the error for a ranked tile that is not in the scene's gallery."""
-    return PredictionError(
-        f"tiles that are not in the gallery of scene {scene}, ranked for queries {queries}; the "
-        f"first is {tile!r}{suggestion(tile, known.tolist(), 1)}",
-        where="field 'ranked_ids'",
-        expected=f"ids scene/name of the query's own scene, such as {known[0]}, without an ending",
-        fix="cut the gallery with the protocol's tile sizes, or take the ids from tiles.parquet",
-    )
 
 
 # --- descriptors ---
@@ -243,15 +239,15 @@ def rank_by_descriptors(
     search = Search(gallery, longest, metric, sought, run.memory_bytes, run.jobs)
     most = max(64, run.memory_bytes // (32 * queries.shape[1] + 1))
     most = min(most, _SENT_QUERIES if run.engine.distributed else _MOST_QUERIES, _CELLS // k + 1)
-    parts = [np.arange(part.start, part.stop) for part in split(len(queries), most)]
+    parts, places = split(len(queries), most), np.arange(len(queries))
     found = run.engine.map(
         _rank_part,
-        [(queries[part], positives.take(part), flat[part]) for part in parts],
+        [(queries[part], positives.take(places[part]), flat[part]) for part in parts],
         shared=(search, k, tie_ranks),
         stage="queries ranked",
         name=lambda _: "some queries",
     )
-    yield from zip(parts, found, strict=True)
+    yield from ((places[part], ranking) for part, ranking in zip(parts, found, strict=True))
 
 
 def _rank_part(
@@ -266,8 +262,10 @@ def _rank_part(
     waiting = [some] if len(some) else []
     while waiting:
         rows = waiting.pop()
-        right = positives.take(rows)
-        if (pairs := find_nearest(search, queries[rows])) is not None:
+        right, asked = positives.take(rows), queries
+        if len(rows) < len(queries):
+            asked = queries[rows]
+        if (pairs := find_nearest(search, asked)) is not None:
             ranking.copy_rows(rows, order_pairs(pairs, right, n_tiles, k, tie_ranks))
         else:  # nearly everything ties: half of the queries each
             waiting += np.array_split(rows, 2)

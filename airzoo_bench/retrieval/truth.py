@@ -253,13 +253,10 @@ def read_tiles(home: Path) -> pd.DataFrame:
     if "image" in tiles.columns:
         return tiles
     west, south, east, north = boxes_of(tiles).T
-    wide = ~((west <= east) & (east - west < 180))  # also tells NaN
-    refuse_cells(path, "lon_min", west, wide, "at most lon_max, less than 180 below it", ids)
-    refuse_cells(path, "lat_min", south, ~(south <= north), "at most lat_max", ids)
     # Boxes are up to 1.41 times as large as the tiles of a turned map.
     height, width = north - south, (east - west) * np.cos(np.radians((north + south) / 2))
     sides, sizes = np.radians((height + width) / 2) * _EARTH_RADIUS_M, tiles["size_m"].to_numpy()
-    wrong = ~((sizes > sides / 1.5) & (sizes < sides * 1.1))
+    wrong = ~((sizes > sides / 1.5) & (sizes < sides * 1.1))  # also tells NaN
     refuse_cells(path, "size_m", sizes, wrong, "the tile's side in metres, near its box's", ids)
     return tiles
 

@@ -78,26 +78,15 @@ def heights(
     return path
 
 
-def test_it_is_scored_and_checked(heights: Path, data: Path) -> None:
+def test_it_is_scored_checked_and_printed(
+    heights: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     result, checked = evaluate(heights, data=data).result, check(heights, data=data)
     assert result.scenes["east"]["error_m"] == 2.5
     assert result.counts["west"] == {"queries": 4, "missing": 1}
     assert not checked.errors
     for notes in (result.notes, checked.notes):
         assert any("west/q00003" in note for note in notes)
-
-
-def test_a_headline_without_a_column_does_not_vanish(
-    heights: Path, data: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(HEIGHT, "scores", lambda _: [ScoreColumn.share("r", "R", headline=True)])
-    with pytest.raises(ValueError, match="headline r"):
-        evaluate(heights, data=data)
-
-
-def test_the_command_line_has_it(
-    heights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
     out = tmp_path / "high"
     assert run_main("eval", "height", heights, "--out", out) == 0
     assert "Error [m] ↓" in capsys.readouterr().out
@@ -108,12 +97,15 @@ def test_the_command_line_has_it(
     assert "did you mean 'height'" in capsys.readouterr().err
 
 
-def test_it_has_no_template_and_no_baseline(
-    heights: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_it_lacks(
+    heights: Path, data: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "example.npz"
+    out = heights.with_name("example.npz")
     assert run_main("template", "made-height", "--out", out) == 2
     assert "the height track has no template" in capsys.readouterr().err
     assert not out.exists()
     with pytest.raises(UsageError, match="the height track has no baseline"):
         run_baseline("height", "made-height", out, data=data)
+    monkeypatch.setattr(HEIGHT, "scores", lambda _: [ScoreColumn.share("r", "R", headline=True)])
+    with pytest.raises(ValueError, match="headline r"):  # it does not vanish
+        evaluate(heights, data=data)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import Result
 
 import airzoo_bench as ab
 from airzoo_bench.core.errors import PredictionError, UserError
@@ -20,6 +17,7 @@ from airzoo_bench.retrieval.predictions import RankedIds
 from tests.support import run_main
 
 MAGIC = "ranked by Toy\n"
+ASK = ("--protocol", "made-retrieval")
 
 
 class Toy(Reader):
@@ -29,10 +27,7 @@ class Toy(Reader):
     methods = ("Toy",)
 
     def recognise(self, path: Path) -> float:
-        if not path.is_file():
-            return 0.0
-        with path.open("rb") as stream:
-            return 0.9 * (stream.read(len(MAGIC)) == MAGIC.encode())
+        return 0.9 * (path.is_file() and path.read_bytes().startswith(MAGIC.encode()))
 
     def read(self, path: Path, reading: Reading) -> ReadPredictions:
         rows = [line.split() for line in path.read_text().splitlines()[1:]]
@@ -47,30 +42,34 @@ TOY = Toy()
 
 
 @pytest.fixture
-def toy(monkeypatch: pytest.MonkeyPatch) -> None:
+def ranked(
+    tmp_path: Path, data: Path, monkeypatch: pytest.MonkeyPatch, perfect: dict[str, list[Any]]
+) -> Path:
     monkeypatch.setitem(READERS.places, "toy", f"{__name__}:TOY")
-
-
-@pytest.fixture
-def ranked(tmp_path: Path, data: Path, toy: None, perfect: dict[str, list[Any]]) -> Path:
     rows = zip(perfect["query_ids"], perfect["ranked_ids"], strict=True)
     path = tmp_path / "toy.txt"
     path.write_text(MAGIC + "".join(f"{query} {' '.join(tiles)}\n" for query, tiles in rows))
     return path
 
 
-def test_a_method_file_is_recognised_and_scored(
+def test_a_method_file_is_recognised_checked_and_scored(
     ranked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "run"
-    arguments = ("--protocol", "made-retrieval", "--out", out)
-    assert run_main("eval", "retrieval", ranked, *arguments) == 0
+    assert run_main("eval", "retrieval", ranked, *ASK, "--out", tmp_path / "run") == 0
     assert "read by reader toy" in capsys.readouterr().err
-    result = json.loads((out / "result.json").read_text())
-    assert result["overall"]["recall@1"] == 1.0
-    assert result["predictions"]["reader"] == {"name": "toy", "conventions": ["best first"]}
-    assert "2 scenes" in result["notes"]
-    assert ab.load_result(out).overall["recall@1"] == 1.0
+    result = ab.load_result(tmp_path / "run").result
+    assert result.overall["recall@1"] == 1.0
+    assert result.predictions.reader is not None
+    assert (result.predictions.reader.name, "2 scenes" in result.notes) == ("toy", True)
+    assert result.predictions.reader.conventions == ("best first",)
+    assert run_main("check", ranked, *ASK) == 0
+    said = capsys.readouterr().out
+    for words in ("of Toy (Toy): retrieval", "--reader toy", "best first", "10 of 10 queries"):
+        assert words in said
+    ranked.write_text(MAGIC)
+    found = ab.check(ranked, protocol="made-retrieval")
+    assert [error.what for error in found.errors] == ["is empty"]
+    assert run_main("check", ranked, *ASK) == 1
 
 
 @pytest.mark.parametrize("command", [("eval", "retrieval"), ("check",)])
@@ -79,26 +78,17 @@ def test_a_damaged_benchmark_is_not_called_missing(
 ) -> None:
     scene = next(path for path in (data / "made" / "scenes").iterdir())
     (scene / "queries.csv").write_text("id,image\n")
-    assert run_main(*command, ranked, "--protocol", "made-retrieval") == 2
+    assert run_main(*command, ranked, *ASK) == 2
     said = capsys.readouterr().err
     assert str(scene) in said
     assert "missing" not in said
-
-
-def test_check_says_what_it_is(ranked: Path, command: Callable[..., Result]) -> None:
-    ran = command("check", ranked, "--protocol", "made-retrieval")
-    assert ran.exit_code == 0
-    assert "ranked lists of Toy (Toy): retrieval predictions for" in ran.stdout
-    assert "read by --reader toy" in ran.stdout
-    assert "taken to be so: best first" in ran.stdout
-    assert "answers 10 of 10 queries" in ran.stdout
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ([], "does not say which protocol it is for"),
-        (["--protocol", "made-retrieval", "--reader", "tyo"], "did you mean 'toy'?"),
+        ([*ASK, "--reader", "tyo"], "did you mean 'toy'?"),
         (["--protocol", "nowhere"], "unknown protocol"),
     ],
 )
@@ -115,12 +105,3 @@ def test_two_that_are_equally_sure_are_named(ranked: Path, monkeypatch: pytest.M
         ab.evaluate(ranked, protocol="made-retrieval")
     found = ab.evaluate(ranked, protocol="made-retrieval", reader="toy2")
     assert found.overall["recall@1"] == 1.0
-
-
-def test_what_a_reader_refuses_is_an_error_of_the_check(
-    ranked: Path, command: Callable[..., Result]
-) -> None:
-    ranked.write_text(MAGIC)
-    found = ab.check(ranked, protocol="made-retrieval")
-    assert [error.what for error in found.errors] == ["is empty"]
-    assert command("check", ranked, "--protocol", "made-retrieval").exit_code == 1

@@ -10,7 +10,7 @@ import pytest
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.evaluation.run_files import check_run_folder, save
 from tests.support import files_below, run_main, write_predictions
 
 
@@ -27,27 +27,14 @@ def out(tmp_path: Path, perfect: dict[str, Any]) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
+def test_predictions_in_what_a_run_replaces_are_refused(out: Path, data: Path) -> None:
+    for given in (
         *("out/clouds/deep/p.npz", "out/clouds", "out/alignment.json", "out/result.json"),
         *("link/clouds/deep/p.npz", "p.npz"),
-    ],
-)
-@pytest.mark.parametrize("place", ["out", "link"])
-def test_predictions_in_what_a_run_replaces_are_refused_before_any_work(
-    given: str, place: str, out: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    home, before = out.parent, files_below(out)
-    ask = ("eval", "retrieval", home / given, "--data", data, "--out", home / place)
-    assert run_main(*ask) == 2
-    said = capsys.readouterr().err
-    assert "--out" in said
-    assert "takes its place" not in said
-    assert files_below(out) == before
-
-
-def test_what_is_saved_from_python_is_refused_too(out: Path, data: Path) -> None:
+    ):
+        for place in ("out", "link"):
+            with pytest.raises(UsageError, match="--out"):
+                check_run_folder(out.parent / place, out.parent / given)
     run = evaluate(out / "clouds" / "deep" / "p.npz", data=data)
     with pytest.raises(UsageError, match="clouds"):
         save(run, out)
@@ -60,7 +47,9 @@ def test_a_folder_that_no_run_wrote_stays(
     (out / "result.json").unlink()
     there = files_below(out)
     assert run_main(*ask) == 2
-    assert "clouds" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "clouds" in said
+    assert "takes its place" not in said  # before any work
     assert files_below(out) == there
     shutil.rmtree(out / "clouds")
     assert run_main(*ask) == 0

@@ -9,51 +9,44 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
-from tests.evaluation.scored import score
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 N_TIED = 300
+SCENE = MadeScene("s", [[q, q + 5] for q in range(4)], N_TIED)
 
 
-def constant_predictions(scene: MadeScene) -> dict[str, dict[str, Any]]:
+def constant_predictions() -> dict[str, dict[str, Any]]:
     """Every way of saying the same of all tiles, with the tile that answers in the first place."""
-    random = np.random.default_rng(0)
-    n = len(scene.positives)
-    lists = [[scene.tile(t) for t in [q, *range(q), *range(q + 1, N_TIED)]] for q in range(n)]
-    ids = {"query_ids": scene.query_ids}
-    predictions = {}
+    lists = [[SCENE.tile(t) for t in [q, *range(q), *range(q + 1, N_TIED)]] for q in range(4)]
+    found: dict[str, dict[str, Any]] = {}
     for listed in (5, 20, 100, 101, N_TIED):
         ranked = [row[:listed] for row in lists]
-        predictions[f"ids {listed}"] = ids | {"ranked_ids": ranked, "scores": np.ones((n, listed))}
+        found[f"ids {listed}"] = {"ranked_ids": ranked, "scores": np.ones((4, listed))}
     short = [[*row[:3], "", ""] for row in lists]
-    predictions["ids 3"] = ids | {"ranked_ids": short, "scores": np.ones((n, 5))}
-    described = ids | {"gallery_ids": scene.tile_ids}
+    found["ids 3"] = {"ranked_ids": short, "scores": np.ones((4, 5))}
     for dtype in (np.float16, np.float32, np.float64):
-        queries = random.standard_normal((n, 8)).astype(dtype)
-        predictions[f"equal {dtype.__name__}"] = described | {
-            "query_descriptors": queries,
+        found[f"equal {dtype.__name__}"] = {
+            "query_descriptors": np.random.default_rng(0).standard_normal((4, 8)).astype(dtype),
+            "gallery_ids": SCENE.tile_ids,
             "gallery_descriptors": np.ones((N_TIED, 8), dtype),
         }
-    return predictions
+    return found
 
 
-@pytest.mark.parametrize("form", constant_predictions(MadeScene("s", [[0]], N_TIED)))
-def test_constant_scorers_of_every_form_score_exactly_nothing(form: str, tmp_path: Path) -> None:
-    scene = MadeScene("s", [[q, q + 5] for q in range(4)], N_TIED)
-    chosen = made_protocol([scene])
-    chosen = type(chosen).model_validate(
-        chosen.model_dump(by_alias=True)
-        | {"scores": chosen.scores.model_dump() | {"descriptor_metric": "cosine"}}
-    )
-    write_benchmark(tmp_path / "data" / "made", chosen, [scene])
-    path = write_predictions(
-        tmp_path / "p.npz", "made-retrieval", **constant_predictions(scene)[form]
-    )
-    result = score(path, tmp_path / "data").result
-    assert result.overall.pop("distance_m") == np.inf
-    assert set(result.overall.values()) == {0.0}
-    assert result.counts["s"]["tie_dependent"] == 4
+def test_constant_scorers_of_every_form_score_exactly_nothing(tmp_path: Path) -> None:
+    chosen = made_protocol([SCENE])
+    scores = chosen.scores.model_dump() | {"descriptor_metric": "cosine"}
+    values = chosen.model_dump(by_alias=True) | {"scores": scores}
+    write_benchmark(tmp_path / "data" / "made", type(chosen).model_validate(values), [SCENE])
+    for form, arrays in constant_predictions().items():
+        path = tmp_path / f"{form}.npz"
+        write_predictions(path, "made-retrieval", query_ids=SCENE.query_ids, **arrays)
+        result = evaluate(path, data=tmp_path / "data").result
+        assert result.overall.pop("distance_m") == np.inf, form
+        assert set(result.overall.values()) == {0.0}, form
+        assert result.counts["s"]["tie_dependent"] == 4, form
 
 
 def test_a_tie_is_broken_before_a_list_is_cut(tmp_path: Path) -> None:
@@ -68,15 +61,15 @@ def test_a_tie_is_broken_before_a_list_is_cut(tmp_path: Path) -> None:
         ranked_ids=[[scene.tile(40), scene.tile(7), *others]],
         scores=[[1.0, *[0.5] * (N_TIED - 1)]],
     )
-    evaluation = score(path, tmp_path / "data")
-    assert evaluation.result.overall["map"] == 0.0
-    assert evaluation.result.overall["mrr"] == 0.0
+    evaluation = evaluate(path, data=tmp_path / "data")
+    assert (evaluation.result.overall["map"], evaluation.result.overall["mrr"]) == (0.0, 0.0)
     assert evaluation.records["ranked"].tolist() == [100]
     assert evaluation.records["tie_dependent"].tolist() == [True]
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
 def test_gallery_rows_may_stand_in_any_order(
-    data: Path, tmp_path: Path, scenes: list[MadeScene]
+    data: Path, tmp_path: Path, scenes: list[MadeScene], jobs: int
 ) -> None:
     random = np.random.default_rng(2)
     arrays = {
@@ -89,5 +82,5 @@ def test_gallery_rows_may_stand_in_any_order(
     for order in (np.arange(20), random.permutation(20)):
         gallery = {"gallery_ids": tiles[order], "gallery_descriptors": described[order]}
         path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays, **gallery)
-        records.append(score(path, data, run=Run(jobs=2)).records)
+        records.append(evaluate(path, data=data, run=Run(jobs=jobs)).records)
     pd.testing.assert_frame_equal(*records)

@@ -18,18 +18,15 @@ from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
 from airzoo_bench.retrieval.settings import MapGallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
+from tests.support import write_raster
+
+UTM = {"crs": "EPSG:32650", "transform": Affine(0.5, 0, 500_000, 0, -0.5, 3_000_000)}
+BLANK = np.zeros((1, 100, 150), np.uint8)
 
 
 def gallery(sizes: tuple[int, ...] = (64, 32), gsd_m: float | str = "any") -> MapGallery:
     rules = {"overlap": 0.5, "gsd_tolerance": 0.1, "least_valid_share": 0.0}
     return MapGallery.model_validate(rules | {"tile_sizes_px": sizes, "gsd_m": gsd_m})
-
-
-def write_map(path: Path, crs: str, transform: Affine, width: int = 150, height: int = 100) -> Path:
-    profile = {"driver": "GTiff", "count": 1, "dtype": "uint8", "crs": crs, "transform": transform}
-    with rasterio.open(path, "w", width=width, height=height, **profile) as raster:
-        raster.write(np.zeros((1, height, width), np.uint8))
-    return path
 
 
 @pytest.mark.parametrize(
@@ -62,7 +59,7 @@ def test_tiles_cover_the_axis_and_stay_on_it(length: int, size: int, overlap: fl
 
 def test_a_projected_map(tmp_path: Path) -> None:
     # UTM 50N, 0.5 m pixels. The box of a tile holds its corners and is no larger than they ask.
-    path = write_map(tmp_path / "m.tif", "EPSG:32650", Affine(0.5, 0, 500_000, 0, -0.5, 3_000_000))
+    path = write_raster(tmp_path / "m.tif", BLANK, **UTM)
     tiles = cut_gallery(open_info(path), gallery(), "s")
     assert len(tiles) == 4 * 3 + 9 * 6
     assert tiles["id"].is_monotonic_increasing
@@ -78,50 +75,26 @@ def test_a_projected_map(tmp_path: Path) -> None:
     assert tile["size_m"] == pytest.approx(32 / 0.9996, abs=2e-3)
 
 
-def test_a_web_mercator_map_is_measured_on_the_ground(tmp_path: Path) -> None:
+def test_pixels_are_measured_on_the_ground_and_the_earth_ends(tmp_path: Path) -> None:
     # At 60 degrees north a web mercator metre is half a metre.
     y = Transformer.from_crs("EPSG:4326", "EPSG:3857", always_xy=True).transform(10, 60)[1]
-    path = write_map(tmp_path / "m.tif", "EPSG:3857", Affine(0.6, 0, 1_000_000, 0, -0.6, y))
-    assert len(cut_gallery(open_info(path), gallery(gsd_m=0.3), "s")) == 66
+    place = {"crs": "EPSG:3857", "transform": Affine(0.6, 0, 1_000_000, 0, -0.6, y)}
+    info = open_info(write_raster(tmp_path / "m.tif", BLANK, **place))
+    assert len(cut_gallery(info, gallery(gsd_m=0.3), "s")) == 66
     with pytest.raises(RasterError, match=r"0\.300.* m per pixel"):
-        cut_gallery(open_info(path), gallery(gsd_m=0.6), "s")
-
-
-def test_a_map_beyond_the_earth_is_refused(tmp_path: Path) -> None:
-    path = write_map(tmp_path / "m.tif", "EPSG:4326", Affine(0.1, 0, 10, 0, -0.1, -84))
+        cut_gallery(info, gallery(gsd_m=0.6), "s")
+    place = {"crs": "EPSG:4326", "transform": Affine(0.1, 0, 10, 0, -0.1, -84)}
     with pytest.raises(RasterError, match="not on the earth"):
-        cut_gallery(open_info(path), gallery(), "s")
+        cut_gallery(open_info(write_raster(tmp_path / "n.tif", BLANK, **place)), gallery(), "s")
 
 
 def test_boxes_of_a_turned_map_outgrow_its_tiles(tmp_path: Path) -> None:
     turned = Affine.translation(500_000, 10_000) @ Affine.rotation(45) @ Affine.scale(1, -1)
-    info = open_info(write_map(tmp_path / "m.tif", "EPSG:32650", turned))
+    info = open_info(write_raster(tmp_path / "m.tif", BLANK, crs="EPSG:32650", transform=turned))
     tiles = cut_gallery(info, gallery((64,)), "s")
     # A square turned by 45 degrees has a box of twice its area; its own side stays 64 m.
     assert box_growth(info, tiles) == pytest.approx(1, abs=0.01)
     np.testing.assert_allclose(tiles["size_m"], 64 / 0.9996, atol=0.2)
-
-
-def masked_map(path: Path, valid: np.ndarray, how: str) -> Path:
-    height, width = valid.shape
-    transform = Affine(1, 0, 500_000, 0, -1, 3_000_000)
-    profile = {"driver": "GTiff", "dtype": "uint8", "crs": "EPSG:32650", "transform": transform}
-    count = {"nodata": 3, "alpha": 4, "mask": 3, "untagged": 3}[how]
-    if how == "nodata":
-        profile["nodata"] = 0
-    picture = np.where(valid, 200, 0).astype(np.uint8)
-    with (
-        rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True),
-        rasterio.open(path, "w", width=width, height=height, count=count, **profile) as raster,
-    ):
-        for band in range(1, 4):
-            raster.write(picture, band)
-        if how == "alpha":
-            raster.colorinterp = [*raster.colorinterp[:3], rasterio.enums.ColorInterp.alpha]
-            raster.write(np.where(valid, 255, 0).astype(np.uint8), 4)
-        if how == "mask":
-            raster.write_mask(valid)
-    return path
 
 
 @pytest.mark.parametrize("how", ["nodata", "alpha", "mask"])
@@ -131,11 +104,15 @@ def test_shares_of_valid_pixels_are_counted_exactly(
     monkeypatch.setattr("airzoo_bench.retrieval.gallery._STRIP", 37)
     valid = np.random.default_rng(0).random((100, 150)) < 0.3
     valid[:40, :70] = False
-    path = masked_map(tmp_path / "m.tif", valid, how)
+    bands = np.repeat(np.where(valid, 200, 0).astype(np.uint8)[None], 3 + (how == "alpha"), axis=0)
+    path = write_raster(tmp_path / "m.tif", bands, **UTM, nodata=0 if how == "nodata" else None)
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(path, "r+") as raster:
+        if how == "alpha":
+            raster.colorinterp = [*raster.colorinterp[:3], rasterio.enums.ColorInterp.alpha]
+        if how == "mask":
+            raster.write_mask(valid)
     tiles = cut_gallery(open_info(path), gallery(), "s")
-    expected = [
-        valid[y : y + h, x : x + w].mean()
-        for x, y, w, h in tiles[["x", "y", "width", "height"]].to_numpy()
-    ]
+    windows = tiles[["x", "y", "width", "height"]].to_numpy()
+    expected = [valid[y : y + h, x : x + w].mean() for x, y, w, h in windows]
     np.testing.assert_array_equal(tiles["valid_share"], expected)
     assert (tiles["valid_share"] == 0).sum() == 3

@@ -25,11 +25,14 @@ QUERIES, IMAGES, CLASSES = 40, 330, 12
 
 
 def protocol(name: str) -> Any:
-    return load_protocol(shipped_protocols()[name])
+    return load_protocol(shipped_protocols()[f"{name}-drone-to-satellite"])
+
+
+UNIVERSITY = protocol("university-1652")
 
 
 def made_truth(
-    labels: tuple[list[str], list[str]], positions: tuple[Floats, Floats] | None = None, **how: bool
+    labels: tuple[Any, Any], positions: tuple[Floats, Floats] | None = None, **how: bool
 ) -> RetrievalTruth:
     sets = [
         ImageSet(
@@ -40,16 +43,19 @@ def made_truth(
         )
         for which, (letter, of) in enumerate(zip("qt", labels, strict=True))
     ]
-    rules = protocol("university-1652-drone-to-satellite").ground_truth
-    return build_stated_truth("s", sets[0], sets[1], pairs_of_labels(*labels), rules).truth
+    return build_stated_truth("s", *sets, pairs_of_labels(*labels), UNIVERSITY.ground_truth).truth
 
 
-def records_of(truth: RetrievalTruth, settings: Any, content: Any) -> pd.DataFrame:
+def records_of(
+    truth: RetrievalTruth, settings: Any, content: Any, rows: Any = slice(None)
+) -> pd.DataFrame:
+    """Score predictions whose rows that are not in `rows` are missing."""
     ids = truth.queries["id"].to_numpy(str)
     predictions = RetrievalPredictions(Path("p.npz"), None, ids, content)
-    rows = np.arange(len(ids))
-    ranking = rank_scene(predictions, truth, rows, settings, Run())
-    return score_scene(truth, ranking, rows >= 0, settings)
+    given = np.full(len(ids), -1)
+    given[rows] = np.arange(len(ids))[rows]
+    ranked = rank_scene(predictions, truth, given, settings, Run())
+    return score_scene(truth, ranked, given >= 0, settings)
 
 
 class Made:
@@ -67,17 +73,12 @@ class Made:
             for of in (self.of_images, self.of_queries)
         )
         # DenseUAV's place: metres are some 1e-5 degrees, and float32 has 7.6e-6 at 120.
-        self.places = np.array([120.385, 30.318]) + random.uniform(0, 0.004, (CLASSES, 2))
-
-    @property
-    def labels(self) -> tuple[list[str], list[str]]:
-        return [str(c) for c in self.of_queries], [str(c) for c in self.of_images]
-
-    @property
-    def orders(self) -> list[np.ndarray[Any, Any]]:
-        """Rows of the images for each query, the greatest inner product first."""
+        places = np.array([120.385, 30.318]) + random.uniform(0, 0.004, (CLASSES, 2))
+        self.places = places[self.of_queries], places[self.of_images]
+        self.labels = self.of_queries.astype(str), self.of_images.astype(str)
+        # Rows of the images for each query, the greatest inner product first.
         products = self.queries.astype(np.float64) @ self.images.astype(np.float64).T
-        return [np.argsort(-row) for row in products]
+        self.orders = [np.argsort(-row) for row in products]
 
     def content(self, truth: RetrievalTruth) -> Descriptors:
         return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), self.images)
@@ -96,7 +97,7 @@ def curve_area(right: np.ndarray[Any, Any]) -> float:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_university_1652_scores(seed: int) -> None:
-    made, settings = Made(seed), protocol("university-1652-drone-to-satellite").scores
+    made, settings = Made(seed), UNIVERSITY.scores
     truth = made_truth(made.labels)
     records = records_of(truth, settings, made.content(truth))
     hits = [made.of_images[o] == c for o, c in zip(made.orders, made.of_queries, strict=True)]
@@ -114,27 +115,32 @@ def test_university_1652_scores(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_denseuav_scores(seed: int) -> None:
-    made, settings = Made(seed), protocol("denseuav-drone-to-satellite").scores
-    places = made.places[made.of_queries], made.places[made.of_images]
-    truth = made_truth(made.labels, places, degrees=True)
+    made, settings = Made(seed), protocol("denseuav").scores
+    truth = made_truth(made.labels, made.places, degrees=True)
     records = records_of(truth, settings, made.content(truth))
-    single = made.places.astype(np.float32)
+    asked, given = made.places
+    single = [one.astype(np.float32) for one in made.places]
     for k in (1, 3, 5, 10):
-        expected = []
-        for order, asked in zip(made.orders, made.of_queries, strict=True):
-            step = single[made.of_images[order[:k]]] - single[asked]
+        weight, expected = 1 - np.arange(k) / k, []
+        for order, query in zip(made.orders, single[0], strict=True):
+            step = single[1][order[:k]] - query
             apart = np.sqrt((step.astype(np.float64) ** 2).sum(axis=1))
-            weight = 1 - np.arange(k) / k
             expected.append((weight / np.exp(5000 * apart)).sum() / weight.sum())
         np.testing.assert_allclose(records[f"sdm@{k}"], expected, atol=1e-9)
-    metres = [
-        haversine(made.places[asked], made.places[made.of_images[order[0]]])
-        for order, asked in zip(made.orders, made.of_queries, strict=True)
+    firsts = [
+        haversine(one, given[order[0]]) for one, order in zip(asked, made.orders, strict=True)
     ]
-    np.testing.assert_allclose(records["dis@1"], metres, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(records["dis@1"], firsts, rtol=1e-6, atol=1e-6)
     for limit in (5, 10, 20, 50):
-        assert records[f"ma@{limit}m"].mean() == np.mean(np.array(metres) < limit)
+        assert records[f"ma@{limit}m"].mean() == np.mean(np.array(firsts) < limit)
     assert 0 < records["sdm@10"].mean() < 1
+    # Of every second query the predictions lack, nothing is found, the farthest image is taken.
+    half = records_of(truth, settings, made.content(truth), slice(None, None, 2))
+    nothing = half.iloc[1::2][["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]]
+    assert not nothing.to_numpy().any()
+    farthest = [max(haversine(one, place) for place in given) for one in asked[1::2]]
+    np.testing.assert_allclose(half["dis@1"].iloc[1::2], farthest, rtol=1e-9)
+    pd.testing.assert_frame_equal(half.iloc[::2], records.iloc[::2])
 
 
 def haversine(one: Floats, other: Floats) -> float:
@@ -146,7 +152,7 @@ def haversine(one: Floats, other: Floats) -> float:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_gta_uav_scores(seed: int) -> None:
-    made, settings = Made(seed), protocol("gta-uav-cross-area-drone-to-satellite").scores
+    made, settings = Made(seed), protocol("gta-uav-cross-area").scores
     random = np.random.default_rng(seed)
     places = random.uniform(0, 9000, (QUERIES, 2)), random.uniform(0, 9000, (IMAGES, 2))
     truth = made_truth(made.labels, places)
@@ -171,7 +177,7 @@ def test_gta_uav_scores(seed: int) -> None:
 
 @pytest.mark.parametrize("n_positives", [1, 2, 5])
 def test_chance_is_the_mean_over_all_orders(n_positives: int) -> None:
-    n_tiles, settings = 5, protocol("university-1652-drone-to-satellite").scores
+    n_tiles, settings = 5, UNIVERSITY.scores
     orders = list(permutations(range(n_tiles)))
     labels = ["1"] * n_positives + ["2"] * (n_tiles - n_positives)
     truth = made_truth((["1"] * len(orders), labels))
@@ -184,30 +190,9 @@ def test_chance_is_the_mean_over_all_orders(n_positives: int) -> None:
         assert value == pytest.approx([records[name].mean(), 0], abs=1e-12), name
 
 
-def test_queries_that_the_predictions_lack_score_nothing() -> None:
-    made, settings = Made(0), protocol("denseuav-drone-to-satellite").scores
-    places = made.places[made.of_queries], made.places[made.of_images]
-    truth = made_truth(made.labels, places, degrees=True)
-    ids = truth.queries["id"].to_numpy(str)
-    predictions = RetrievalPredictions(Path("p.npz"), None, ids, made.content(truth))
-    for given in (np.full(QUERIES, -1), np.where(np.arange(QUERIES) % 2, np.arange(QUERIES), -1)):
-        ranking = rank_scene(predictions, truth, given, settings, Run())
-        records = score_scene(truth, ranking, given >= 0, settings)
-        lacking = records[given < 0]
-        best = lacking[["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]].to_numpy().max()
-        assert best == 0
-        farthest = [
-            max(haversine(made.places[asked], place) for place in made.places)
-            for asked in made.of_queries[given < 0]
-        ]
-        np.testing.assert_allclose(lacking["dis@1"], farthest, rtol=1e-9)
-        scored = records_of(truth, settings, made.content(truth))
-        pd.testing.assert_frame_equal(records[given >= 0], scored[given >= 0])
-
-
 def test_positives_that_are_not_ranked_are_never_found() -> None:
     truth = made_truth((["1", "2"], ["1", "1", "2", "3"]))
-    settings = protocol("university-1652-drone-to-satellite").scores
+    settings = UNIVERSITY.scores
     ranked = RankedIds(np.array([["s/t0003", "s/t0001"], ["", ""]]), None)
     records = records_of(truth, settings, ranked)
     # One of two positives, at rank 2: half of (0 / 1 + 1 / 2) / 2.

@@ -155,9 +155,9 @@ def test_rounding_does_not_make_touching_an_overlap():
 
 
 def test_footprint_with_nan_or_without_area_overlaps_nothing():
-    polygons = np.zeros((3, 4, 2)) + 0.5
-    polygons[0] = [[0, 0], [1, 0], [1, 1], [0, np.nan]]
-    polygons[1] = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    polygons = np.full((3, 4, 2), 0.5)
+    polygons[:2] = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    polygons[0, 3, 1] = np.nan
     assert overlaps(polygons, UNIT_BOX).counts.tolist() == [0, 1, 0]
     every = Positives(np.arange(4), np.zeros(3, np.int32))
     assert overlap_of(polygons, UNIT_BOX, every).tolist() == [0, 1, 0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -68,47 +67,34 @@ def scattered(n: int = 60, seed: int = 0) -> np.ndarray[Any, Any]:
 IOU = {"rule": "iou", "iou_above": 0.15}
 
 
-@dataclass(frozen=True)
-class Meridian:
-    """Everything that is the same whichever meridian a place lies on, and its longitudes."""
-
-    positives: list[list[int]]
-    ratios: np.ndarray[Any, Any]
-    records: Any
-    lons: np.ndarray[Any, Any]
-
-
-def on_meridian(folder: Path, lon: int, rules: dict[str, Any]) -> Meridian:
+def on_meridian(folder: Path, lon: int, rules: dict[str, Any]) -> list[Any]:
+    """Return what is the same on every meridian (positives, overlaps, records), and longitudes."""
     crs = f"+proj=tmerc +lat_0=40 +lon_0={lon} +ellps=WGS84 +units=m"
     found = built(inputs(folder, scattered(), crs), **rules)
-    truth = found.truth
-    write_queries(folder / "s", truth.queries)
-    write_truth(folder / "s", truth, found.overlaps)
+    write_queries(folder / "s", found.truth.queries)
+    write_truth(folder / "s", *found)
     truth = read_truth(folder / "s", "s")  # as stored
     order = np.random.default_rng(1).permuted(
         np.tile(np.arange(len(truth.tiles), dtype=np.int32), (len(truth.queries), 1)), axis=1
     )
     ranking = Ranking(order[:, :10], np.zeros(len(order), bool))
-    records = records_of(truth, ranking, protocol().scores)
+    records = records_of(truth, ranking, protocol().scores).select_dtypes("number")
     positives = [truth.positives.of_query(q).tolist() for q in range(len(truth.queries))]
     anchors = truth.footprints.filter(like="lon").to_numpy(float)
     lons = np.concatenate([truth.boxes[:, [0, 2]].ravel(), anchors.ravel()])
-    assert found.overlaps.overlap is not None
-    return Meridian(positives, found.overlaps.overlap, records, lons)
+    return [positives, found.overlaps.overlap, records, lons]
 
 
 @pytest.mark.parametrize("rules", [{}, IOU], ids=["plane", "iou"])
 def test_the_180th_meridian_is_like_any_other(tmp_path: Path, rules: dict[str, Any]) -> None:
     # The same place on two meridians: tiles, positives, overlaps, distances and scores agree.
-    here = on_meridian(tmp_path / "a", 15, rules)
-    there = on_meridian(tmp_path / "b", 180, rules)
-    assert len(here.positives) == 60
-    assert there.positives == here.positives
-    np.testing.assert_allclose(there.ratios, here.ratios, atol=1e-5)
-    numbers = here.records.select_dtypes("number").columns
-    np.testing.assert_allclose(there.records[numbers], here.records[numbers], rtol=1e-5, atol=1e-5)
-    np.testing.assert_allclose(there.lons - 180, here.lons - 15, atol=3e-9)
-    assert there.lons.min() < 180 < there.lons.max()
+    here, there = (on_meridian(tmp_path / str(lon), lon, rules) for lon in (15, 180))
+    assert len(here[0]) == 60
+    assert there[0] == here[0]
+    np.testing.assert_allclose(there[1], here[1], atol=1e-5)
+    np.testing.assert_allclose(there[2], here[2], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(there[3] - 180, here[3] - 15, atol=3e-9)
+    assert there[3].min() < 180 < there[3].max()
 
 
 @pytest.mark.parametrize("rules", [{}, IOU], ids=["plane", "iou"])
@@ -145,17 +131,11 @@ def test_positives_of_a_turned_map_are_those_of_the_tiles_themselves(
     np.testing.assert_array_equal(got, expected)
 
 
-def half_empty() -> np.ndarray[Any, Any]:
+def test_empty_tiles_are_dropped_counted_and_answer_nothing(tmp_path: Path) -> None:
     valid = np.ones((SIDE_PX, SIDE_PX), bool)
     valid[:, :200] = False
-    return valid
-
-
-def test_empty_tiles_are_dropped_counted_and_answer_nothing(tmp_path: Path) -> None:
-    centres = np.array([[-150.0, 0], [100, 0]])
-    everything = built(inputs(tmp_path / "a", centres, valid=half_empty()), least="none").truth
-    some = built(inputs(tmp_path / "b", centres, valid=half_empty())).truth
-    many = built(inputs(tmp_path / "c", centres, valid=half_empty()), least=0.6).truth
+    given = inputs(tmp_path, np.array([[-150.0, 0], [100, 0]]), valid=valid)
+    everything, some, many = (built(given, least).truth for least in ("none", 0.0, 0.6))
     empty = everything.tiles["valid_share"] == 0
     assert empty.sum() > 20
     assert some.tiles["id"].tolist() == everything.tiles["id"][~empty].tolist()
@@ -164,27 +144,21 @@ def test_empty_tiles_are_dropped_counted_and_answer_nothing(tmp_path: Path) -> N
     assert len(many.tiles) + len(many.dropped_tiles) == len(everything.tiles)
     assert everything.queries["id"].tolist() == ["s/p000", "s/p001"]
     assert some.queries["id"].tolist() == ["s/p001"]
-    assert some.excluded["reason"].tolist() == [
-        "only tiles without valid pixels, or with too few, which are in no gallery"
-    ]
-    assert many.excluded["reason"].tolist() == some.excluded["reason"].tolist()
+    assert "valid pixels" in some.excluded["reason"].item()
 
 
 def test_the_reason_that_is_given_is_the_true_one(tmp_path: Path) -> None:
     # From 100 m a photo sees 80 x 60 m; the first one here sees all of a map of 40 m.
     small = Affine(0.1, 0, -20, 0, -0.1, 20)
-    given = inputs(tmp_path / "a", np.array([[0.0, 0], [38, 28], [500, 0]]), transform=small)
+    given = inputs(tmp_path, np.array([[0.0, 0], [38, 28], [500, 0]]), transform=small)
     excluded = built(given).truth.excluded
     assert excluded.set_index("id")["reason"].to_dict() == {
         "s/p000": "the footprint overlaps tiles, but none of its 4 points lies in one",
         "s/p002": "the footprint meets no tile",
     }
-
-
-def test_a_scene_without_any_query_is_named(tmp_path: Path) -> None:
-    found = built(inputs(tmp_path, np.array([[5000.0, 0]])))
-    write_queries(tmp_path / "s", inputs(tmp_path, np.array([[5000.0, 0]])).photos)
-    write_truth(tmp_path / "s", found.truth, found.overlaps)
+    given = inputs(tmp_path, np.array([[5000.0, 0]]))
+    write_queries(tmp_path / "s", given.photos)
+    write_truth(tmp_path / "s", *built(given))
     with pytest.raises(BenchmarkError, match="scene s has no query: 1 photo excluded"):
         read_truth(tmp_path / "s", "s")
 
