@@ -30,6 +30,9 @@ RECORDED = frozenset(
 )
 """Columns of the records that are neither scores nor conditions of the queries."""
 
+CUT_SHORT = "cut_short"
+"""The column of `score_scene` that tells which lists end without all positives; no record."""
+
 AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
 
 _EQUATOR_M = 6378137.0
@@ -115,11 +118,15 @@ def _score_block(
     right, tiles = truth.positives.take(rows), ranking.tiles
     hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, len(truth.tiles))
     kept, ids = tiles[:, : settings.ranks_kept], pd.array([*truth.tiles["id"], ""], dtype="str")
-    none = np.full(len(rows), -1, np.int32)
+    none, length = np.full(len(rows), -1, np.int32), (tiles >= 0).sum(axis=1)
+    whole = len(truth.tiles)
+    if isinstance(settings, TileScores):
+        whole = min(whole, settings.ranks_kept)
     columns: dict[str, Any] = {
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": metrics.first_hit_rank(hits[:, : settings.ranks_kept]),
         "ranked": (kept >= 0).sum(axis=1),
+        CUT_SHORT: (length > 0) & (length < whole) & (hits.sum(axis=1) < right.counts),
     }
     for k in range(max(settings.recall_at)):
         columns[f"{RANKED_TILE}{k + 1}"] = ids.take(tiles[:, k] if k < tiles.shape[1] else none)

@@ -23,7 +23,13 @@ from airzoo_bench.retrieval.predictions import (
     read_retrieval,
 )
 from airzoo_bench.retrieval.ranking import rank_scene
-from airzoo_bench.retrieval.scoring import RECORDED, chance_level, list_scores, score_scene
+from airzoo_bench.retrieval.scoring import (
+    CUT_SHORT,
+    RECORDED,
+    chance_level,
+    list_scores,
+    score_scene,
+)
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import TOO_EMPTY, UNANSWERED, RetrievalTruth, scene_truth
 
@@ -68,6 +74,8 @@ class RetrievalTrack(Track):
             records = score_scene(truth, ranked, answered, settings, run.jobs)
         except PredictionError as error:
             raise error.inside(predictions.path) from error
+        flat = answered & (records["ranked"] == 0)
+        facts = {"flat": int(flat.sum()), "short": int(records.pop(CUT_SHORT).sum())}
         counts = {
             "queries": len(truth.queries),
             "tiles": len(truth.tiles),
@@ -78,7 +86,7 @@ class RetrievalTrack(Track):
             "without_ground_point": truth.without_ground_point,
             "dropped_tiles": len(truth.dropped_tiles),
         }
-        return Scored(records, counts, content.kind)
+        return Scored(records, counts, content.kind, facts=facts)
 
     def scores(self, protocol: RetrievalProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
@@ -93,21 +101,15 @@ class RetrievalTrack(Track):
     ) -> list[str]:
         """See `Track.notes`."""
         sums = {
-            name: sum(scene.counts.get(name, 0) for scene in scored)
-            for name in ("empty_lists", "tie_dependent", "dropped_tiles")
+            name: sum((scene.counts | scene.facts)[name] for scene in scored)
+            for name in ("empty_lists", "tie_dependent", "dropped_tiles", "flat", "short")
         }
-        kept, sums["flat"], sums["short"] = protocol.scores.ranks_kept, 0, 0
-        for scene in scored:
-            found = scene.records[scene.records["answered"]]
-            sums["flat"] += int((found["ranked"] == 0).sum())
-            short = found["ranked"].between(1, min(kept, scene.counts["tiles"]) - 1)
-            sums["short"] += int((short & (found["map"] < 1) & (found["positives"] > 0)).sum())
         kinds = (
             ("empty_lists", "query has", "queries have", "an empty list, scored as missing"),
             ("tie_dependent", "query depends", "queries depend", "on ties, broken against it"),
             ("flat", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
             ("dropped_tiles", "tile is", "tiles are", f"{TOO_EMPTY}, and in no gallery"),
-            ("short", "list ends", "lists end", f"before rank {kept}, which mAP and MRR read to"),
+            ("short", "list ends", "lists end", "without all positives, which are not found"),
         )
         notes = [f"{counted(sums[n], one, many)} {what}" for n, one, many, what in kinds if sums[n]]
         excluded = pd.concat([truth.excluded for truth in truths])
