@@ -63,6 +63,7 @@ def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules)
             fix="look at the nodata value and the alpha band of the map",
         )
     footprints = _footprints(inputs, rules)
+    missed = footprints.missed_rays
     points, boxes, outside = _in_one_frame(inputs, footprints, rules, tiles, dropped)
     positives, on_dropped = (_positives(points, some, rules) for some in (boxes, outside))
     shared = overlaps(points, boxes)
@@ -71,12 +72,10 @@ def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules)
     between = "the footprint overlaps tiles, but none of its 4 points lies in one"
     too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
     choices = {
-        NO_GROUND_POINT: footprints.missed_rays == 4,
+        NO_GROUND_POINT: missed == 4,
         f"only tiles {TOO_EMPTY}, which are in no gallery": on_dropped.counts > 0,
         between if rules.iou_above is None else too_little: shared.counts > 0,
-        "some of its 4 rays do not meet the ground, and the others meet no tile": (
-            footprints.missed_rays > 0
-        ),
+        "some of its 4 rays do not meet the ground, and the others meet no tile": missed > 0,
     }
     reasons = np.select([*choices.values()], [*choices], "the footprint meets no tile")
     left_out = inputs.photos[["id", "image"]].assign(reason=reasons.astype(object))[~kept]

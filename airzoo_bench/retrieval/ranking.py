@@ -205,8 +205,7 @@ def _rank_lists(
                 f"{named}; the first is {tile!r}{suggestion(tile, known.tolist(), 1)}",
                 where="field 'ranked_ids'",
                 expected=f"ids scene/name of the query's own scene, such as {known[0]}",
-                fix="cut the gallery with the protocol's tile sizes, or take the ids from "
-                "tiles.parquet",
+                fix="cut the gallery by the protocol's sizes, or take ids from tiles.parquet",
             )
         some = np.arange(part.start, part.stop)
         right, depths = positives.take(some), {"k": k, "tie_ranks": tie_ranks}
@@ -284,8 +283,7 @@ def _scene_gallery(
             + suggestion(str(lacking[0]), given[~np.isin(given, ids)].tolist(), 1),
             where=field,
             expected="every tile of the gallery: leaving some out would make the task easier",
-            fix="describe all tiles of tiles.parquet; of runs for single scenes, name the folder "
-            "that holds all",
+            fix="describe all tiles of tiles.parquet; of runs a scene, name the folder of all",
         )
     if (np.diff(rows) == 1).all():
         return gallery[rows[0] : rows[0] + len(rows)]

@@ -14,6 +14,7 @@ from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
 from airzoo_bench.results.result import Reference, ScoreColumn
+from airzoo_bench.retrieval import scoring
 from airzoo_bench.retrieval.info import INFO
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
@@ -23,13 +24,6 @@ from airzoo_bench.retrieval.predictions import (
     read_retrieval,
 )
 from airzoo_bench.retrieval.ranking import rank_scene
-from airzoo_bench.retrieval.scoring import (
-    CUT_SHORT,
-    RECORDED,
-    chance_level,
-    list_scores,
-    score_scene,
-)
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import TOO_EMPTY, UNANSWERED, RetrievalTruth, scene_truth
 
@@ -41,7 +35,7 @@ class RetrievalTrack(Track):
 
     info = INFO
     protocol = RetrievalProtocol
-    recorded = RECORDED
+    recorded = scoring.RECORDED
 
     def open(self, path: Path, memory_bytes: int) -> RetrievalPredictions:
         """See `Track.open`."""
@@ -71,11 +65,11 @@ class RetrievalTrack(Track):
             answered = given & (content.ids[part.rows, 0] != "")
         try:
             ranked = rank_scene(predictions, truth, part.rows, settings, run)
-            records = score_scene(truth, ranked, answered, settings, run.jobs)
+            records = scoring.score_scene(truth, ranked, answered, settings, run.jobs)
         except PredictionError as error:
             raise error.inside(predictions.path) from error
         flat = answered & (records["ranked"] == 0)
-        facts = {"flat": int(flat.sum()), "short": int(records.pop(CUT_SHORT).sum())}
+        facts = {"flat": int(flat.sum()), "short": int(records.pop(scoring.CUT_SHORT).sum())}
         counts = {
             "queries": len(truth.queries),
             "tiles": len(truth.tiles),
@@ -90,7 +84,7 @@ class RetrievalTrack(Track):
 
     def scores(self, protocol: RetrievalProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
-        return list_scores(protocol.scores)
+        return scoring.list_scores(protocol.scores)
 
     def notes(
         self,
@@ -127,7 +121,7 @@ class RetrievalTrack(Track):
         self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
     ) -> dict[str, Reference]:
         """Return what tiles in random order score."""
-        return {"Chance level": chance_level(truths, protocol.scores)}
+        return {"Chance level": scoring.chance_level(truths, protocol.scores)}
 
     def template(
         self,
