@@ -67,7 +67,7 @@ def test_fingerprints_see_what_can_change_a_score(scenes: list[MadeScene]) -> No
     assert made_truth(scenes[0]).fingerprint == made_truth(scenes[0]).fingerprint
 
 
-def test_a_run_replaces_an_earlier_one_and_says_so(
+def test_a_run_replaces_an_earlier_one(
     data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "mymethod"
@@ -81,10 +81,8 @@ def test_a_run_replaces_an_earlier_one_and_says_so(
     assert run_main("eval", "retrieval", tmp_path / "none.npz", "--out", out) == 2
     said = capsys.readouterr().err
     assert "none.npz: no such prediction file" in said
-    assert "takes its place" not in said  # of nothing, since it cannot begin
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
     said = capsys.readouterr().err
-    assert f"{out} holds a run" in said
     assert f"wrote {out / 'result.json'}, {out / 'records.csv'} of method mymethod" in said
     assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
     assert read_result(out / "result.json").predictions.method == "mymethod"
