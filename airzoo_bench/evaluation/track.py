@@ -130,9 +130,25 @@ class Run:
 class Track(ABC):
     """A track; ``Any`` marks types of its own.
 
-    `protocol` is the class of its protocols; `recorded` are columns of the records that are neither
-    scores nor conditions of the queries, as patterns of `fnmatch`. Truths and what is `scored` come
-    in the order of the protocol's scenes; a `part` is one of `Assignment.parts`.
+    Attributes
+    ----------
+    info : TrackInfo
+    protocol : type, the class of its protocols
+    recorded : frozenset of str
+        Columns of the records that are neither scores nor conditions of the queries; patterns as
+        of `fnmatch`.
+
+    Notes
+    -----
+    path, out : Path of predictions; of the template to write
+    memory_bytes : int, the most that reading may hold
+    benchmark, scene : Benchmark and the id of a scene in it
+    protocol : Protocol of the class `protocol`
+    predictions : from `open`
+    truth, truths : from `truth`; of all scenes in the protocol's order
+    part, run : one of `Assignment.parts`; a Run
+    scored : from `score` or `check`, of all scenes
+    kind, seed : one of `TrackInfo.templates`, and what random answers come from
     """
 
     info: ClassVar[TrackInfo]
