@@ -285,6 +285,11 @@ class Board:
         git(self.home, "clone", "--quiet", str(self.hosted.folder), name)
         return self.home / name
 
+    def update(self, fork: Path) -> None:
+        """Bring a fork to the present main."""
+        git(fork, "fetch", "--quiet", "origin")
+        git(fork, "reset", "--quiet", "--hard", "origin/main")
+
     def run(self, *arguments: object, code: int = 0) -> Result:
         done = self.command(*arguments)
         assert done.exit_code == code, (done.output, done.exception)

@@ -24,7 +24,18 @@ from airzoo_bench.leaderboard.pull_request import (
     write_files,
 )
 from airzoo_bench.leaderboard.submission import submission_text
-from tests.leaderboard.made import ADA, BOB, HOME, MAINTAINER, Board, File, Hosted, git, submission
+from tests.leaderboard.made import (
+    ADA,
+    BOB,
+    HOME,
+    MAINTAINER,
+    PROTOCOL,
+    Board,
+    File,
+    Hosted,
+    git,
+    submission,
+)
 from tests.statistics.support import HIT
 
 RULES = Rules.model_validate(
@@ -123,25 +134,8 @@ HOSTILE: dict[str, tuple[dict[str, File], str]] = {
     "a file beside the tracks": ({"submissions/made/x.toml": b"x"}, NO_FOLDER),
     "file beside the folders": (only("x.toml"), NO_FOLDER),
     # Names.
-    "attributes in the folder": (beside(".gitattributes", b"* filter=x\n"), NOT_PLAIN),
-    "hidden file": (beside(".env"), NOT_PLAIN),
     "names that differ in case": (beside("P.npz", b"2"), CASE),
     "folders that differ in case": (beside("a/x") | {f"{MINE}/A/y": b"x"}, CASE),
-    "blank": (beside("a b.npz"), NOT_PLAIN),
-    "leading dash": (beside("-rf"), NOT_PLAIN),
-    "folder with a leading dash": (only("--help/submission.toml"), NO_FOLDER),
-    "hidden folder": (only(".hidden/submission.toml"), NO_FOLDER),
-    "line break": (beside("a\n::set-output"), NOT_PLAIN),
-    "escape": (beside("\x1b[2J"), NOT_PLAIN),
-    "control characters in the folder": (only("a\x07b/submission.toml"), NO_FOLDER),
-    "right to left": (beside("a\u202egpj.npz"), NOT_PLAIN),
-    "not UTF-8": (beside("\udcff.npz"), NOT_PLAIN),
-    "shell": (beside("$(id).npz"), NOT_PLAIN),
-    "backslash": (beside("..\\..\\x"), NOT_PLAIN),
-    "device of Windows": (beside("con.npz"), NOT_PLAIN),
-    "device as a folder": (only("aux/submission.toml"), NO_FOLDER),
-    "dot at the end": (beside("x."), NOT_PLAIN),
-    "long name": (beside("a" * 200), NOT_PLAIN),
     "deep folders": (beside("a/" * 20 + "x"), "more than 8 folders"),
     # Kinds and sizes.
     "symbolic link": (beside("link", ("120000", b"/etc/passwd")), A_LINK),
@@ -166,6 +160,17 @@ HOSTILE: dict[str, tuple[dict[str, File], str]] = {
 }  # fmt: skip
 
 
+FILE_NAMES = (
+    *(".gitattributes", ".env", "a b.npz", "-rf", "a\n::set-output", "\x1b[2J", "a\u202egpj.npz"),
+    *("\udcff.npz", "$(id).npz", "..\\..\\x", "con.npz", "x.", "a" * 200),
+)
+HOSTILE |= {f"file {name!a}"[:40]: (beside(name), NOT_PLAIN) for name in FILE_NAMES}
+HOSTILE |= {
+    f"folder {name!a}": (only(f"{name}/submission.toml"), NO_FOLDER)
+    for name in ("--help", ".hidden", "a\x07b", "aux")
+}
+
+
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_hostile_pull_request_is_refused(hosted: Hosted, tmp_path: Path, name: str) -> None:
     files, message = HOSTILE[name]
@@ -175,49 +180,40 @@ def test_a_hostile_pull_request_is_refused(hosted: Hosted, tmp_path: Path, name:
     assert not [path for path in tmp_path.glob("out/**/*") if path.is_file()]
 
 
-SUBMISSIONS, HERE = "submissions", ["made", "retrieval"]
-
-
-def grafted(hosted: Hosted, tree: str, name: str, mode: str = "40000") -> str:
+def grafted(hosted: Hosted, tree: str, name: str = "mine") -> str:
     """Return a commit on main in whose folder of submissions a tree has this name."""
-    mine = {f"{mode} {name}": tree}
-    for level in (3, 2, 1, 0):
-        above = "/".join([SUBMISSIONS, *HERE][:level])
+    for above in (HOME, *map(str, Path(HOME).parents[:-1]), ""):
         listed = git(hosted.folder, "ls-tree", "-z", f"main:{above}").split("\0")[:-1]
-        entries = dict(line.split("\t")[::-1] for line in listed)
-        kept = {
-            f"{entry.split()[0].lstrip('0')} {path}": entry.split()[2]
-            for path, entry in entries.items()
-            if path not in {key.split(" ", 1)[1] for key in mine}
-        }
-        both = sorted((kept | mine).items(), key=lambda one: one[0].split(" ", 1)[1])
-        mine = {f"40000 {[SUBMISSIONS, *HERE, ''][level - 1]}": hosted.store_tree(dict(both))}
-    return hosted.commit_tree(mine.popitem()[1], "main")
+        entries = {path: head.split() for head, path in (line.split("\t") for line in listed)}
+        entries[name] = ["040000", "tree", tree]
+        kept = sorted(entries.items())
+        tree = hosted.store_tree({f"{e[0].lstrip('0')} {path}": e[2] for path, e in kept})
+        name = Path(above).name
+    return hosted.commit_tree(tree, "main")
 
 
 def _dots(hosted: Hosted, name: str) -> str:
     sound = hosted.commit(hosted.resolve(), SOUND)
-    inner = hosted.resolve(f"{sound}:{MINE}")
-    metadata = hosted.resolve(f"{sound}:{MINE}/submission.toml")
-    entries = {f"40000 {name}": inner, "100644 submission.toml": metadata}
-    return grafted(hosted, hosted.store_tree(entries), "mine")
+    inner, file = (hosted.resolve(f"{sound}:{MINE}{end}") for end in ("", "/submission.toml"))
+    entries = {f"40000 {name}": inner, "100644 submission.toml": file}
+    return grafted(hosted, hosted.store_tree(entries))
 
 
-def _bomb(hosted: Hosted, content: bytes | None) -> str:
+def _bomb(hosted: Hosted, entries: dict[str, str]) -> str:
     """Return a commit of 300 to the power of five files, or empty folders, in five trees."""
-    file = git(hosted.folder, "hash-object", "-w", "--stdin", stdin=content or b"")
-    tree = hosted.store_tree({} if content is None else {"100644 x": file})
+    tree = hosted.store_tree(entries)
     for _ in range(5):
         tree = hosted.store_tree({f"40000 {n:03}": tree for n in range(300)})
-    return grafted(hosted, tree, "mine")
+    return grafted(hosted, tree)
 
 
 def _empty(hosted: Hosted) -> str:
     """Return a commit whose merge would add an empty folder to another's, and no file."""
-    entry = git(hosted.folder, "ls-tree", f"main:{THEIRS}").splitlines()
-    kept = {f"{line.split()[0]} {line.split()[3]}": line.split()[2] for line in entry}
-    theirs = hosted.store_tree({"40000 empty": hosted.store_tree({})} | kept)
-    return grafted(hosted, theirs, "theirs")
+    file = hosted.resolve(f"main:{THEIRS}/p.npz"), hosted.resolve(f"main:{THEIRS}/submission.toml")
+    entries = {"40000 empty": hosted.store_tree({}), "100644 p.npz": file[0]}
+    return grafted(
+        hosted, hosted.store_tree(entries | {"100644 submission.toml": file[1]}), "theirs"
+    )
 
 
 def _two_bases(hosted: Hosted) -> str:
@@ -235,11 +231,13 @@ TREES: dict[str, tuple[Callable[[Hosted], str], str]] = {
     "two dots": (lambda hosted: _dots(hosted, ".."), "git refuses its objects"),
     "the folder of git": (lambda hosted: _dots(hosted, ".git"), "git refuses its objects"),
     "a slash in a name": (lambda hosted: _dots(hosted, "a/b"), "git refuses its objects"),
-    "a bomb of trees": (lambda hosted: _bomb(hosted, b"x"), "2,000 files"),
-    "a bomb of empty trees": (lambda hosted: _bomb(hosted, None), "2,000 files"),
+    "a bomb of trees": (
+        lambda hosted: _bomb(hosted, {"100644 x": hosted.resolve("main:README.md")}), "2,000 files",
+    ),
+    "a bomb of empty trees": (lambda hosted: _bomb(hosted, {}), "2,000 files"),
     "an empty folder in another's": (_empty, ANOTHER),
     "two merge bases": (_two_bases, "has 2 merge bases"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TREES)
@@ -250,66 +248,45 @@ def test_trees_that_only_plumbing_makes_are_refused(tmp_path: Path, name: str) -
     assert not (tmp_path / "ci/out").exists()
 
 
-def test_the_commit_of_the_event_is_scored_and_no_later_one(hosted: Hosted, tmp_path: Path) -> None:
-    old = hosted.commit(hosted.resolve(), SOUND)
-    newer = hosted.commit(old, MINE_NOW)
-    assert look(hosted, tmp_path, old, pulled=newer) == ""
-    written = tmp_path / "out" / MINE
-    assert {path.name: path.read_bytes() for path in written.iterdir()} == {
-        "p.npz": b"1",
-        "submission.toml": SOUND[f"{MINE}/submission.toml"],
-    }
-
-
-def test_a_branch_behind_main_and_a_folder_that_changed_meanwhile(tmp_path: Path) -> None:
+def test_sound_pull_requests_and_what_main_has_meanwhile(tmp_path: Path) -> None:
     hosted = Hosted(tmp_path / "hosted.git", ON_MAIN)
-    sound, stale = (
-        hosted.commit(hosted.resolve(), files) for files in (SOUND, only("old/p.npz", b"newer"))
+    sound, stale, theirs = (
+        hosted.commit(hosted.resolve(), files)
+        for files in (SOUND, only("old/p.npz", b"newer"), MINE_NOW)
     )
+    assert look(hosted, tmp_path / "m", theirs, MAINTAINER) == ""  # may change every folder
     for name in ("x/1", "old/p.npz"):
         newer = hosted.commit(hosted.resolve(), only(name, b"newest"))
         hosted.move("refs/heads/main", newer)
-    assert look(hosted, tmp_path / "a", sound) == ""
     assert "has changed on the board since" in look(hosted, tmp_path / "b", stale)
-
-
-def test_maintainers_may_change_every_folder(hosted: Hosted, tmp_path: Path) -> None:
-    head = hosted.commit(hosted.resolve(), MINE_NOW)
-    assert look(hosted, tmp_path, head, MAINTAINER) == ""
+    # The commit of the event is scored, and no later one.
+    later = hosted.commit(sound, MINE_NOW)
+    assert look(hosted, tmp_path / "a", sound, pulled=later) == ""
+    written = tmp_path / "a/out" / MINE
+    assert {f"{MINE}/{path.name}": path.read_bytes() for path in written.iterdir()} == SOUND
 
 
 # --- what reaches the benchmark: predictions ---
 
 
-def _nan(path: Path) -> None:
-    ids = [f"{scene}/q{n:05d}" for scene, count in (("east", 6), ("west", 4)) for n in range(count)]
-    numbers = np.full((10, 4), np.nan, np.float32)
-    np.savez(path, protocol="made-retrieval", query_ids=ids, query_descriptors=numbers)
-
-
-def _pickles(path: Path) -> None:
-    np.savez(path, protocol="made-retrieval", query_ids=np.array([print], object))
-
-
-FILES: dict[str, Callable[[Path], object]] = {
-    "pickles in an npz": _pickles,
-    "NaN": _nan,
-    "half an npz": lambda path: path.write_bytes(b"PK\x03\x04" + bytes(200)),
-    "no npz": lambda path: path.write_bytes(b"\x93NUMPY\x01\x00"),
-}
+IDS = [f"{scene}/q{n:05d}" for scene, count in (("east", 6), ("west", 4)) for n in range(count)]
+NANS = np.full((10, 4), np.nan, np.float32)
+FILES: list[Callable[[Path], object]] = [
+    lambda path: np.savez(path, protocol=PROTOCOL, query_ids=np.array([print], object)),
+    lambda path: np.savez(path, protocol=PROTOCOL, query_ids=IDS, query_descriptors=NANS),
+    lambda path: path.write_bytes(b"PK\x03\x04" + bytes(200)),
+    lambda path: path.write_bytes(b"\x93NUMPY\x01\x00"),
+]
 
 
 def test_hostile_predictions_are_one_refusal(board: Board) -> None:
-    fork = board.clone("fork")
-    for number, write in enumerate(FILES.values(), 1):
-        git(fork, "reset", "--quiet", "--hard", "origin/main")
-        home = fork / HOME / "mine"
-        home.mkdir(parents=True)
-        write(home / "p.npz")
-        size, sha256 = (home / "p.npz").stat().st_size, sha256_of_tree(home / "p.npz")
-        given = {"file": "p.npz", "sha256": sha256, "bytes": size}
-        (home / "submission.toml").write_text(submission_text(submission(predictions=given)))
-        comment = board.ci(number, board.propose(fork, number), code=1)
+    for number, write in enumerate(FILES, 1):
+        write(file := board.home / "p.npz")
+        given = {"file": "p.npz", "sha256": sha256_of_tree(file), "bytes": file.stat().st_size}
+        text = submission_text(submission(predictions=given)).encode()
+        files = {f"{MINE}/submission.toml": text, f"{MINE}/p.npz": file.read_bytes()}
+        head = board.hosted.commit(board.hosted.resolve(), files)
+        comment = board.ci(number, board.hosted.pull(number, head), code=1)
         assert "is refused" in comment
         assert "Traceback" not in comment
         assert str(board.home) not in comment
@@ -401,18 +378,14 @@ def test_a_comment_has_intervals_ranks_and_changes() -> None:
 
 
 def test_the_log_gives_no_command_to_the_runner(board: Board) -> None:
-    head = board.hosted.commit(
-        board.hosted.resolve(), {os.fspath(f"{MINE}/a\n::set-output\x1b[2J"): b"x"}
-    )
-    board.hosted.pull(1, head)
-    work = board.score(1, head, code=1)
+    files = {os.fspath(f"{MINE}/a\n::set-output\x1b[2J"): b"x"}
+    head = board.hosted.commit(board.hosted.resolve(), files)
+    work = board.score(1, board.hosted.pull(1, head), code=1)
     said = board.comment(work / "found-score.json")
     assert "set-output" in said
     assert "set-output" not in outside_code(said)
-    event = work / "event.json"
-    done = board.step(
-        "score", "--event", event, "--out", work / "f.json", "--work", work / "again", code=1
-    )
+    places = ("--out", work / "f.json", "--work", work / "again")
+    done = board.step("score", "--event", work / "event.json", *places, code=1)
     assert done.stdout == "refused\n"
     assert all(line.startswith("| ") for line in done.stderr.splitlines())
     assert "\x1b" not in done.stderr

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import pty
-import re
-import select
 import shutil
-import subprocess
-import sys
 import unicodedata
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import confusable_homoglyphs
@@ -21,10 +17,11 @@ import pytest
 import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+from airzoo_bench.cli.main import app
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
 from airzoo_bench.leaderboard.checks import (
     FETCHED,
@@ -97,8 +94,7 @@ def test_names_that_look_alike_are_found(one: str, other: str, alike: bool) -> N
     assert (skeleton(one) == skeleton(other)) == alike
 
 
-@pytest.mark.parametrize("before", ["", "Net"])
-def test_unicodes_lookalikes_of_ascii_are_refused_or_have_its_skeleton(before: str) -> None:
+def test_unicodes_lookalikes_of_ascii_are_refused_or_have_its_skeleton() -> None:
     place = Path(confusable_homoglyphs.__file__).parent / "confusables.json"
     pairs = [
         (letter, other["c"])
@@ -107,14 +103,14 @@ def test_unicodes_lookalikes_of_ascii_are_refused_or_have_its_skeleton(before: s
         for other in others
         if other["c"].isascii() and other["c"].isalnum()
     ]
-    taken = 0
+    taken = set()
     assert len(pairs) > 1000
-    for letter, plain in pairs:
-        with suppress(ValueError):
-            board_name(before + letter)
-            taken += 1
-            assert skeleton(before + letter) == skeleton(before + plain), (letter, plain)
-    assert taken > 5
+    for before in ("", "Net"):
+        for letter, plain in pairs:
+            with suppress(ValueError):
+                taken.add(board_name(before + letter))
+                assert skeleton(before + letter) == skeleton(before + plain), (letter, plain)
+    assert len(taken) > 10
 
 
 @given(st.text(max_size=40))
@@ -215,45 +211,43 @@ def _change(home: Path, content: Callable[[bytes], bytes]) -> None:
     (home / "preds.npz").write_bytes(content((home / "preds.npz").read_bytes()))
 
 
-FILES: dict[str, Callable[[Path], object]] = {
-    "is no file: a link": lambda home: (home / "link").symlink_to("/etc/passwd"),
-    "a link, a submodule": lambda home: (home / "up").symlink_to(".."),
-    "a pipe or a device": lambda home: os.mkfifo(home / "pipe"),
-    "not plain": lambda home: (home / ".env").touch(),
-    "executable": lambda home: (home / "preds.npz").chmod(0o755),
-    "only in case": lambda home: (home / "Preds.npz").touch(),
-    "more than 8 folders": _deep,
-    "'predictions.file'": lambda home: (home / "preds.npz").unlink(),
-    ".sha256'": lambda home: _change(home, lambda c: c[:-1] + bytes([c[-1] ^ 1])),
-    "'predictions.bytes'": lambda home: _change(home, lambda c: c + b"x"),
-    "no such submission file": lambda home: (home / "submission.toml").unlink(),
-}
+def _name(home: Path, protocol: str) -> None:
+    toml = home / "submission.toml"
+    toml.write_text(toml.read_text().replace(PROTOCOL, protocol))
 
 
-@pytest.mark.parametrize("said", FILES)
-def test_files_that_ci_refuses(root: Path, data: Path, perfect: Any, said: str) -> None:
-    home = write_submission(root, perfect)
-    FILES[said](home)
-    assert said in only_error(checked(home, data))
-
-
-@pytest.mark.parametrize(
-    ("place", "changes"),
-    [
-        ("mad/retrieval/salad", {}),
-        ("made/matching/salad", {}),
-        ("made/retrieval/nul", {}),
-        ("made/retrieval/salad", {"protocol": "uav-visloc-retrieval"}),
-        ("made/retrieval/salad", {"protocol": "own.toml"}),
-    ],
-)
-def test_places_that_ci_refuses(
-    root: Path, data: Path, perfect: Any, place: str, changes: dict[str, Any]
-) -> None:
-    home, moved = write_submission(root, perfect, **changes), root / "submissions" / place
+def _move(home: Path, place: str) -> Path:
+    moved = home.parents[2] / place
     moved.parent.mkdir(parents=True, exist_ok=True)
-    shutil.move(home, moved)
-    assert "which does not score" in only_error(checked(moved, data))
+    return Path(shutil.move(home, moved))
+
+
+# What is done to a sound folder, and what is said.
+FAULTS: list[tuple[Callable[[Path], object], str]] = [
+    (lambda home: (home / "link").symlink_to("/etc/passwd"), "is no file: a link"),
+    (lambda home: (home / "up").symlink_to(".."), "a link, a submodule"),
+    (lambda home: os.mkfifo(home / "pipe"), "a pipe or a device"),
+    (lambda home: (home / ".env").touch(), "not plain"),
+    (lambda home: (home / "preds.npz").chmod(0o755), "executable"),
+    (lambda home: (home / "Preds.npz").touch(), "only in case"),
+    (_deep, "more than 8 folders"),
+    (lambda home: (home / "preds.npz").unlink(), "'predictions.file'"),
+    (lambda home: _change(home, lambda c: c[:-1] + bytes([c[-1] ^ 1])), ".sha256'"),
+    (lambda home: _change(home, lambda c: c + b"x"), "'predictions.bytes'"),
+    (lambda home: (home / "submission.toml").unlink(), "no such submission file"),
+    (lambda home: _move(home, "mad/retrieval/salad"), "which does not score"),
+    (lambda home: _move(home, "made/matching/salad"), "which does not score"),
+    (lambda home: _move(home, "made/retrieval/nul"), "which does not score"),
+    (lambda home: _name(home, "uav-visloc-retrieval"), "which does not score"),
+    (lambda home: _name(home, "own.toml"), "which does not score"),
+]
+
+
+def test_folders_that_ci_refuses(root: Path, data: Path, perfect: Any) -> None:
+    for change, said in FAULTS:
+        found = change(home := write_submission(root, perfect))
+        assert said in only_error(checked(found if isinstance(found, Path) else home, data))
+        shutil.rmtree(root / "submissions")
 
 
 def test_predictions_are_held_to_the_benchmark(root: Path, data: Path, perfect: Any) -> None:
@@ -345,10 +339,7 @@ def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> N
     board, known = read_board(CHECKOUT / BOARD_FILE), known_submissions(CHECKOUT)
     assert {place.benchmark for place in known} >= {"airzoo-demo", "airzoo-mini"}
     for place in known:
-        found = check_submission(CHECKOUT / place.path, board, tmp_path, known=known)
-        assert not found.errors
-        if place.benchmark == "airzoo-demo":
-            assert found.score(tmp_path, Run()).result.counts["city"]["near_prior"] == 0
+        assert not check_submission(CHECKOUT / place.path, board, tmp_path, known=known).errors
     assert size_of_tree(CHECKOUT / "submissions") < 1_500_000
 
 
@@ -397,22 +388,17 @@ def test_one_command_makes_a_branch_with_the_checked_folder(
     assert stated.pipeline.uses == ("prior",)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
+def test_options_that_are_wrong(clone: Path, preds: Path, command: Command) -> None:
+    for options, said in (
         (OPTIONS[:2], "--team, --contact, --author, --licence, --training-data, --stages"),
         ([*OPTIONS, "--protocol", "made-retrieva"], "did you mean 'made-retrieval'"),
         ([*OPTIONS, "--set", "paper"], "is no key with a value"),
         ([*OPTIONS, "--set", "papr=https://a.org"], "papr"),
-    ],
-)
-def test_options_that_are_wrong(
-    clone: Path, preds: Path, command: Command, options: list[str], said: str
-) -> None:
-    made = command("submit", preds, *options)
-    assert made.exit_code != 0
-    assert said in str(made.exception) + made.output
-    assert not (clone / "submissions").exists()
+    ):
+        made = command("submit", preds, *options)
+        assert made.exit_code != 0
+        assert said in str(made.exception) + made.output
+        assert not (clone / "submissions").exists()
 
 
 def test_an_earlier_version_is_replaced_only_by_force(
@@ -424,24 +410,23 @@ def test_an_earlier_version_is_replaced_only_by_force(
     assert [path.name for path in (clone / FOLDER).iterdir()] == ["submission.toml"]
     stated = read_submission(clone / FOLDER / "submission.toml").predictions
     assert (stated.url, stated.size) == (url[1], preds.stat().st_size)
-    assert "--force" in str(command("submit", preds, *OPTIONS).exception)
-    again = command("submit", preds, *OPTIONS, "--force", "--set", "summary=Newer")
+    assert "--force" in str(command("submit", preds, *OPTIONS, "--no-commit").exception)
+    again = command("submit", preds, *OPTIONS, "--no-commit", "--force", "--set", "summary=Newer")
     assert again.exit_code == 0
     assert read_submission(clone / FOLDER / "submission.toml").summary == "Newer"
 
 
-def test_eight_questions_at_most_on_a_terminal(clone: Path, preds: Path) -> None:
-    leader, follower = pty.openpty()
-    call = [sys.executable, "-m", "airzoo_bench", "submit", preds, "--no-commit"]
-    child = subprocess.Popen(call, cwd=clone, stdin=follower, stdout=follower, stderr=follower)
-    os.close(follower)
-    given = ("SALAD", "Example Lab", "nobody", "ada@example.org", "Ada Example", "CC-BY-4.0")
-    answers, said = iter((*given, "none", "single-stage")), ""
-    with suppress(OSError):  # the child has closed its end
-        while select.select([leader], [], [], 60)[0]:
-            said += os.read(leader, 4096).decode()
-            if re.search(r"\n[a-z_]+: $", said):
-                os.write(leader, f"{next(answers, '')}\n".encode())
-    assert child.wait(60) == 0, said
-    assert "'nobody'" in said  # asked again
-    assert read_submission(clone / FOLDER / "submission.toml").method == "SALAD"
+def test_eight_questions_at_most_on_a_terminal(
+    clone: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = SimpleNamespace(isatty=lambda: True)
+    streams = SimpleNamespace(stdin=terminal, stderr=terminal)
+    monkeypatch.setattr("airzoo_bench.leaderboard.submitting.sys", streams)
+    given = ("SALAD", "Example Lab", "nobody", "ada@example.org", "Ada Example, Grace Example")
+    answers = "\n".join((*given, "CC-BY-4.0", "none", "single-stage", ""))
+    made = CliRunner().invoke(app, ["submit", str(preds), "--no-commit"], input=answers)
+    assert made.exit_code == 0, made.output
+    assert "'nobody'" in made.output  # asked again
+    stated = read_submission(clone / FOLDER / "submission.toml")
+    assert (stated.method, stated.authors) == ("SALAD", ("Ada Example", "Grace Example"))
+    assert (stated.training_data, stated.pipeline.stages) == ((), "single-stage")

@@ -32,7 +32,7 @@ Arrays = dict[str, list[Any]]
 SALAD = "runs/made/retrieval/salad"
 
 
-def test_from_an_empty_repository_to_a_board(board: Board, perfect: Arrays) -> None:
+def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: Arrays) -> None:
     fork = board.clone("ada")
     board.submit(fork, worse(perfect), "Salad")
     head = board.propose(fork, 1)
@@ -54,8 +54,7 @@ def test_from_an_empty_repository_to_a_board(board: Board, perfect: Arrays) -> N
     assert board.hosted.resolve("leaderboard-data") == tip
 
     # The next version of the same account says what has changed; another account may not.
-    git(fork, "fetch", "--quiet", "origin")
-    git(fork, "reset", "--quiet", "--hard", "origin/main")
+    board.update(fork)
     board.submit(fork, perfect, "Salad", "--force")
     head = board.propose(fork, 2)
     assert "belongs to another account" in board.ci(2, head, BOB, code=1)
@@ -68,11 +67,9 @@ def test_from_an_empty_repository_to_a_board(board: Board, perfect: Arrays) -> N
 
     # A second method is placed beside the first; anybody can write a team's name.
     other = board.clone("bob")
-    board.submit(other, worse(perfect), "Vinegar", "--team", "Other Lab", account=BOB)
+    board.submit(other, worse(perfect), "Vinegar", account=BOB)
     comment = board.ci(3, board.propose(other, 3), BOB)
     assert "of 2 by" in comment
-    board.submit(other, perfect, "Vinegar", "--force", account=BOB)
-    comment = board.ci(3, board.propose(other, 3), BOB)
     assert "team 'Example Lab' is on the board already, by another account" in comment
 
     # Answers that are another team's are told, whatever file they come in.
@@ -81,26 +78,18 @@ def test_from_an_empty_repository_to_a_board(board: Board, perfect: Arrays) -> N
     comment = board.ci(3, board.propose(other, 3), BOB)
     assert "100 % of the records are those of 'Salad' of team 'Example Lab'" in comment
 
-
-def test_a_withdrawn_submission_leaves_the_board_and_keeps_its_owner(
-    board: Board, perfect: Arrays
-) -> None:
-    fork = board.clone("ada")
-    board.submit(fork, perfect, "Salad")
-    board.merge(1, board.propose(fork, 1))
-    board.build()
-    git(fork, "fetch", "--quiet", "origin")
-    git(fork, "reset", "--quiet", "--hard", "origin/main")
+    # A withdrawn submission leaves the board, and its folder keeps its owner.
+    board.update(fork)
     git(fork, "rm", "-r", "--quiet", f"{HOME}/salad")
-    head = board.propose(fork, 2)
-    assert "is withdrawn" in board.ci(2, head)
-    assert "belongs to another account" in board.ci(2, head, BOB, code=1)
-    board.merge(2, head)
+    head = board.propose(fork, 4)
+    assert "is withdrawn" in board.ci(4, head)
+    assert "belongs to another account" in board.ci(4, head, BOB, code=1)
+    board.merge(4, head)
     assert not list(board.rescore().rglob("run.json"))
     assert board.data_file(f"{SALAD}/1/run.json")
-    other = board.clone("bob")
+    board.update(other)
     board.submit(other, perfect, "Salad", "--team", "Other Lab", account=BOB)
-    assert "belongs to another account" in board.ci(3, board.propose(other, 3), BOB, code=1)
+    assert "belongs to another account" in board.ci(5, board.propose(other, 5), BOB, code=1)
 
 
 def test_new_words_keep_their_scores_and_another_truth_or_protocol_scores_again(
@@ -110,23 +99,24 @@ def test_new_words_keep_their_scores_and_another_truth_or_protocol_scores_again(
     perfect: Arrays,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    def call_here(place: str, request: Any, **_: Any) -> Any:
+        read.append(place)
+        return getattr(opening, place.partition(":")[2])(**request)
+
+    read: list[str] = []
     board.submit(board.main, perfect, "Salad")
     board.push_main("One")
-    children: list[object] = []
-    call = sandbox.call_limited
-    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
-    monkeypatch.setattr(
-        opening, "call_limited", lambda *given, **more: children.append(1) or call(*given, **more)
-    )
-    board.step("keep", board.rescore())
-    assert children  # strangers' predictions are read under limits
+    with monkeypatch.context() as patched:
+        patched.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
+        patched.setattr(opening, "call_limited", call_here)
+        board.step("keep", board.rescore())
+    assert read  # strangers' predictions are read under limits
     board.submit(board.main, perfect, "Salad", "--force", "--set", "summary=Other words")
     board.push_main("Other words")
     with monkeypatch.context() as patched:
         patched.setattr(CheckedSubmission, "score", None)
         board.step("keep", board.rescore(said="new words, the same scores"))
     assert "Other words" in board.data_file(f"{SALAD}/1/submission.toml")
-    monkeypatch.setattr("airzoo_bench.cli.leaderboard.Limits", lambda _: None)
     protocol = data / f"made/protocols/{PROTOCOL}.toml"
     text = protocol.read_text()
     protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
@@ -166,16 +156,14 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
     assert sorted(faults) == ["aaa", "cress"]
     assert "link" in faults["aaa"]
     board.step("keep", data)
-    assert "fault" not in git(
-        board.hosted.folder, "ls-tree", "-r", "--name-only", "leaderboard-data"
-    )
+    kept = git(board.hosted.folder, "ls-tree", "-r", "--name-only", "leaderboard-data")
+    assert "fault" not in kept
 
 
 def test_no_account_fills_a_table_or_enters_as_another(board: Board, perfect: Arrays) -> None:
     """Every two of a table are compared: clones would weaken what is found of all others."""
-    (board.main / "leaderboard.toml").write_text(
-        BOARD.replace("[[benchmarks]]", "[limits]\nentries = 1\n[[benchmarks]]", 1)
-    )
+    limits = BOARD.replace("[[benchmarks]]", "[limits]\nentries = 1\n[[benchmarks]]", 1)
+    (board.main / "leaderboard.toml").write_text(limits)
     board.submit(board.main, perfect, "Salad")
     board.push_main("One each")
     newer = board.clone("newer")
@@ -187,22 +175,30 @@ def test_no_account_fills_a_table_or_enters_as_another(board: Board, perfect: Ar
     assert "is refused" not in board.ci(2, head, MAINTAINER)
 
 
-@pytest.mark.parametrize("fault", ["event", "board", "remote", "work"])
 def test_faults_of_the_board_are_none_of_a_submission(
-    board: Board, tmp_path: Path, fault: str, capsys: pytest.CaptureFixture[str]
+    board: Board, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     head = board.hosted.commit(board.hosted.resolve(), {f"{HOME}/x/submission.toml": b"x"})
     event = write_event(tmp_path / "event.json", 1, board.hosted.pull(1, head), ADA)
-    work, remote = tmp_path / "work", board.hosted.folder
-    if fault == "event":
-        event.write_text("{}")
-    if fault == "board":
-        (board.main / "leaderboard.toml").write_text("schema = 9\n")
-    if fault == "remote":
-        remote = tmp_path / "nowhere.git"
-    if fault == "work":
-        (work / "submissions").mkdir(parents=True)
-    call = ("leaderboard", "score", "--event", event, "--remote", remote, "--root", board.main)
-    assert run_main(*call, "--work", work, "--out", tmp_path / "found.json") == 2
-    assert not (tmp_path / "found.json").exists()
-    assert capsys.readouterr().err.count("airzoo-bench: ") == 1
+    full, out = tmp_path / "full", tmp_path / "found.json"
+    for name, text in (("full/x", ""), ("event", "{}"), ("other/leaderboard.toml", "schema = 9")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    sound = {
+        "--event": event,
+        "--root": board.main,
+        "--remote": board.hosted.folder,
+        "--work": tmp_path / "work",
+        "--out": out,
+    }
+    for option, value in (
+        ("--event", tmp_path / "event"),
+        ("--root", tmp_path / "other"),
+        ("--remote", tmp_path / "nowhere.git"),
+        ("--work", full),
+    ):
+        options = [part for pair in (sound | {option: value}).items() for part in pair]
+        assert run_main("leaderboard", "score", *options) == 2
+        assert not out.exists()
+        assert capsys.readouterr().err.count("airzoo-bench: ") == 1
+        shutil.rmtree(tmp_path / "work", ignore_errors=True)
