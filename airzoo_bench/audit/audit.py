@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
 from typing import NamedTuple
@@ -18,9 +17,6 @@ from airzoo_bench.audit.values import Finding, Grade, Outcome, Score, Value, gro
 from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 from airzoo_bench.tables.published import PrintedValue
-
-# Longer lines are hard to read, shorter ones hold no sentence.
-_WIDEST, _NARROWEST = 100, 40
 
 
 class Audit(NamedTuple):
@@ -67,10 +63,6 @@ def audit(printed: Sequence[PrintedValue], counts: Mapping[str, int] | None = No
     grades = list(Grade)
     findings.sort(key=lambda finding: (grades.index(finding.grade), finding.cell.line))
     notes = [f"{o.check}: {o.tested} checked, {len(o.findings)} found" for o in outcomes]
-    unknown = {value.in_scene for value in hits if value.in_scene not in queries}
-    if unknown:
-        scenes = ", ".join(sorted(key[2] for key in unknown))
-        notes.append(f"counts: not checked in {scenes}, whose number of queries is not known")
     return Audit(len(values), findings, [*notes, *conclusions, *definitions])
 
 
@@ -151,24 +143,13 @@ def audit_table(audit: Audit, source: str) -> Table:
     return Table(title, tuple(map(Column, titles)), tuple(rows), tuple(audit.notes))
 
 
-def audit_text(audit: Audit, source: str, width: int) -> str:
+def audit_text(audit: Audit, source: str) -> str:
     """Lay out an audit as text, a paragraph a finding."""
-    room = min(max(width, _NARROWEST), _WIDEST)
-    lines = [f"{source}: {audit.summary}"]
+    lines = [f"{source}: {audit.summary}", ""]
     for grade, check, cell, why in audit.findings:
         where = ", ".join(filter(None, (cell.table, cell.place, cell.method)))
-        lines += ["", f"{grade.value.upper()} [{check}] {where}, {cell.metric} {cell.value}"]
-        lines += [f"    {why}"]
-    lines += ["", *(f"{note}" for note in audit.notes)]
-    return "".join(f"{wrapped}\n" for line in lines for wrapped in _wrap(line, room))
-
-
-def _wrap(line: str, room: int) -> list[str]:
-    indent = "    " if line.startswith(" ") else ""
-    return textwrap.wrap(
-        plain(line),
-        room,
-        initial_indent=indent,
-        subsequent_indent=f"{indent}  ",
-        break_on_hyphens=False,
-    ) or [""]
+        lines += [f"{grade.value.upper()} [{check}] {where}, {cell.metric} {cell.value}"]
+        lines += [f"    {why}", ""]
+    return "".join(
+        f"{plain(line) if line[:1] != ' ' else line}\n" for line in (*lines, *audit.notes)
+    )

@@ -110,24 +110,21 @@ def _judge_average(average: _Average, *, pooled: bool) -> Finding | None:
     why += f"printed is {cell.value}"
     of_rounded = sum((part.number for part in average.scenes), Fraction(0)) / len(average.scenes)
     if not pooled and abs(value.number - of_rounded) <= value.half:
-        twice = decimal_text(of_rounded, value.decimals + 2)
-        why += f", the mean {twice} of the scenes' values as printed"
+        why += ", the mean of the scenes' values as printed"
     elif not value.span.widened(2 * value.half).meets(mean):
         return Finding(Grade.INCONSISTENT, "average", cell, why)
     return Finding(Grade.ROUNDING, "average", cell, why + ": off by the last digit")
 
 
 class _Gain(NamedTuple):
-    """A value with a printed gain, and the value that it is over; None where there is none."""
+    """A value with a printed gain, and the value that it is over."""
 
     value: Value
     gain: Decimal
-    base: Value | None
+    base: Value
 
     def is_off_by(self, most: Fraction) -> bool:
         """Whether the gain is further from the difference; of errors, either way counts as one."""
-        if self.base is None:
-            return True
         signs = (1, -1) if self.value.score.better is False else (1,)
         difference, gain = self.value.number - self.base.number, Fraction(self.gain)
         return min(abs(gain - sign * difference) for sign in signs) > most
@@ -140,13 +137,13 @@ class _Gain(NamedTuple):
     @property
     def is_explained(self) -> bool:
         """Whether it is the difference, where all three were rounded, or cut off."""
-        base = self.base or self.value
-        return not self.is_off_by(self.value.half + self.own_slack + self.half + base.half)
+        slack = self.value.half + self.own_slack + self.half + self.base.half
+        return not self.is_off_by(slack)
 
     @property
     def own_slack(self) -> Fraction:
         """How far the gain may be off where it has fewer digits than the values."""
-        most = max(self.value.decimals, self.base.decimals if self.base else 0)
+        most = max(self.value.decimals, self.base.decimals)
         return self.half if decimals_of(self.gain) < most else Fraction(0)
 
 
@@ -156,16 +153,16 @@ def check_gains(values: Sequence[Value]) -> Outcome:
     columns = grouped(values, lambda value: value.column)
     printed = [value for value in values if value.cell.gain is not None]
     for gained in grouped(printed, lambda v: (v.cell.table, v.cell.method)).values():
-        base, gains = _find_baseline(gained, columns)
+        gains = _find_baseline(gained, columns)
         tested += len(gains)
-        findings += filter(None, (_judge_gain(gain, base) for gain in gains))
+        findings += filter(None, map(_judge_gain, gains))
     return Outcome("gain", tested, findings)
 
 
 def _find_baseline(
     gained: Sequence[Value], columns: Mapping[tuple[str, ...], Sequence[Value]]
-) -> tuple[str, list[_Gain]]:
-    """Return the method that the gains are over, by merit, then name, then place in the file."""
+) -> list[_Gain]:
+    """Find the method that the gains are over, by merit, then name, then place in the file."""
     method = gained[0].cell.method
     stem = re.sub(r"\s*\(.*\)$", "", method).casefold()
     explained: Counter[str] = Counter()
@@ -177,31 +174,31 @@ def _find_baseline(
                 explained[other.cell.method] += _Gain(value, gain, other).is_explained
         plain = [other for other in columns[value.column] if other.cell.gain is None]
         pick = min if value.score.better is False else max
-        best.append(_Gain(value, gain, pick(plain, key=lambda v: v.number, default=None)))
+        if plain:
+            best.append(_Gain(value, gain, pick(plain, key=lambda v: v.number)))
     over_best = sum(gain.is_explained for gain in best)
     # The first of equals in the file, unless one has the method's name.
     over = max(explained, key=lambda n: (explained[n], n.casefold() == stem), default="")
     if over_best > explained[over] and 2 * over_best > len(gained):
-        return "the best of the others", best
+        return best
     if not over or not (over.casefold() == stem or 2 * explained[over] > len(gained)):
-        return "", []
-    named = [{other.cell.method: other for other in columns[v.column]} for v in gained]
-    return over, [one._replace(base=by.get(over)) for one, by in zip(best, named, strict=True)]
+        return []
+    return [
+        _Gain(value, value.cell.gain or Decimal(0), other)
+        for value in gained
+        for other in columns[value.column]
+        if other.cell.method == over
+    ]
 
 
-def _judge_gain(gain: _Gain, base: str) -> Finding | None:
+def _judge_gain(gain: _Gain) -> Finding | None:
     if not gain.is_off_by(gain.own_slack):
         return None
-    cell = gain.value.cell
-    if gain.base is None:
-        why = f"{base}, over which the gain {gain.gain:+} is, has no number here"
-        return Finding(Grade.INCONSISTENT, "gain", cell, why)
-    other = gain.base.cell
+    cell, other = gain.value.cell, gain.base.cell
     why = (
         f"{cell.value} - {other.value} ({other.method}) = {cell.value - other.value:+}, "
         f"but the printed gain is {gain.gain:+}"
     )
-    if gain.is_explained:
-        why += ": off by the last digit, as where it was computed before rounding"
-        return Finding(Grade.ROUNDING, "gain", cell, why)
-    return Finding(Grade.INCONSISTENT, "gain", cell, why)
+    grade = Grade.ROUNDING if gain.is_explained else Grade.INCONSISTENT
+    why += ": off by the last digit, as where it was computed before rounding" * gain.is_explained
+    return Finding(grade, "gain", cell, why)

@@ -19,7 +19,6 @@ T = TypeVar("T")
 Key = tuple[str, str, str]
 """What has one number of queries (benchmark, track and scene), or one definition of a score."""
 
-_LENGTHS = ("mm", "cm", "m", "km")
 _N, _L = r"[0-9]{1,9}(?:\.[0-9]{1,9})?", r"(?:cm|mm|km|m)"
 _RATE = r"(?:pose |translation |rotation )?(?:r|rec|recall|acc|accuracy|success|sr)"
 # By the whole name, in lower case, without arrows, with one space for any run of space, - and _:
@@ -34,7 +33,6 @@ _NAMES: tuple[tuple[str, bool, str], ...] = (
     ("hits", True, rf"(?P<limits>\(?<?{_N} ?{_L} ?[,/].+)"),
     ("hits", True, r"(?P<stem>d|distance|error) ?<(?P<limits>.+)"),
     ("cloud", True, r"m?f ?1?|f ?1? ?score|p|prec\.?|precision|r|rec\.?|recall"),
-    ("other", False, r"(acc|comp)\.?|(accuracy|completeness)(, median| distance)?"),
     ("other", False, r"cd|chamfer( distance)?|(.* )?med(ian|\.)?( .*)?"),
     ("other", False, r"(.* )?(error|distance|ate|rpe|rmse|mae|rre|rte|te|re|mte|mre)(,? .*)?"),
     ("other", False, r"horizontal|vertical|rotation|translation|dis ?@ ?[0-9]{1,4}\b.*"),
@@ -169,10 +167,6 @@ def read_values(cells: Sequence[PrintedValue]) -> list[Value]:
         key = (cell.table, cell.benchmark, cell.track, score.thresholds)
         if score.kind in ("hits", "ap") and score.variant in ("", "precision") and key in clouds:
             score = score._replace(kind="cloud")
-        if cell.metric.casefold().startswith(("acc", "comp")) and score.kind == "other":
-            unit = cell.unit.casefold()
-            better = False if unit in _LENGTHS else True if unit in ("%", "percent") else None
-            score = score._replace(better=better)
         full = 1 if cell.is_share or small or score.kind == "other" else 100
         values.append(_value(cell, score, full))
     return values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -51,7 +50,7 @@ def audit(
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given)
     if form is cli.Format.TERMINAL:
-        cli.put(audit_text(done, table.name, shutil.get_terminal_size((80, 24)).columns))
+        cli.put(audit_text(done, table.name))
     else:
         cli.show(audit_table(done, table.name), form)
     if done.failed:

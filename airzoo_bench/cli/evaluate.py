@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -12,9 +13,6 @@ from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.engines.engine import LOCAL, open_engine
-
-if TYPE_CHECKING:
-    from airzoo_bench.evaluation.evaluate import Evaluation
 
 _INFOS = {name: TRACKS.get(name) for name in TRACKS.names()}
 _summaries = " ".join(f"{name}: {info.summary}" for name, info in _INFOS.items())
@@ -50,17 +48,9 @@ def evaluate(
     figures: Annotated[
         bool,
         cli.option(
-            "Draw errors, matches, maps and clouds of matching or reconstruction into --out; "
-            "report and plot use them.",
+            "Draw the maps of matching or the clouds of reconstruction into --out, and keep what "
+            "report and plot draw.",
             "--figures",
-            panel="Output",
-        ),
-    ] = False,
-    clouds: Annotated[
-        bool,
-        cli.option(
-            "Write clouds of reconstruction coloured by their errors into --out.",
-            "--clouds",
             panel="Output",
         ),
     ] = False,
@@ -88,7 +78,7 @@ def evaluate(
     """
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.opening import ReadBy
-    from airzoo_bench.evaluation.run_files import SceneStore, check_run_folder
+    from airzoo_bench.evaluation.run_files import SceneStore, check_run_folder, save
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -96,24 +86,20 @@ def evaluate(
     if predictions is None:
         raise UsageError("there is nothing to score", fix=f"airzoo-bench eval {track} PREDICTIONS")
     info = TRACKS.get(track)
-    extra = [name for name, given in (("figures", figures), ("clouds", clouds)) if given]
-    acts = [info.options[name] for name in extra if name in info.options]
-    if len(acts) < len(extra):
-        raise UsageError(f"--{' --'.join(extra)}: the {track} track does not draw that")
-    if out is None and (extra or resume):
-        raise UsageError(
-            "--figures, --clouds and --resume write into a folder", fix="add --out DIR"
-        )
+    if figures and not info.figures:
+        raise UsageError(f"--figures: the {track} track does not draw any")
+    if out is None and (figures or resume):
+        raise UsageError("--figures and --resume write into a folder", fix="add --out DIR")
     if out is not None:
         check_run_folder(out, predictions)
         method = method or out.resolve().name or None
     memory, jobs, store = cli.memory_bytes(max_memory), jobs or info.jobs, None
-    if out is not None and resume and not extra:
+    if out is not None and resume and not figures:
         store = SceneStore(out.resolve().with_name(f"{out.resolve().name}.unfinished"))
     with open_engine(engine, jobs=jobs) as place:
         place.progress = cli.progress
         threads = jobs if engine == LOCAL else 1
-        run = Run(memory, threads, cli.progress, bool(extra), place, _limits(memory, untrusted))
+        run = Run(memory, threads, cli.progress, figures, place, _limits(memory, untrusted))
         evaluation = score(
             cli.predictions_here(predictions),
             data=cli.resolve_data(data),
@@ -128,7 +114,8 @@ def evaluate(
             store.remove()
         if evaluation.given.reader is not None:
             cli.say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
-        written = [] if out is None else _save(evaluation, out, acts, run)
+        draw = partial(resolve(info.figures), evaluation, run) if figures else None
+        written = [] if out is None else save(evaluation, out, draw)
     if form is cli.Format.JSON:
         content = json.loads(evaluation.result.model_dump_json(by_alias=True))
         cli.put(json.dumps(content, indent=1) + "\n")
@@ -145,23 +132,6 @@ def _limits(memory: int, untrusted: bool) -> Any:
     from airzoo_bench.core.sandbox import Limits
 
     return Limits(memory) if untrusted else None
-
-
-def _save(evaluation: Evaluation, out: Path, acts: list[str], run: Any) -> list[Path]:
-    """Write the files of the run, and those that a track's own options ask for."""
-    from airzoo_bench.evaluation.run_files import save
-
-    lines: list[str] = []
-
-    def draw(staged: Path) -> None:
-        for act in acts:
-            for line in resolve(act)(evaluation, True, staged, run):
-                lines.append(line.replace(str(staged), str(out)))
-
-    written = save(evaluation, out, draw)
-    for line in lines:
-        cli.say(line)
-    return written
 
 
 def check(

@@ -39,9 +39,9 @@ class TrackInfo:
     folders: bool = False  # whether predictions can be a folder, as templates then are
     fields: tuple[str, ...] = ()  # fields of an ``.npz`` that no other track has
     jobs: int = 2  # threads that ``eval`` takes by default
-    # What ``eval --figures`` and ``--clouds`` do, by name a ``module:function``: it takes the
-    # `evaluate.Evaluation`, True, the output folder and `Run`, and yields lines to print.
-    options: Mapping[str, str] = field(default_factory=dict)
+    # What ``eval --figures`` does: a ``module:function`` that takes the `evaluate.Evaluation`,
+    # `Run` and the output folder, and writes into ``figures`` there.
+    figures: str = ""
     baseline: Baseline | None = None
     # What a run writes beside result.json and records.csv: by its name the ``module:function`` to
     # call with the `evaluate.Evaluation` and the path.

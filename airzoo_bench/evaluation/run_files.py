@@ -36,8 +36,8 @@ def check_run_folder(out: Path, predictions: str | Path) -> tuple[list[str], set
     Return the names of the files and of the folders that runs of any track leave.
     """
     tracks = [TRACKS.get(name) for name in TRACKS.names()]
-    files = [_RESULT, "records.csv", *(name for info in tracks for name in info.files)]
-    folders = {name for info in tracks for name in info.options}
+    files, folders = [_RESULT, "records.csv"], {"figures"}
+    files += [name for info in tracks for name in info.files]
     check_output_folder(out, files)
     given, is_run = Path(predictions).resolve(), (out / _RESULT).exists()
     for name in (*files, *folders):

@@ -42,10 +42,7 @@ INFO = TrackInfo(
     suffixes=(*SUFFIXES, *ARCHIVE_SUFFIXES),
     folders=True,
     fields=("depth", "world_points", "points"),
-    options={
-        "figures": "airzoo_bench.report.reconstruction:draw_figures",
-        "clouds": "airzoo_bench.report.reconstruction:write_clouds",
-    },
+    figures="airzoo_bench.report.reconstruction:draw_figures",
     files={"alignment.json": "airzoo_bench.reconstruction.track:write_alignments"},
     baseline=Baseline(
         method="Structure from motion",

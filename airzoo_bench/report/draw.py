@@ -205,8 +205,6 @@ def condition(
         axes.vlines(places, low, high, colors=style["color"], linewidth=0.9)
     if score.unit == "share":
         axes.set_ylim(*_PERCENT)
-    elif 0 < np.nanmin(shown, initial=np.inf) < np.nanmax(shown, initial=0.0) / 100:
-        axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0.0)
     axes.yaxis.set_major_formatter("{x:g}")

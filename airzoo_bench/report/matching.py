@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,11 +82,9 @@ def gather_matches(
     }
 
 
-def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
+def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
     """Keep matches and estimated places, and draw these on the map of each scene."""
     del run
-    if not wanted or out is None:
-        return
     half_px = 0.5 if evaluation.protocol.lift.map_pixel_centres == "integer" else 0.0
     parts = []
     for truth in evaluation.truths:
@@ -101,7 +98,6 @@ def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Ru
     for place in places_of(section, evaluation.benchmark):
         if place.dom is not None:
             save_figure(draw_arrows(section, place), folder / f"{place.scene}_map.png")
-    yield f"kept matches in {folder}; report and plot show them"
 
 
 def has_matches(section: Section, number: int, query: str) -> bool:

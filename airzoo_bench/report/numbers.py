@@ -8,15 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
-from itertools import combinations
 
-import numpy as np
-
-from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
-    Comparison,
     compare,
     floor_note,
     make_sample,
@@ -26,7 +21,7 @@ from airzoo_bench.results.comparison import (
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.statistics.significance import LEVEL, holm
+from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.breakdown import breakdown_table
 from airzoo_bench.tables.comparison import comparison_table, differences_table
 from airzoo_bench.tables.intervals import intervals_made, resampled, score_cell
@@ -83,8 +78,7 @@ def find(section: Section) -> Findings:
     every = [interval for part in parts.values() for interval in part]
     named = f"intervals of {', '.join(score.title for score in scores)}"
     made = intervals_made(every, plan, resampled(section.first.unit), named)
-    lacking = sorted({interval.reason for interval in every if interval.reason})
-    notes = [*filter(None, [made]), *(f"no interval where {reason}" for reason in lacking)]
+    notes = [*filter(None, [made])]
     if count < 2:
         return Findings(limits, {}, notes)
     scopes: dict[str, str | None] = {OVERALL: None}
@@ -165,43 +159,19 @@ def breakdown_panes(section: Section) -> list[Pane]:
 
 def pair_panes(section: Section) -> list[Pane]:
     """Compare every two of the best methods by the headline scores; empty with one method."""
-    few, plan = section.methods[:_MOST_PAIRED], plan_of(section)
+    few, plan, panes = section.methods[:_MOST_PAIRED], plan_of(section), list[Pane]()
     if plan is None:
         return []
-    made = {
-        (one, two): compare(
-            [few[one], few[two]], section.headline, reference=few[one].name, resampling=plan
-        )
-        for one, two in combinations(range(len(few)), 2)
-    }
-    panes = []
-    for (one, two), comparison in _corrected(made, len(few), len(section.methods)).items():
-        pair = [few[one], few[two]]
-        tables = [comparison_table(comparison)]
-        tables.append(differences_table(pair, section.headline[:1], _DIFFERING))
-        panes.append(Pane(f"{one} {two}", f"{pair[0].name} and {pair[1].name}", tables))
+    count, scores = len(section.methods), section.headline
+    family = count * (count - 1) // 2  # as the marks of the summary are corrected
+    for one, better in enumerate(few[:-1]):
+        found = compare(few, scores, reference=better.name, family=family, resampling=plan)
+        for two, other in enumerate(few[one + 1 :], one + 1):
+            pairs = [pair for pair in found.pairs if pair.method == other.name]
+            tables = [comparison_table(replace(found, pairs=pairs, notes=()))]
+            tables.append(differences_table([better, other], scores[:1], _DIFFERING))
+            panes.append(Pane(f"{one} {two}", f"{better.name} and {other.name}", tables))
     return panes
-
-
-def _corrected(
-    made: Mapping[tuple[int, int], Comparison], count: int, of: int
-) -> dict[tuple[int, int], Comparison]:
-    """Correct p of each pair among those of its better method, as the marks of the summary are."""
-    family = of * (of - 1) // 2
-    scores = max((len(one.pairs) for one in made.values()), default=0)
-    p_values: Floats = np.ones((scores, count, count))
-    for (one, two), comparison in made.items():
-        found = [pair.test.p_value for pair in comparison.pairs]
-        p_values[:, one, two] = p_values[:, two, one] = found
-    corrected = {}
-    for (one, two), comparison in made.items():
-        pairs = []
-        for score, pair in enumerate(comparison.pairs):
-            better, worse = (two, one) if pair.is_better else (one, two)
-            row = holm(np.delete(p_values[score, better], better), family)
-            pairs.append(replace(pair, p_holm=float(row[worse - (worse > better)])))
-        corrected[one, two] = replace(comparison, pairs=pairs, family=family, notes=())
-    return corrected
 
 
 def counts_table(section: Section) -> Table:

@@ -185,8 +185,5 @@ def _sources(
     for rank, (tile, hit) in enumerate(zip(found.tolist(), hits.tolist(), strict=True), 1):
         if tile >= 0:
             title, kind = str(place.truth.tiles["id"].iloc[tile]), "hit" if hit else "miss"
-            yield partial(_tile_jpeg, place, tile), {"title": title, "rank": rank, "kind": kind}
-
-
-def _tile_jpeg(place: Place, tile: int) -> bytes:
-    return jpeg(read_tile(place, tile, _TILE_PX))
+            about = {"title": title, "rank": rank, "kind": kind}
+            yield lambda tile=tile: jpeg(read_tile(place, tile, _TILE_PX)), about

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,7 @@ from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.formats.clouds.cloud import Cloud, CloudSource
-from airzoo_bench.formats.clouds.ply import write_ply
+from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.reconstruction.track import Comparison
@@ -75,16 +74,10 @@ def read_clouds(section: Section, number: int = 0) -> dict[str, Arrays]:
     }
 
 
-def _compared(evaluation: Evaluation) -> dict[str, Comparison]:
-    found = {name: scene.details for name, scene in evaluation.scored.items()}
-    return {name: one for name, one in found.items() if one is not None}
-
-
-def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
+def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
     """Draw the clouds of each scene by their errors, and keep some of their points."""
-    if not wanted or out is None:
-        return
-    scenes = _compared(evaluation)
+    details = {name: scene.details for name, scene in evaluation.scored.items()}
+    scenes = {name: one for name, one in details.items() if one is not None}
     arrays: dict[str, NDArray[Any]] = {"scenes": np.array([*scenes], dtype=str)}
     for number, scene in enumerate(run.progress(scenes.values(), "figures", len(scenes))):
         arrays |= {f"{name}_{number}": array for name, array in gather_clouds(scene).items()}
@@ -92,21 +85,6 @@ def draw_figures(evaluation: Evaluation, wanted: bool, out: Path | None, run: Ru
     section = Section([Scored(result.predictions.method, result, evaluation.records)], [out])
     for name in scenes:
         save_figure(draw_clouds(section, name), folder / f"{name}_cloud.png")
-    yield f"drew {len(scenes)} pictures into {folder}; report and plot show them too"
-
-
-def write_clouds(evaluation: Evaluation, wanted: bool, out: Path | None, run: Run) -> Iterator[str]:
-    """Write prediction and truth of each scene, coloured by their errors, into ``clouds``."""
-    if not wanted or out is None:
-        return
-    folder, scenes = out / "clouds", _compared(evaluation)
-    for name, scene in run.progress(scenes.items(), "clouds", len(scenes)):
-        errors = (scene.distances.to_truth, scene.distances.to_prediction)
-        kinds = zip(("precision", "recall"), scene.clouds, errors, strict=True)
-        for which, cloud, distances in kinds:
-            colours = error_colours(distances, error_limit(distances))
-            write_ply(folder / f"{name}_{which}.ply", Cloud(_points(cloud.source), colours))
-    yield f"wrote {2 * len(scenes)} clouds into {folder}"
 
 
 def error_limit(errors: Floats) -> float:

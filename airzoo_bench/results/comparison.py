@@ -193,14 +193,14 @@ def compare(
     *,
     reference: str | None = None,
     scene: str | None = None,
+    family: int = 0,
     resampling: ResamplingConfig,
 ) -> Comparison:
-    """Compare methods with one of them: the first, the best or that of a name."""
+    """Compare methods with one of them, the first, the best or that of a name, of so many pairs."""
     check_same_queries(methods)
     if scene is not None:
         scene = find_scene(methods[0].result.truth.scene_titles, scene)
-    names, count = [m.name for m in methods], len(methods)
-    base = 0
+    names, count, base = [m.name for m in methods], len(methods), 0
     if reference in names:
         base = names.index(reference)
     elif reference == _BEST:
@@ -209,7 +209,7 @@ def compare(
         what = f"--reference {reference[:80]!r} is no method of these results"
         what += nearest(reference[:80], names)
         raise UsageError(what, expected=f"{_BEST}, or one of " + ", ".join(names))
-    sample, pairs, family = make_sample(methods, scores, scene), [], count - 1
+    sample, pairs, family = make_sample(methods, scores, scene), [], family or count - 1
     if reference == _BEST and _BEST not in names:  # all pairs were looked at
         family = count * (count - 1) // 2
     for one, other, found in _test_others(sample, [base] * len(scores), family, resampling):
