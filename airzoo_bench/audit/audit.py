@@ -149,7 +149,5 @@ def audit_text(audit: Audit, source: str) -> str:
     for grade, check, cell, why in audit.findings:
         where = ", ".join(filter(None, (cell.table, cell.place, cell.method)))
         lines += [f"{grade.value.upper()} [{check}] {where}, {cell.metric} {cell.value}"]
-        lines += [f"    {why}", ""]
-    return "".join(
-        f"{plain(line) if line[:1] != ' ' else line}\n" for line in (*lines, *audit.notes)
-    )
+        lines += [why, ""]
+    return "".join(f"{plain(line)}\n" for line in (*lines, *audit.notes))

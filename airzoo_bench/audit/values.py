@@ -127,22 +127,6 @@ class Value:
         return Span(self.number, self.number).widened(self.half)
 
 
-def _value(cell: PrintedValue, score: Score, full: int) -> Value:
-    decimals, group = decimals_of(cell.value), (cell.benchmark, cell.track)
-    return Value(
-        cell,
-        score,
-        full,
-        Fraction(cell.value),
-        decimals,
-        Fraction(1, 2 * 10**decimals),
-        row=(cell.table, *group, cell.scene, cell.method),
-        column=(cell.table, *group, cell.scene, cell.metric),
-        in_scene=(*group, cell.scene),
-        of_score=(*group, cell.metric),
-    )
-
-
 def decimals_of(number: Decimal) -> int:
     """Return how many digits are printed behind the point."""
     return -int(number.as_tuple().exponent)
@@ -168,7 +152,13 @@ def read_values(cells: Sequence[PrintedValue]) -> list[Value]:
         if score.kind in ("hits", "ap") and score.variant in ("", "precision") and key in clouds:
             score = score._replace(kind="cloud")
         full = 1 if cell.is_share or small or score.kind == "other" else 100
-        values.append(_value(cell, score, full))
+        decimals, group = decimals_of(cell.value), (cell.benchmark, cell.track)
+        in_scene, of_score = (*group, cell.scene), (*group, cell.metric)
+        row, column = ((cell.table, *in_scene, name) for name in (cell.method, cell.metric))
+        number, half = Fraction(cell.value), Fraction(1, 2 * 10**decimals)
+        values.append(
+            Value(cell, score, full, number, decimals, half, row, column, in_scene, of_score)
+        )
     return values
 
 

@@ -94,7 +94,7 @@ SCORES = [
     ("Recall", "cloud", True),
     ("Chamfer distance", "other", False),
     ("CD", "other", False),
-    ("Comp", "other", False),
+    ("Comp", "other", None),
     ("median_translation_error", "other", False),
     ("Med. ↓", "other", False),
     ("ATE", "other", False),
