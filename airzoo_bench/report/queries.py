@@ -159,14 +159,16 @@ def hardest(section: Section, places: Sequence[Place], count: int) -> list[dict[
         pictures = []
         for read, about in _sources(section, place, query) if place else ():
             with suppress(UserError):  # one that cannot be read is left out
-                pictures.append({**about, "src": data_uri(read(), "image/jpeg")})
+                found = read()
+                content = found if isinstance(found, bytes) else jpeg(found)
+                pictures.append({**about, "src": data_uri(content, "image/jpeg")})
         cards.append({"query": query, "pictures": pictures, "values": named})
     return cards
 
 
 def _sources(
     section: Section, place: Place, query: str
-) -> Iterator[tuple[Callable[[], bytes], dict[str, Any]]]:
+) -> Iterator[tuple[Callable[[], bytes | NDArray[np.uint8]], dict[str, Any]]]:
     """Yield functions that read pictures, and what is said of each."""
     drawn = (n for n in range(len(section.methods)) if has_matches(section, n, query))
     number = next(drawn, None)
@@ -176,14 +178,14 @@ def _sources(
         yield lambda: figure_bytes(draw_matches(alone, place, query), "jpg", 90), about
         return
     photo = place.photos[query]
-    yield lambda: jpeg(read_rgb(photo, long_side_px=_SIDE_PX)), {"title": "photo"}
+    yield partial(read_rgb, photo, long_side_px=_SIDE_PX), {"title": "photo"}
     if window := true_window(place, query):
         dom, part = window
         about = {"title": "the place on the map"}
-        yield lambda: jpeg(read_rgb(dom.path, part, long_side_px=_SIDE_PX)), about
+        yield partial(read_rgb, dom.path, part, long_side_px=_SIDE_PX), about
     found, hits = (array[0, place.row_of(query)] for array in first_tiles(section, place))
     for rank, (tile, hit) in enumerate(zip(found.tolist(), hits.tolist(), strict=True), 1):
         if tile >= 0:
             title, kind = str(place.truth.tiles["id"].iloc[tile]), "hit" if hit else "miss"
-            about = {"title": title, "rank": rank, "kind": kind}
-            yield lambda tile=tile: jpeg(read_tile(place, tile, _TILE_PX)), about
+            shown = {"title": title, "rank": rank, "kind": kind}
+            yield partial(read_tile, place, tile, _TILE_PX), shown
