@@ -75,12 +75,6 @@ def errors(estimate: PoseEstimate, scene: Scene) -> tuple[float, float]:
     return metres, float(rotation_angle_deg(estimate.rotation, scene.rotation))
 
 
-def fingerprint(estimate: PoseEstimate) -> tuple[bytes, bytes, bytes, str]:
-    """All of an estimate, to the last bit."""
-    arrays = (estimate.rotation, estimate.centre, estimate.inliers)
-    return (*(np.ascontiguousarray(array).tobytes() for array in arrays), estimate.status)
-
-
 def joined(problems: Sequence[Problem]) -> tuple[Cameras, Correspondences]:
     """Put queries one after the other."""
     cameras = [

@@ -40,10 +40,6 @@ def moved(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return ends[:, :2] / ends[:, 2:]
 
 
-def camera(width: int, height: int, focal: float = 500.0) -> Cameras:
-    return Cameras.from_matrices([np.diag((focal, focal, 1.0))], width, height)
-
-
 def matched(query: np.ndarray, crop: np.ndarray, size: tuple[int, int], **how: float) -> Any:
     """Match a picture of a photo of this size with a crop."""
     how = {"turn_deg": 0.0, "crop_scale": 1.0} | how
@@ -56,35 +52,22 @@ def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
 
 
 def test_matches_follow_a_known_homography() -> None:
-    crop = texture(420, 380)
-    H = similarity(0.9, 30.0, 130.0, 40.0)
+    crop = texture(320, 280)
+    H = similarity(0.9, 30.0, 110.0, 20.0)
     H[2, :2] = (2e-4, -3e-4)
-    query = seen_through(crop, H, 300, 240)
-    found, there = matched(query, crop, (300, 240), turn_deg=97.0)  # a wrong turn does no harm
+    query = seen_through(crop, H, 220, 180)
+    found, there = matched(query, crop, (220, 180), turn_deg=97.0)  # a wrong turn does no harm
     off = there - moved(H, found)
-    assert len(found) > 200
+    assert len(found) > 100
     assert (np.linalg.norm(off, axis=1) < 1).mean() > 0.97
     assert np.abs(np.median(off, axis=0)).max() < 0.03
     assert len(np.unique(np.hstack((found, there)), axis=0)) == len(found)
 
 
-@pytest.mark.parametrize(("shown", "crop_scale"), [((400, 300), 1.0), ((401, 299), 0.4)])
-def test_pixels_are_those_of_the_full_sizes(shown: tuple[int, int], crop_scale: float) -> None:
-    # The whole crop, magnified twice, is the photo; half a pixel lost at a resize is 0.25 to 0.75.
-    crop = texture(400, 300, seed=1)
-    large = seen_through(crop, np.diag((0.5, 0.5, 1.0)), 800, 600)
-    query = np.asarray(Image.fromarray(large).resize(shown, Image.Resampling.LANCZOS))
-    found, there = matched(query, crop, (800, 600), turn_deg=-90.0, crop_scale=crop_scale)
-    off = found - 2 * there
-    assert len(off) > 60
-    assert np.abs(np.median(off, axis=0)).max() < 0.15
-
-
 def test_nothing_is_matched_where_the_map_has_no_data() -> None:
     crop = texture(300, 240)
-    spots = np.stack(np.meshgrid(np.arange(20, 300, 40), np.arange(20, 240, 40)), -1).reshape(-1, 2)
-    away = np.linalg.norm(np.stack(np.indices((240, 300))[::-1], -1)[..., None, :] - spots, axis=-1)
-    crop[away.min(axis=-1) < 5] = 0  # round holes are good features
+    row, column = np.indices(crop.shape) % 40 - 20
+    crop[np.hypot(row, column) < 5] = 0  # round holes are good features
     found, there = matched(crop, crop, (300, 240))
     column, row = np.floor(there).astype(int).T
     assert len(found) > 50
@@ -124,19 +107,19 @@ def test_plans_worked_by_hand(
     rotation = angles_to_rotations(yaw, pitch, 0.0, convergence_deg=0.0)[None]
     prior = Poses(rotation=rotation, centres=np.array(((576010.0, 5187990.0, height),)))
     dom = open_info(write_tif(tmp_path / "dom.tif", np.zeros((3, 40, 40), np.uint8)))
-    found = lie_on_map(camera(800, 600, 1000.0), prior, "EPSG:32615", dom, 50.0)
+    camera = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
+    found = lie_on_map(camera, prior, "EPSG:32615", dom, 50.0)
     assert found[0] == pytest.approx(turn, abs=1e-6)
     assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 89.0, 180.0, -91.0, 270.0, 725.0])
-@pytest.mark.parametrize("scale", [1.0, 0.5, 0.37])
+@pytest.mark.parametrize(
+    ("turn_deg", "scale"), [(0.0, 1.0), (89.0, 0.5), (180.0, 0.37), (-91.0, 1.0), (725.0, 0.5)]
+)
 def test_the_way_back_from_a_smaller_turned_image(turn_deg: float, scale: float) -> None:
     grey = np.zeros((120, 171), np.uint8)
     grey[70, 30] = 255
     grey = (gaussian_filter(grey.astype(float), 6) * 200).astype(np.uint8)
     small, back = resample(grey, scale, turn_deg)
-    sides = {round(171 * scale), round(120 * scale)}
-    assert set(small.shape) == sides
     at = np.array(center_of_mass(small.astype(float))[::-1]) + 0.5
     np.testing.assert_allclose(back[:, :2] @ at + back[:, 2], (30.5, 70.5), rtol=0, atol=0.05)
