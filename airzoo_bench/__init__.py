@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 # Where each name is; the imports below say the same to editors and type checkers.
 _HOMES = {
     "api.benchmark": "BlindBenchmark load_benchmark",
-    "api.clouds": "cloud_scores",
+    "api.clouds": "align_cameras cloud_scores",
     "api.intervals": "bootstrap_ci",
-    "api.poses": "align_cameras pose_errors pose_scores solve_pose",
+    "api.poses": "pose_errors pose_scores solve_pose",
     "api.results": "Check Comparison Result check compare evaluate load_result",
     "api.retrieval": "average_precision chance_level recall_at_k retrieval_scores",
-    "api.scores": "Scores",
+    "api.arguments": "Scores",
     "api.writer": "PredictionWriter",
     "core.errors": "ArgumentError UserError",
     "core.version": "__version__",
@@ -53,10 +53,11 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from airzoo_bench.api.arguments import Scores
     from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
-    from airzoo_bench.api.clouds import cloud_scores
+    from airzoo_bench.api.clouds import align_cameras, cloud_scores
     from airzoo_bench.api.intervals import bootstrap_ci
-    from airzoo_bench.api.poses import align_cameras, pose_errors, pose_scores, solve_pose
+    from airzoo_bench.api.poses import pose_errors, pose_scores, solve_pose
     from airzoo_bench.api.results import (
         Check,
         Comparison,
@@ -72,7 +73,6 @@ if TYPE_CHECKING:
         recall_at_k,
         retrieval_scores,
     )
-    from airzoo_bench.api.scores import Scores
     from airzoo_bench.api.writer import PredictionWriter
     from airzoo_bench.core.errors import ArgumentError, UserError
     from airzoo_bench.core.version import __version__

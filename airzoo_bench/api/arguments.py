@@ -1,9 +1,10 @@
-"""Checks of arguments: array-likes in, clean arrays out, or an error that names the argument."""
+"""Arguments and answers of functions on arrays: array-likes in, scores by name out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
+from functools import cache
 from numbers import Integral, Real
 from typing import Any
 
@@ -14,6 +15,43 @@ from airzoo_bench.core.errors import ArgumentError, UserError, first_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import FARTHEST
 from airzoo_bench.geometry.precision import COARSEST_M, narrow_type
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
+
+__all__ = ["Scores"]
+
+
+class Scores:
+    """Scores by name, as items and attributes: ``found["recall@1"]``, ``found.f1``.
+
+    Parameters
+    ----------
+    scores : mapping of str to float, int, str or None
+        What it shows of itself, with four decimals.
+    **more : object
+        Further attributes, such as the table or the arrays that scores are made of.
+    """
+
+    def __init__(self, scores: Mapping[str, Any], **more: Any) -> None:
+        self.scores = dict(scores)
+        vars(self).update(self.scores | more)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.scores[name]
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"there is no {name!r} among {', '.join(vars(self))}")
+
+    def __repr__(self) -> str:
+        width = max(map(len, self.scores), default=0)
+        shown = {n: f"{v:.4f}" if isinstance(v, float) else v for n, v in self.scores.items()}
+        return "\n".join(["Scores", *(f"  {name:<{width}}  {v}" for name, v in shown.items())])
+
+
+@cache
+def shipped(track: str, section: str, **changes: Any) -> Any:
+    """Return a section of the settings of shipped protocols, some of them changed."""
+    protocol = load_protocol(shipped_protocols()[f"photos-{track}"])
+    return getattr(protocol, section).model_copy(update=changes)
 
 
 def fault(where: str, what: str, expected: str, fix: str | None = None) -> ArgumentError:
@@ -30,28 +68,28 @@ def refused(argument: str) -> Iterator[None]:
         raise fault(argument, error.what, error.expected or "", error.fix) from error
 
 
-def as_array(name: str, values: Any, expected: str = "an array") -> NDArray[Any]:
+def as_array(name: str, values: Any) -> NDArray[Any]:
     """Return an array of any type; masks, which NumPy would drop, are refused."""
     if np.ma.is_masked(values):
-        raise fault(name, "has masked entries", expected, "fill them: array.filled(np.nan)")
+        raise fault(name, "has masked entries", "an array", "fill them: array.filled(np.nan)")
     try:
         return np.asarray(values)
     except (ValueError, TypeError, RuntimeError) as error:
         # NumPy for ragged lists; torch for tensors that need a gradient or lie on a GPU.
-        raise fault(name, f"cannot be an array: {error}", expected) from error
+        raise fault(name, f"cannot be an array: {error}", "an array") from error
 
 
 def numbers(name: str, values: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Return numbers of any type as an array of a shape, in which None is any length."""
-    lengths = [str(letter if n is None else n) for letter, n in zip("NMK", shape, strict=False)]
-    expected = f"numbers of shape ({', '.join(lengths)})"
-    array = as_array(name, values, expected)
+    array = as_array(name, values)
     if array.shape == (0,):
         array = array.reshape([length or 0 for length in shape])
     fits = len(shape) == array.ndim and all(
         want in (None, have) for want, have in zip(shape, array.shape, strict=True)
     )
     if not fits or array.dtype.kind not in "biuf":
+        letters = [str(letter if n is None else n) for letter, n in zip("NMK", shape, strict=False)]
+        expected = f"numbers of shape ({', '.join(letters)})"
         raise fault(name, f"is {array.dtype} of shape {array.shape}", expected)
     return array
 
@@ -70,7 +108,7 @@ def floats(
 def coordinates(name: str, values: Any) -> Floats:
     """Return finite points (N, 3) of a type that keeps them, and that kept them before."""
     points = floats(name, values, (None, 3), finite=True)
-    for kind in (as_array(name, values).dtype.type, narrow_type(points[..., :2])):
+    for kind in (as_array(name, values).dtype.type, narrow_type(points[:, :2])):
         check_digits(name, points, kind)
     return points
 
@@ -87,8 +125,7 @@ def check_digits(name: str, points: Floats, kind: Any, coarsest: float = COARSES
 
 def refuse_rows(name: str, bad: Any, what: str, expected: str, fix: str | None = None) -> None:
     """Refuse an argument that has bad rows, and name the first of them."""
-    rows = np.flatnonzero(bad).tolist()
-    if rows:
+    if rows := np.flatnonzero(bad).tolist():
         raise fault(name, f"{what} in {first_of(rows, np.size(bad), noun='row')}", expected, fix)
 
 
@@ -98,8 +135,7 @@ def check_pairs(**arguments: Any) -> None:
     for name, other in others:
         where = f"{first}, {name}"
         if hasattr(rows, "__len__") and hasattr(other, "__len__") and len(rows) != len(other):
-            expected = "as many rows, in the same order"
-            raise fault(where, f"have {len(rows)} and {len(other)} rows", expected)
+            raise fault(where, f"have {len(rows)} and {len(other)} rows", "as many, in one order")
         if hasattr(rows, "iloc") and hasattr(other, "iloc") and not rows.index.equals(other.index):
             fix = "give one the index of the other: b.reindex(a.index), or pass .to_numpy()"
             raise fault(where, "have different indexes", "the same labels", fix)
@@ -117,10 +153,9 @@ def listed(name: str, values: Any) -> list[Any]:
 
 def whole(name: str, value: Any, least: int = 1) -> int:
     """Return a whole number from `least` to what solvers take as seeds."""
-    most = 2**31 - 1
     is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not is_whole or not least <= int(value) <= most:
-        raise fault(name, f"is {value!r}", f"a whole number from {least} to {most:,}")
+    if not is_whole or not least <= int(value) < 2**31:
+        raise fault(name, f"is {value!r}", f"a whole number from {least} to 2,147,483,647")
     return int(value)
 
 

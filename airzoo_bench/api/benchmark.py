@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -61,11 +61,12 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
         source = Benchmark.open(folder, sealed=True)
     else:
         source = find_benchmark(str(name_or_path), data_here(data), sealed=True)
-    scenes = source.file.scenes
-    blind = [BlindScene(one.id, one.title, one.crs, one.plane_height_m, source) for one in scenes]
-    return BlindBenchmark(
-        source.name, source.folder, tuple(source.file.tracks), tuple(blind), source
-    )
+    scenes = [
+        BlindScene(one.id, one.title, one.crs, one.plane_height_m, source)
+        for one in source.file.scenes
+    ]
+    tracks = tuple(source.file.tracks)
+    return BlindBenchmark(source.name, source.folder, tracks, tuple(scenes), source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,17 +97,8 @@ class BlindBenchmark:
         return by_id[scene_id]
 
 
-class Named:
-    """Shows itself as its id."""
-
-    id: str
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.id!r})"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class BlindScene(Named):
+@dataclass(frozen=True, eq=False)
+class BlindScene:
     """A scene without its truth; pictures are read when they are used.
 
     `crs` is the projected CRS of poses, surface model and clouds, in metres; `plane_height_m` the
@@ -117,15 +109,21 @@ class BlindScene(Named):
     title: str
     crs: str | None
     plane_height_m: float | None
-    _source: Benchmark
+    _source: Benchmark = field(repr=False)
 
     def queries(self) -> tuple[Photo, ...]:
         """Return the queries of retrieval, sorted by id."""
-        return self._photos("retrieval")
+        return self.photos_of("retrieval")
 
     def photos(self) -> tuple[Photo, ...]:
         """Return the photos for a reconstruction, sorted by id."""
-        return self._photos("reconstruction")
+        return self.photos_of("reconstruction")
+
+    def photos_of(self, track: str) -> tuple[Photo, ...]:
+        """Return the photos that a track asks for, sorted by id."""
+        folder = self._home(track).parent
+        table = read_queries(folder, read_excluded(self._source, self.id, track))
+        return photos_of(table, self._source.resolve(self._source.scene(self.id).images))
 
     def tiles(self) -> tuple[Tile, ...]:
         """Return the tiles of the gallery, sorted by id."""
@@ -143,30 +141,22 @@ class BlindScene(Named):
 
     def crops(self) -> tuple[Crop, ...]:
         """Return the crop of each query of matching, sorted by the photo's id."""
-        photos, truth = self._photos("matching"), read_matching_truth(self._source, self.id)
+        photos, truth = self.photos_of("matching"), read_matching_truth(self._source, self.id)
         windows, maps = truth.crops.tolist(), map(truth.map_of, range(len(photos)))
         return tuple(
             Crop(photo.id, photo, tuple(window), one.dom, one.dsm)
             for photo, window, one in zip(photos, windows, maps, strict=True)
         )
 
-    def _photos(self, track: str) -> tuple[Photo, ...]:
-        folder = self._home(track).parent
-        table = read_queries(folder, read_excluded(self._source, self.id, track))
-        return photos_of(table, self._source.resolve(self._source.scene(self.id).images))
-
     def _home(self, track: str) -> Path:
-        if track not in self._source.file.tracks:
-            raise BenchmarkError(
-                f"benchmark {self._source.name} does not serve {track}",
-                where=self._source.folder,
-                expected=", ".join(self._source.file.tracks),
-            )
-        return self._source.scene_folder(self.id) / track
+        source = self._source
+        if track not in source.file.tracks:
+            what, served = f"{source.name} does not serve {track}", ", ".join(source.file.tracks)
+            raise BenchmarkError(what, where=source.folder, expected=served)
+        return source.scene_folder(self.id) / track
 
 
-@dataclass(frozen=True, eq=False)
-class Camera:
+class Camera(NamedTuple):
     """The camera of a photo; the image's corner is (0, 0), the first pixel's centre (0.5, 0.5).
 
     `K` is (3, 3) in pixels, `distortion` (5,) is k1 k2 p1 p2 k3, as OpenCV has them.
@@ -183,16 +173,15 @@ class Camera:
         return Camera(width, height, self.K * scale, self.distortion)
 
 
-@dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """The place of a camera in the scene's CRS: x_cam = R (X - C), R (3, 3), C (3,) in metres."""
 
     rotation: Floats
     centre: Floats
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Photo(Named):
+@dataclass(frozen=True, eq=False)
+class Photo:
     """A photo as a method may know it, with the prior by its own GPS and gimbal.
 
     The id is ``scene/name``. Conditions that are numbers, such as altitude, are left out: they
@@ -200,11 +189,11 @@ class Photo(Named):
     """
 
     id: str
-    name: str
-    path: Path
-    conditions: Mapping[str, str]
-    prior: Pose | None = None
-    _camera: Camera | None = None
+    name: str = field(repr=False)
+    path: Path = field(repr=False)
+    conditions: Mapping[str, str] = field(repr=False)
+    prior: Pose | None = field(default=None, repr=False)
+    _camera: Camera | None = field(default=None, repr=False)
 
     @property
     def camera(self) -> Camera:
@@ -221,12 +210,9 @@ class Photo(Named):
     def read(self, long_side_px: int | None = None) -> Image:
         """Read the photo in colour, made smaller where a long side is given."""
         size, camera = photo_size(self.path), self._camera
-        if camera is not None and size != (camera.width, camera.height):
-            raise BenchmarkError(
-                f"the photo is {size[0]} x {size[1]} px",
-                where=self.path,
-                expected=f"{camera.width} x {camera.height} px, the size of its camera",
-            )
+        if camera is not None and size != camera[:2]:
+            what, expected = f"the photo is {size[0]} x {size[1]} px", "the size of its camera"
+            raise BenchmarkError(what, where=self.path, expected=expected)
         return read_rgb_photo(self.path, long_side_px or max(size))
 
 
@@ -248,8 +234,8 @@ def photos_of(table: pd.DataFrame, folder: Path) -> tuple[Photo, ...]:
     return tuple(Photo(one, name, folder / name, text, **more) for one, name, text, more in names)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Tile(Named):
+@dataclass(frozen=True, eq=False)
+class Tile:
     """A tile of a gallery: a window (x, y, width, height) of a map, or an image.
 
     `box` is lon_min, lat_min, lon_max, lat_max in degrees, `size_m` the mean side on the ground;
@@ -270,8 +256,8 @@ class Tile(Named):
         return read_rgb(self.map, self.window)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Crop(Named):
+@dataclass(frozen=True, eq=False)
+class Crop:
     """The window (x, y, width, height) of an orthophoto that a query is matched with.
 
     It is chosen by the query's prior; `surface` is the surface model, on a grid of its own.
@@ -280,8 +266,8 @@ class Crop(Named):
     id: str
     query: Photo
     window: Window
-    map: RasterInfo
-    surface: Path
+    map: RasterInfo = field(repr=False)
+    surface: Path = field(repr=False)
 
     @property
     def image(self) -> Image:

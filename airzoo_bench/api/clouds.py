@@ -1,18 +1,21 @@
-"""Clouds from Python: Chamfer distance, precision, recall and F1."""
+"""Reconstructions from Python: scores of clouds, and the alignment of cameras."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.api.scores import Scores
+from airzoo_bench.api.arguments import Scores
+from airzoo_bench.api.poses import read_cameras
+from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, fit_cameras, umeyama
 from airzoo_bench.reconstruction.clouds import box_of, cloud_of, cropped_region, prepare_cloud
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import curve, mean_distances
-from airzoo_bench.reconstruction.settings import Preparation
 
-__all__ = ["cloud_scores"]
+__all__ = ["align_cameras", "cloud_scores"]
 
 
 def cloud_scores(
@@ -33,8 +36,7 @@ def cloud_scores(
     Parameters
     ----------
     predicted : (P, 3) array-like
-        In the frame of the truth. Points that are not finite are left out and counted; an empty
-        cloud scores 0.
+        In the frame of the truth; points that are not finite are left out, no point scores 0.
     true : (T, 3) array-like
         In units of the threshold.
     threshold : float
@@ -56,44 +58,96 @@ def cloud_scores(
     ------
     ArgumentError
         Another shape, too few digits, a threshold that is not above 0, no true point.
-
-    Examples
-    --------
-    >>> true = [[0.0, 0, 0], [4, 0, 0], [8, 0, 0], [12, 0, 0]]
-    >>> found = cloud_scores([[0.0, 0, 1], [4, 0, 1], [8, 0, 5]], true, threshold=2)
-    >>> found.precision, found.recall, round(found.chamfer, 4), found.outside
-    (1.0, 0.5, 2.2732, 1)
     """
     limit, threads = arg.positive("threshold", threshold), min(arg.whole("jobs", jobs), 256)
-    # The settings of the shipped protocols, as shares of the threshold.
-    settings = Preparation(
-        crop="none" if plain else "covered",
-        crop_margin_m=limit,
-        crop_cell_m=limit / 2,
-        region="all",
-        observed_photos=1,  # of regions that photos observe, as is the rest
-        observed_cell_m=1.0,
-        hidden_beyond_m=1.0,
-        voxel_m="none" if plain else limit / 20,
-    )
+    # The sizes of the shipped protocols, as shares of the threshold.
+    sizes: dict[str, Any] = {"crop_margin_m": limit, "crop_cell_m": limit / 2}
+    sizes |= {"crop": "none", "voxel_m": "none"} if plain else {"voxel_m": limit / 20}
+    settings = arg.shipped("reconstruction", "preparation", **sizes)
     clouds = []
     for name, values in (("predicted", predicted), ("true", true)):
         points = arg.floats(name, values, (None, 3))
         finite = points[np.isfinite(points).all(axis=1)]
         if len(points) and not len(finite):
             raise arg.fault(name, "has no finite point", "finite numbers")
-        kind = arg.as_array(name, values).dtype.type
-        arg.check_digits(name, finite, kind, coarsest=limit / 20)
+        arg.check_digits(name, finite, arg.as_array(name, values).dtype.type, coarsest=limit / 20)
         clouds.append(cloud_of(points))
     block = max(*(cloud.count for cloud in clouds), 1)
     with arg.refused("true"):
         region = cropped_region(clouds[1], box_of(clouds[1]), settings, block)
         kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in clouds)
     found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
-    means = mean_distances(*found, None if plain else 10 * limit)
-    means = {name: means[name] for name in ("chamfer", "accuracy", "completeness")}
-    below = curve(*found, np.array([limit]))
-    shares = {name: float(getattr(below, name)[0]) for name in ("precision", "recall", "f1")}
-    left_out = {name: getattr(kept, name) for name in ("not_finite", "outside", "thinned")}
-    arrays = {"to_truth": found.to_truth, "to_prediction": found.to_prediction}
-    return Scores(shares | means | left_out, **arrays)
+    means, below = (
+        mean_distances(*found, None if plain else 10 * limit),
+        curve(*found, np.array([limit])),
+    )
+    return Scores(
+        {name: float(getattr(below, name)[0]) for name in ("precision", "recall", "f1")}
+        | {name: means[name] for name in ("chamfer", "accuracy", "completeness")}
+        | {name: getattr(kept, name) for name in ("not_finite", "outside", "thinned")},
+        **found._asdict(),
+    )
+
+
+def align_cameras(
+    predicted: ArrayLike,
+    true: ArrayLike,
+    *,
+    robust: bool = True,
+    inlier_m: float = 5.0,
+    seed: int = 0,
+) -> Scores:
+    """Find the similarity that brings predicted camera centres to the true ones.
+
+    Source: Umeyama, Least-squares estimation of transformation parameters between two point
+    patterns, PAMI 13(4), 1991. Chum, Matas, Kittler, Locally optimized RANSAC, DAGM 2003.
+
+    Parameters
+    ----------
+    predicted : (N, 3, 4), (N, 4, 4) or (N, 3) array-like
+        Poses as in `pose_errors`, or camera centres, in any frame and scale; NaN where missing.
+    true : (N, 3, 4), (N, 4, 4) or (N, 3) array-like
+        Of the same cameras, in metres.
+    robust : bool
+        Fit to the inliers of the reconstruction track's RANSAC; else to all, by plain Umeyama.
+    inlier_m, seed : float, int
+        Inliers of RANSAC are nearer; the seed of its samples.
+
+    Returns
+    -------
+    Scores
+        ``scale``; ``matrix`` (4, 4) and ``transform``, whose ``apply`` moves points (N, 3) into the
+        frame of the truth; ``inliers`` (N,), the cameras to which it is fitted; ``residuals``
+        (N,), distances of the moved centres from the true ones, infinite without a pose;
+        ``used_orientations``, where centres lie on a line and orientations gave the turn about it.
+
+    Raises
+    ------
+    ArgumentError
+        Fewer than 3 cameras; centres at one point, or on a line without orientations; bad arrays.
+    """
+    found, known = read_cameras("predicted", predicted), read_cameras("true", true)
+    arg.check_pairs(predicted=predicted, true=true)
+    limit, seed = arg.positive("inlier_m", inlier_m), arg.whole("seed", seed, 0)
+    inliers: Any = np.isfinite(found.centres).all(axis=1)
+    rows, turned = np.flatnonzero(inliers), False
+    if len(rows) < LEAST_CAMERAS:
+        raise arg.fault("predicted", f"has {len(rows)} cameras with a pose", "at least 3")
+    source, target = found.take(rows), known.take(rows)
+    with arg.refused("predicted, true"):
+        if robust:
+            changed = {"inlier_below_m": limit, "seed": seed}
+            fit = fit_cameras(source, target, arg.shipped("reconstruction", "alignment", **changed))
+            transform, turned = fit.transform, fit.used_orientations
+            inliers = np.isin(known.names, fit.inlier_names)
+        else:
+            transform = umeyama(source.centres, target.centres, with_scale=True)
+    residuals = np.full(len(inliers), np.inf)
+    offsets = transform.apply(source.centres) - target.centres
+    residuals[rows] = np.sqrt((offsets * offsets).sum(axis=1))
+    rms = float(np.sqrt((residuals[inliers] ** 2).mean()))
+    return Scores(
+        {"scale": transform.scale, "rms_of_inliers": rms, "used_orientations": turned},
+        **{"transform": transform, "matrix": transform.matrix},
+        **{"inliers": inliers, "residuals": residuals},
+    )

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.api.scores import Scores
+from airzoo_bench.api.arguments import Scores
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 
@@ -43,10 +43,8 @@ def bootstrap_ci(
     statistic : {"share", "mean", "median"}
         Means of shares from 0 to 1, such as hits and AP, have Wilson's interval, over scenes
         MOVER's; other means and medians are bootstrapped.
-    confidence : float
-        Between 0 and 1.
-    seed : int
-        Of the 10,000 resamples.
+    confidence, seed : float, int
+        Between 0 and 1; the seed of the 10,000 resamples.
 
     Returns
     -------
@@ -59,15 +57,6 @@ def bootstrap_ci(
     ------
     ArgumentError
         NaN, no value, shares outside 0 to 1, `scenes` of another length, settings out of range.
-
-    Examples
-    --------
-    >>> bootstrap_ci([1, 1, 0, 1, 1, 0, 1, 1, 1, 1], statistic="share")
-    Scores
-      estimate  0.8000
-      low       0.4902
-      high      0.9433
-      method    wilson
     """
     arg.choice("statistic", statistic, get_args(Statistic))
     share = arg.positive("confidence", confidence, _MOST_CONFIDENCE)
@@ -76,9 +65,8 @@ def bootstrap_ci(
     bad = ~(np.abs(numbers) <= _LARGEST) & ~np.isposinf(numbers)
     if statistic == "share":
         bad |= (numbers < 0.0) | (numbers > 1.0)
-    what, expected = "NaN or a value out of range", "a number a query, infinite for failures"
-    fix = "divide percent by 100" if statistic == "share" else None
-    arg.refuse_rows("values", bad, what, expected, fix)
+    expected = "a number a query, infinite for failures; shares from 0 to 1, not percent"
+    arg.refuse_rows("values", bad, "NaN or a value out of range", expected)
     if len(numbers) == 0:
         raise arg.fault("values", "holds no value", expected)
     groups = {"": numbers}
@@ -90,13 +78,8 @@ def bootstrap_ci(
         arg.check_pairs(values=values, scenes=scenes)
         rows, names = pd.factorize(labels.astype(str))
         groups = {str(name): numbers[rows == place] for place, name in enumerate(names)}
-    sample = Sample(
-        "query",
-        tuple(groups),
-        tuple(part[None] for part in groups.values()),
-        np.array([statistic == "median"]),
-        np.array([statistic == "share"]),
-    )
+    kinds = (np.array([statistic == kind]) for kind in ("median", "share"))
+    sample = Sample("query", tuple(groups), tuple(one[None] for one in groups.values()), *kinds)
     found = sample_intervals(sample, plan, groups=scenes is not None)
     average = np.median if statistic == "median" else np.mean
     means = {name: float(average(part)) for name, part in groups.items()}
@@ -106,5 +89,6 @@ def bootstrap_ci(
 
 def _scores(estimate: float, found: Interval, **more: Any) -> Scores:
     values = {"estimate": estimate, "low": found.low, "high": found.high}
-    kind = {"reason": found.reason} if found.low is None else {"method": found.method}
-    return Scores(values | kind, **{"reason": found.reason, "method": found.method} | more)
+    kind = "reason" if found.low is None else "method"
+    values[kind] = getattr(found, kind)
+    return Scores(values, **{"reason": found.reason, "method": found.method} | more)

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.benchmark.folder import data_here
-from airzoo_bench.core.errors import UserError, first_of
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as score_predictions
 from airzoo_bench.evaluation.opening import ReadBy
@@ -155,8 +153,7 @@ def evaluate(
     protocol : str, optional
         Name or path of a protocol; by default the predictions' own.
     data : path, optional
-        The benchmark folder, or the one that holds it; by default ``AIRZOO_BENCH_DATA``, else a
-        cache folder.
+        The benchmark folder, or the one that holds it; by default ``AIRZOO_BENCH_DATA`` or a cache.
     method : str, optional
         Its name in tables; by default the file's name.
     reader : str, optional
@@ -185,11 +182,11 @@ def evaluate(
             run=Run(memory_bytes=max_memory, jobs=jobs),
             read_by=ReadBy(reader, None if names is None else Path(names)),
         )
-    records = done.records
+    result, records = done.result, done.records
     if "query" not in records:
         records = records.assign(query=records["scene"])
-    name = done.result.predictions.method
-    return Result(name, done.result, checked_records(records, done.result, name))
+    name = result.predictions.method
+    return Result(name, result, checked_records(records, result, name))
 
 
 @dataclass(frozen=True, repr=False)
@@ -213,9 +210,6 @@ class Check:
     def __repr__(self) -> str:
         lines = [*map(str, self.errors), *(f"note: {note}" for note in self.notes)]
         return "\n".join(lines) or "nothing wrong was found"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
 
 
 def check(
@@ -255,26 +249,19 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     if not isinstance(predictions, Mapping):
         yield local_path(predictions)
         return
-    fields = {name: _read_field(name, values) for name, values in predictions.items()}
+    fields = {name: arg.as_array(name, values) for name, values in predictions.items()}
+    for name, array in fields.items():
+        if array.dtype == np.dtype(object):  # columns of pandas hold text so
+            if not all(isinstance(value, str) for value in array.ravel()):
+                raise arg.fault(name, "holds Python objects", "numbers or text")
+            fields[name] = array.astype(str)
     named = protocol or fields.pop("protocol", None)
     if named is None:
-        expected = "the name of one, here or as a field"
-        raise arg.fault("protocol", "is not named", expected, "`airzoo-bench protocols` lists them")
+        raise arg.fault("protocol", "is not named", "one of `airzoo-bench protocols`")
     with TemporaryDirectory() as folder:
         path = Path(folder, "predictions.npz")
         write_predictions(path, str(named), fields)
         yield path
-
-
-def _read_field(name: str, values: Any) -> NDArray[Any]:
-    """Return a field as an array of numbers or text; columns of pandas hold text as objects."""
-    array = arg.as_array(f"field {name!r}", values)
-    if array.dtype == np.dtype(object):
-        if not all(isinstance(value, str) for value in array.ravel()):
-            expected = "numbers or text; shorter lists are filled up with empty ids"
-            raise arg.fault(f"field {name!r}", "holds Python objects", expected)
-        array = array.astype(str)
-    return array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -341,15 +328,14 @@ def compare(
         raise arg.fault("results", "holds no results", "results, or paths of result.json")
     read = iter(read_scored([one for one in listed if not isinstance(one, Scored)]))
     methods = [one if isinstance(one, Scored) else next(read) for one in listed]
-    names = [one.name for one in methods]
-    if twice := {name for name in names if names.count(name) > 1}:
-        fix, expected = "load_result(path, name=...)", "methods of different names"
-        raise arg.fault("results", f"several have the name {first_of(twice)}", expected, fix)
+    if len({one.name for one in methods}) < len(methods):
+        fix = "load_result(path, name=...)"
+        raise arg.fault("results", "several have one name", "methods of different names", fix)
     check_same_queries(methods)
     chosen = choose_scores(methods, arg.listed("scores", scores), every=every)
-    if scene is not None:
-        scene = find_scene(methods[0].result.truth.scene_titles, scene)
     if len(methods) == 1:
+        if scene is not None:
+            scene = find_scene(methods[0].result.truth.scene_titles, scene)
         found = score_intervals(methods[0], chosen, plan, scene)
         rows = [
             {"scene": name, "score": score.key, **vars(one)}

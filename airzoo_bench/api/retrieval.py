@@ -11,14 +11,14 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
-from airzoo_bench.api.scores import Scores
+from airzoo_bench.api.arguments import Scores
 from airzoo_bench.core.errors import first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.predictions import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
 from airzoo_bench.retrieval.scoring import hit_columns
-from airzoo_bench.retrieval.settings import ApVariant, TileScores
+from airzoo_bench.retrieval.settings import ApVariant
 from airzoo_bench.retrieval.truth import Positives, offsets_of
 
 __all__ = ["average_precision", "chance_level", "recall_at_k", "retrieval_scores"]
@@ -34,8 +34,7 @@ def recall_at_k(hits: ArrayLike, k: int) -> float:
     Parameters
     ----------
     hits : (Q, K) array-like
-        Whether the tile at each rank is a positive, best rank first: booleans, or 0 and 1. Lists
-        may differ in length; one list (K,) is one query.
+        Whether each rank holds a positive, best first; a list a query, or (K,) of one query.
     k : int
         At least 1.
 
@@ -48,11 +47,6 @@ def recall_at_k(hits: ArrayLike, k: int) -> float:
     ------
     ArgumentError
         No query, values other than 0 and 1, k below 1.
-
-    Examples
-    --------
-    >>> recall_at_k([[1, 0, 0], [0, 0, 1]], k=1)
-    0.5
     """
     return float(metrics.recall_at(_hit_matrix(hits), arg.whole("k", k)).mean())
 
@@ -87,11 +81,6 @@ def average_precision(
     ------
     ArgumentError
         As `recall_at_k`; a query with no positive, or fewer than hits.
-
-    Examples
-    --------
-    >>> round(average_precision([1, 0, 1, 0, 0], n_positives=3), 4)  # (1/1 + 2/3) / 3
-    0.5556
     """
     arg.choice("variant", variant, get_args(ApVariant))
     matrix = _hit_matrix(hits)
@@ -115,11 +104,10 @@ def _positive_counts(values: Any, queries: int, least: ArrayLike) -> Ints:
 
 def _hit_matrix(hits: Any) -> Bools:
     """Return hits as a matrix; shorter lists are filled up with misses."""
-    rows = hits
     if isinstance(hits, list | tuple) and hits and all(isinstance(one, Sequence) for one in hits):
         longest = max(map(len, hits))
-        rows = [[*row, *[0] * (longest - len(row))] for row in hits]
-    values = arg.as_array("hits", rows)
+        hits = [[*row, *[0] * (longest - len(row))] for row in hits]
+    values = arg.as_array("hits", hits)
     is_one_query = values.ndim == 1 and len(values) > 0
     matrix = arg.numbers("hits", values[None] if is_one_query else values, (None, None))
     if len(matrix) == 0 or not np.isin(matrix, (0, 1)).all():
@@ -147,8 +135,7 @@ def retrieval_scores(
     Parameters
     ----------
     ranked_ids : (Q, K) array-like, sequence of sequences, mapping by query, or None
-        Ids of the gallery, best first: whole numbers or texts. Lists may differ in length; -1 or
-        an empty text ends one. None ranks the gallery by `scores`.
+        Ids of the gallery, whole numbers or texts, best first; -1 or an empty text ends a list.
     positives : sequence of Q sets or lists, or mapping by query
         Ids that answer each query, each once. A query that `ranked_ids` lacks scores 0.
     ks : iterable of int
@@ -176,11 +163,6 @@ def retrieval_scores(
     >>> found = retrieval_scores([["t3", "t1"], ["t5", "t2"]], [{"t1", "t2"}, {"t5"}], ks=(1,))
     >>> found["recall@1"], found["mrr"]
     (0.5, 0.75)
-
-    A method that finds all tiles alike has found nothing:
-
-    >>> retrieval_scores(None, [[0]], ks=(1,), scores=[[0.5, 0.5, 0.5]])["recall@1"]
-    0.0
     """
     arg.choice("ap", ap, get_args(ApVariant))
     depths, similar = _checked_ranks(ks), None
@@ -196,7 +178,7 @@ def retrieval_scores(
     else:
         similar = arg.floats("scores", scores, (None, None), finite=True)
         labels = [*getattr(scores, "columns", range(similar.shape[1]))]
-        place = _number_ids(_checked_ids("scores", labels))
+        place = _number_ids(_read_ids("scores", labels))
         arg.check_pairs(scores=scores, positives=positives)
         names, _, right = _pair_queries([()] * len(similar), positives)
         tiles = np.argsort(-similar, axis=1, kind="stable")
@@ -249,11 +231,6 @@ def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5
     ------
     ArgumentError
         No query, one with no positive or more than tiles; k below 1.
-
-    Examples
-    --------
-    >>> chance_level([1, 2], n_tiles=4, ks=(1,))["recall@1"]
-    0.375
     """
     size = arg.whole("n_tiles", n_tiles)
     positives = _positive_counts(n_positives, arg.as_array("n_positives", n_positives).size, 1)
@@ -262,12 +239,12 @@ def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5
         raise arg.fault("n_positives", what, expected)
     columns: dict[str, Floats] = {}
     for k in _checked_ranks(ks):
-        rules = TileScores.model_construct(ranks_kept=size, recall_at=(k,), ap_at=k, ndcg_at=(k,))
+        depths = {"recall_at": (k,), "ap_at": k, "ndcg_at": (k,)}
+        rules = arg.shipped("retrieval", "scores", ranks_kept=size, **depths)
         columns |= metrics.chance_scores(positives, size, rules)
-    columns = {name: values for name, values in columns.items() if "/" not in name}
-    averages = {name: float(values.mean()) for name, values in columns.items()}
-    records = pd.DataFrame({"positives": positives, **columns})
-    return Scores(averages, records=records)
+    columns = {key: values for key, values in columns.items() if "/" not in key}
+    averages = {key: float(values.mean()) for key, values in columns.items()}
+    return Scores(averages, records=pd.DataFrame({"positives": positives, **columns}))
 
 
 def _checked_ranks(ks: Any) -> tuple[int, ...]:
@@ -283,26 +260,24 @@ def _pair_queries(ranked: Any, positives: Any) -> tuple[list[Any], list[list[Any
     if isinstance(ranked, Mapping) != isinstance(positives, Mapping):
         raise arg.fault(where, "one alone is a mapping by query", "both by query, or both in order")
     if isinstance(positives, Mapping):
-        if strange := [query for query in ranked if query not in positives]:
+        if strange := ranked.keys() - positives.keys():
             what = f"queries that positives lacks: {first_of(strange, len(ranked))}"
             raise arg.fault(where, what, "queries of positives")
+        ranked = [ranked.get(name, ()) for name in positives]
         names, right = list(positives), list(positives.values())
-        lists = [ranked.get(name, ()) for name in names]
     else:
-        right, lists = arg.listed("positives", positives), arg.listed("ranked_ids", ranked)
+        right = arg.listed("positives", positives)
         names = list(range(len(right)))
         arg.check_pairs(ranked_ids=ranked, positives=positives)
-    answers = [
-        _checked_ids(f"positives[{n}]", [*ids] if isinstance(ids, Set) else ids)
-        for n, ids in enumerate(right)
-    ]
-    return names, [_checked_ids(f"ranked_ids[{n}]", ids) for n, ids in enumerate(lists)], answers
+    lists = enumerate(arg.listed("ranked_ids", ranked))
+    answers = enumerate([*ids] if isinstance(ids, Set) else ids for ids in right)
+    read = [_read_ids(f"positives[{n}]", ids) for n, ids in answers]
+    return names, [_read_ids(f"ranked_ids[{n}]", ids) for n, ids in lists], read
 
 
-def _checked_ids(name: str, values: Any) -> list[Any]:
+def _read_ids(name: str, values: Any) -> list[Any]:
     """Return ids as Python's whole numbers or texts."""
-    listed = arg.listed(name, values)
-    ids = [one.item() if isinstance(one, np.generic) else one for one in listed]
+    ids = [one.item() if isinstance(one, np.generic) else one for one in arg.listed(name, values)]
     kinds = {type(one) for one in ids}
     if kinds not in (set(), {int}, {str}):
         what = f"holds {', '.join(sorted(kind.__name__ for kind in kinds))}"
@@ -310,7 +285,7 @@ def _checked_ids(name: str, values: Any) -> list[Any]:
     return ids
 
 
-def _number_ids(ids: Sequence[Any]) -> dict[Any, int]:
+def _number_ids(ids: list[Any]) -> dict[Any, int]:
     """Return the row of each id of a gallery."""
     place = {one: row for row, one in enumerate(ids)}
     if len(place) < len(ids) or len({type(one) for one in place}) > 1:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -20,7 +19,6 @@ from airzoo_bench.core.files import (
     check_output_folder,
     write_npz,
 )
-from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.queries import check_npz, write_predictions
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -32,19 +30,15 @@ __all__ = ["PredictionWriter"]
 
 Answer = dict[str, NDArray[Any]]
 
-# Of each kind of answer: its track, what its id is of, and its fields.
-_FORMS = (
-    ("retrieval", "query", {"ranked_ids"}),
-    ("retrieval", "query", {"ranked_ids", "scores"}),
-    ("retrieval", "query or tile", {"descriptor"}),
-    ("matching", "query", {"query_xy", "map_xy"}),
-    ("matching", "query", {"query_xy", "points3d"}),
-    ("matching", "query", {"rotation", "centre"}),
-    ("reconstruction", "scene", {"points"}),
-    ("reconstruction", "scene", {"points", "colours"}),
-    ("reconstruction", "photo", {"rotation", "centre"}),
-    ("reconstruction", "photo", {"rotation", "centre", "depth", "intrinsics"}),
-    ("reconstruction", "photo", {"rotation", "centre", "depth", "intrinsics", "confidence"}),
+# Of each kind of answer: its track, what its id is of, its fields, and those that it may have too.
+_KINDS = (
+    ("retrieval", "query", "ranked_ids", "scores"),
+    ("retrieval", "query or tile", "descriptor", ""),
+    ("matching", "query", "query_xy map_xy", ""),
+    ("matching", "query", "query_xy points3d", ""),
+    ("matching", "query", "rotation centre", ""),
+    ("reconstruction", "scene", "points", "colours"),
+    ("reconstruction", "photo", "rotation centre", "depth intrinsics confidence"),
 )
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     **dict.fromkeys(("scores", "descriptor"), (None,)),
@@ -54,8 +48,7 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     **dict.fromkeys(("rotation", "intrinsics"), (3, 3)),
     "centre": (3,),
 }
-# Fields whose rows become one array, and fields whose rows belong to those of another field.
-_STACKED, _PAIRED = ("descriptor", "depth", "confidence"), {"query_xy", "ranked_ids", "points"}
+_STACKED = ("descriptor", "depth", "confidence")  # of one shape in all answers
 
 
 class PredictionWriter:
@@ -88,7 +81,7 @@ class PredictionWriter:
     def __init__(
         self, path: str | Path, protocol: str, benchmark: BlindBenchmark | None = None
     ) -> None:
-        self._path = Path(path)
+        self._path, self._closed = Path(path), False
         chosen: Any = find_protocol(protocol, benchmark.folder if benchmark else data_here())
         self._protocol, self._track = chosen, chosen.track
         opened = benchmark or load_benchmark(chosen.benchmark)
@@ -100,46 +93,35 @@ class PredictionWriter:
             check_npz(self._path)
             check_output_file(self._path)
         scenes = [opened.scene(scene.id) for scene in chosen.scenes]
-        self._photos = {one.id: one.photos() for one in scenes if self._track == "reconstruction"}
-        ids = {"scene": self._photos, "photo": _ids(self._photos.values())}
-        if self._track == "matching":
-            ids["query"] = _ids(scene.crops() for scene in scenes)
-        elif self._track == "retrieval":
-            ids["query"] = _ids(scene.queries() for scene in scenes)
-            ids["tile"] = _ids(scene.tiles() for scene in scenes)
-        self._ids = {kind: dict.fromkeys(some) for kind, some in ids.items()}
+        self._photos = {scene.id: scene.photos_of(self._track) for scene in scenes}
+        photos = [photo.id for some in self._photos.values() for photo in some]
+        self._ids = {"query": photos, "photo": photos, "scene": [*self._photos]}
+        if self._track == "retrieval":
+            self._ids["tile"] = [tile.id for scene in scenes for tile in scene.tiles()]
+        self._known = {kind: {*ids} for kind, ids in self._ids.items()}
         self._answers: dict[str, Answer] = {}
-        self._firsts: dict[str, Answer] = {}  # of each group that has one kind of answer
-        self._closed = False
+        self._forms: dict[str, dict[str, object]] = {}  # of each group of like answers
 
     def add(self, name: str, **fields: ArrayLike | None) -> None:
-        """Add the answer to one query, or the description of one tile, photo or scene.
+        """Add the answer to one query, or the description of one tile, photo or scene, by its id.
 
         A file has one kind of answer, with the same fields in all; in reconstruction each scene.
 
-        Parameters
-        ----------
-        name : str
-            The id of a query, tile or photo, ``scene/name``, or of a scene. Each once.
-        **fields : array-like
-            Retrieval, a query: ``ranked_ids`` (K,), tiles of its scene, best first; perhaps
-            ``scores`` (K,), similarities, which fall along the list, or distances, which rise.
-            Or, a query or a tile: ``descriptor`` (D,), which every tile of every scene needs.
+        Retrieval, a query: ``ranked_ids`` (K,), tiles of its scene, best first; perhaps ``scores``
+        (K,), similarities, which fall along the list, or distances, which rise. Or, a query or a
+        tile: ``descriptor`` (D,), which every tile of every scene needs.
 
-            Matching, a query: ``query_xy`` (M, 2), pixels of the photo at its full size, from its
-            corner, with ``map_xy`` (M, 2), pixels of the whole map (`Crop.to_map`), or
-            ``points3d`` (M, 3), metres in the scene's CRS. Or ``rotation`` (3, 3),
-            world-to-camera, x right, y down, z forward, and ``centre`` (3,) in the scene's CRS.
+        Matching, a query: ``query_xy`` (M, 2), pixels of the photo at its full size, from its
+        corner, with ``map_xy`` (M, 2), pixels of the whole map (`Crop.to_map`), or ``points3d``
+        (M, 3), metres in the scene's CRS. Or ``rotation`` (3, 3), world-to-camera, x right, y
+        down, z forward, and ``centre`` (3,) in the scene's CRS.
 
-            Reconstruction, a scene: ``points`` (M, 3), perhaps ``colours`` (M, 3) uint8. A photo:
-            ``rotation`` and ``centre``, in the frame of the cloud; with ``depth`` (H, W), along the
-            camera's z axis, 0 and NaN are no surface, and ``intrinsics`` (3, 3), K at its size;
-            perhaps ``confidence`` (H, W), larger is surer.
+        Reconstruction, a scene: ``points`` (M, 3), perhaps ``colours`` (M, 3) uint8. A photo:
+        ``rotation`` and ``centre``, in the frame of the cloud; with ``depth`` (H, W), along the
+        camera's z axis, 0 and NaN are no surface, and ``intrinsics`` (3, 3), K at its size;
+        perhaps ``confidence`` (H, W), larger is surer.
 
-        Raises
-        ------
-        UserError
-            An unknown id, or one that was added before; fields that do not belong together.
+        Raises a `UserError` for an unknown or repeated id, or fields that do not belong together.
         """
         try:
             if self._closed:
@@ -157,7 +139,7 @@ class PredictionWriter:
         if self._closed:
             return
         self._closed = True
-        if not self._answers.keys() - self._ids.get("tile", {}).keys():
+        if not self._answers.keys() - self._known.get("tile", set()):
             raise PredictionError("no answer was added", where=self._path)
         if self._track == "reconstruction":
             self._write_scenes()
@@ -181,41 +163,45 @@ class PredictionWriter:
         return f"PredictionWriter({str(self._path)!r}): {len(self._answers)} added"
 
     def _check_id(self, name: str, kinds: str) -> None:
-        if not any(name in self._ids[kind] for kind in kinds.split(" or ")):
-            known = [one for kind in kinds.split(" or ") for one in self._ids[kind]]
-            what = f"{str(name)[:80]!r} is no {kinds} of the benchmark{nearest(str(name), known)}"
-            raise PredictionError(what, expected=f"an id such as {known[0]}")
+        if not any(name in self._known[kind] for kind in kinds.split(" or ")):
+            example = self._ids[kinds.split(" or ")[0]][0]
+            what = f"{str(name)[:80]!r} is no {kinds} of the benchmark"
+            raise PredictionError(what, expected=f"an id such as {example}")
 
     def _checked(self, name: str, fields: dict[str, Any]) -> Answer:
         """Return an answer as arrays that fit each other and those that were added before."""
-        forms = [(kinds, form) for track, kinds, form in _FORMS if track == self._track]
-        kinds = next((kinds for kinds, form in forms if form == {*fields}), None)
-        if kinds is None:
-            what = f"{_joined(fields) or 'nothing'} is no answer of the {self._track} track"
-            raise PredictionError(what, expected="; or ".join(_joined(form) for _, form in forms))
+        known = [one for track, *one in _KINDS if track == self._track]
+        fitting = [
+            (kinds, needed)
+            for kinds, needed, optional in known
+            if {*needed.split()} <= fields.keys() <= {*needed.split(), *optional.split()}
+        ]
+        if not fitting:
+            what = f"{' '.join(fields) or 'nothing'} is no answer of the {self._track} track"
+            forms = [f"{needed} ({optional})" for _, needed, optional in known]
+            raise PredictionError(what, expected="; or ".join(forms))
+        [(kinds, needed)] = fitting
         self._check_id(name, kinds)
         if name in self._answers:
             raise PredictionError("was added before", expected="each id once")
         answer: Answer = {}
-        if "ranked_ids" in fields:
-            answer["ranked_ids"] = np.array(
-                [*map(str, arg.listed("ranked_ids", fields["ranked_ids"]))], str
-            )
-            for tile in answer["ranked_ids"].tolist():
-                self._check_id(tile, "tile")
-        for key in fields.keys() - answer.keys():
-            answer[key] = arg.numbers(key, fields[key], _SHAPES[key]).copy()
-        if _PAIRED & fields.keys():
+        for key, values in fields.items():
+            if key == "ranked_ids":
+                answer[key] = np.array([*map(str, arg.listed(key, values))], str)
+                for tile in answer[key].tolist():
+                    self._check_id(tile, "tile")
+            else:
+                answer[key] = arg.numbers(key, values, _SHAPES[key]).copy()
+        if needed != "rotation centre":
             arg.check_pairs(**fields)
         # All answers are alike, in reconstruction those of a scene's photos.
         group = {"scene": name, "photo": f"photos of {name.partition('/')[0]}"}.get(kinds, "all")
-        first = self._firsts.setdefault(group, answer)
-        stacked = [key for key in _STACKED if key in first]
-        for key in stacked if first.keys() == answer.keys() else first.keys() | answer.keys():
-            one, row = first.get(key), answer.get(key)
-            if one is None or row is None or (one.shape, one.dtype) != (row.shape, row.dtype):
-                what = "answers of another kind, or a field of another type or shape"
-                raise PredictionError(what, where=key, expected=f"{group}: {_joined(first)} alike")
+        form: dict[str, object] = {
+            key: (one.shape, one.dtype) if key in _STACKED else None for key, one in answer.items()
+        }
+        if (first := self._forms.setdefault(group, form)) != form:
+            what = f"other fields than {' and '.join(first)}, or one of another type or shape"
+            raise PredictionError(what, expected=f"{group}: all answers alike")
         return answer
 
     def _query_arrays(self) -> Answer:
@@ -236,13 +222,10 @@ class PredictionWriter:
         return {"query_ids": np.array(names, dtype=str), **arrays}
 
     def _descriptors(self, answers: list[Answer]) -> Answer:
-        tiles = [*self._ids["tile"]]
+        tiles = self._ids["tile"]
         if lacking := [name for name in tiles if name not in self._answers]:
-            raise PredictionError(
-                f"no descriptor of tiles: {first_of(lacking, len(tiles))}",
-                where=self._path,
-                expected="every tile of the gallery: leaving some out would make the task easier",
-            )
+            what = f"no descriptor of tiles: {first_of(lacking, len(tiles))}"
+            raise PredictionError(what, where=self._path, expected="every tile of the gallery")
         return {
             "query_descriptors": np.stack([one["descriptor"] for one in answers]),
             "gallery_ids": np.array(tiles, dtype=str),
@@ -262,10 +245,6 @@ class PredictionWriter:
                     ending = ".npz" if "depth" in arrays else ".cameras.npz"
                     write_npz(folder / f"{scene}{ending}", {"image_names": names, **arrays})
             (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
-
-
-def _ids(groups: Iterable[Iterable[Any]]) -> list[str]:
-    return [one.id for group in groups for one in group]
 
 
 def _padded_lists(answers: list[Answer], depth: int) -> Answer:
@@ -290,7 +269,3 @@ def _view_arrays(answers: list[Answer]) -> Answer:
         arrays["pixel_centres"] = np.array("half")
     names = {"confidence": "conf"}
     return arrays | {names.get(key, key): values for key, values in fields.items()}
-
-
-def _joined(form: Iterable[str]) -> str:
-    return " and ".join(sorted(form))

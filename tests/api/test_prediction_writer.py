@@ -120,9 +120,9 @@ MASKED = np.ma.masked_equal([1.0, 2], 2)
 @pytest.mark.parametrize(
     ("protocol", "name", "fields", "named"),
     [
-        (RETRIEVAL, f"{NAME}/aa", RANKED, "did you mean"),
+        (RETRIEVAL, f"{NAME}/aa", RANKED, "field/aa"),
         (RETRIEVAL, A, {"ranked_ids": ["field/9"]}, "field/9"),
-        *((RETRIEVAL, A, fields, "ranked_ids and scores") for fields in ({}, XYS)),
+        *((RETRIEVAL, A, fields, "ranked_ids (scores)") for fields in ({}, XYS)),
         (RETRIEVAL, A, RANKED | {"scores": [1, 2]}, "ranked_ids, scores"),
         (RETRIEVAL, TILES[0], {"descriptor": np.ones((2, 2))}, "descriptor"),
         (RETRIEVAL, A, {"descriptor": MASKED}, "descriptor"),
@@ -132,9 +132,9 @@ MASKED = np.ma.masked_equal([1.0, 2], 2)
         (RECONSTRUCTION, A, VIEW | {"depth": np.ones((2, 24, 32))}, "depth"),
         # After another answer, with which these do not go together.
         (RETRIEVAL, B, {"descriptor": [1.0]}, "ranked_ids"),
-        (RETRIEVAL, B, RANKED | {"scores": [*range(6)]}, "scores"),
-        (RECONSTRUCTION, B, VIEW | {"depth": np.ones((25, 32))}, "depth"),
-        (RECONSTRUCTION, B, POSE, "depth"),
+        (RETRIEVAL, B, RANKED | {"scores": [*range(6)]}, "alike"),
+        (RECONSTRUCTION, B, VIEW | {"depth": np.ones((25, 32))}, "photos of field"),
+        (RECONSTRUCTION, B, POSE, "photos of field"),
     ],
 )
 def test_an_answer_that_cannot_be_meant_is_refused_at_once(
