@@ -16,7 +16,7 @@ from airzoo_bench.core.sandbox import Limits, check_limits
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answers import now
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board, write_starter
-from airzoo_bench.leaderboard.comment import Found, comment_on, read_found, write_found
+from airzoo_bench.leaderboard.comment import Found, comment_on, read_found
 from airzoo_bench.leaderboard.data_branch import DataBranch, Try
 from airzoo_bench.leaderboard.pages import build_board, serve_folder
 from airzoo_bench.leaderboard.pull_request import RefusedError, read_event
@@ -202,7 +202,8 @@ def serve(
 def _finish(found: Found, out: Path | None) -> None:
     """Write and print the findings; the last line is their kind."""
     if out is not None:
-        write_found(out, found)
+        with atomic_write(out, "w") as stream:
+            stream.write(found.model_dump_json(indent=1) + "\n")
     for line in (*found.problems, *found.warnings):
         _say(line)
     put(f"{found.kind}\n")

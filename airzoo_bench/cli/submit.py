@@ -77,7 +77,7 @@ def submit(
         "training_data": training_data,
         "stages": stages,
     }
-    values = submitting.ask_missing(given, more or (), rules.protocols)
+    values = submitting.ask_missing(given, more or ())
     account = submitting.gh_account() if commit else None
     values = ({} if account is None else {"account": account}) | values
     place = submitting.find_place(values["protocol"], values["method"], rules, data)

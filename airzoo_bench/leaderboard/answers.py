@@ -30,7 +30,7 @@ from airzoo_bench.leaderboard.submission import (
 )
 from airzoo_bench.results.comparison import make_sample, score_intervals
 from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.result import Reference, Result, ScoreColumn, read_result
+from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import (
     condition_names,
@@ -213,7 +213,19 @@ def measure(run: Path, tree: str) -> Answer:
         head=head_of(result),
         columns=result.columns,
         row=row,
-        floors=tuple(_floor(name, part) for name, part in result.references.items()),
+        floors=tuple(
+            Row(
+                kind="floor",
+                method=name,
+                source=part.meaning,
+                scores={key: Score(value=value) for key, value in part.overall.items()},
+                scenes={
+                    scene: {k: (v, None, None) for k, v in one.items()}
+                    for scene, one in part.scenes.items()
+                },
+            )
+            for name, part in result.references.items()
+        ),
         about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
         conditions=conditions,
         groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
@@ -234,18 +246,10 @@ def head_of(result: Result) -> Head:
         truth=truth.fingerprint,
         unit=result.unit,
         scenes=tuple(
-            Scene(id=id_, title=title, queries=result.counts[id_]["queries"])
-            for id_, title in ((scene, truth.scene_titles[scene]) for scene in result.scenes)
+            Scene(id=s, title=truth.scene_titles[s], queries=result.counts[s]["queries"])
+            for s in result.scenes
         ),
     )
-
-
-def _floor(name: str, part: Reference) -> Row:
-    scores = {key: Score(value=value) for key, value in part.overall.items()}
-    scenes: dict[str, dict[str, tuple[Number, Number, Number]]] = {
-        s: {k: (v, None, None) for k, v in one.items()} for s, one in part.scenes.items()
-    }
-    return Row(kind="floor", method=name, source=part.meaning, scores=scores, scenes=scenes)
 
 
 def _by_condition(

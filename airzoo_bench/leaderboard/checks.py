@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from airzoo_bench.core.errors import (
     UserError,
     agreeing,
     counted,
+    printable,
 )
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
@@ -88,11 +88,9 @@ def check_submission(
     try:
         refuse_files(folder, board.limits)
         found.submission = given = read_submission(folder / SUBMISSION_FILE)
-        for one in (*_check_names(given, place, known), *_told(given, place, known)):
-            if isinstance(one, UserError):
-                found.errors.append(one)
-            else:
-                found.warnings.append(one)
+        said = [*_check_names(given, place, known), *_told(given, place, known)]
+        found.errors += [one for one in said if isinstance(one, UserError)]
+        found.warnings += [one for one in said if isinstance(one, str)]
         _check_place(place, given, board, data)
         path = _find_predictions(folder, given, board.limits, data, seconds)
         if path is not None:
@@ -114,16 +112,8 @@ def check_submission(
 
 def refuse_files(folder: Path, limits: Limits) -> None:
     """Refuse links and whatever else is no plain file, before any is opened."""
-    check_listing(_listing(folder, folder), folder, limits)
-
-
-def _listing(folder: Path, root: Path) -> Iterator[tuple[str, int, int]]:
-    """Yield path, mode and size of all files and folders; none is opened."""
-    for entry in sorted(os.scandir(folder), key=lambda one: one.name):
-        found, path = entry.stat(follow_symlinks=False), Path(entry.path)
-        yield path.relative_to(root).as_posix(), found.st_mode, found.st_size
-        if stat.S_ISDIR(found.st_mode):
-            yield from _listing(path, root)
+    found = ((path.relative_to(folder), path.lstat()) for path in sorted(folder.rglob("*")))
+    check_listing(((p.as_posix(), at.st_mode, at.st_size) for p, at in found), folder, limits)
 
 
 def check_listing(listing: Iterable[tuple[str, int, int]], where: object, limits: Limits) -> None:
@@ -159,11 +149,6 @@ def _fault_of_file(path: str, mode: int) -> str:
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         return "is no file: a link, a submodule, a pipe or a device"
     return "is an executable file" if stat.S_ISREG(mode) and mode & stat.S_IXUSR else ""
-
-
-def printable(path: str) -> str:
-    """Return a stranger's path for messages: on one line, without bytes that are no text."""
-    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in path[:200])
 
 
 def size_of_tree(path: Path) -> int:
@@ -251,10 +236,9 @@ def _find_predictions(
 
 def _check_announced(path: Path, given: Submission) -> None:
     """Refuse predictions that are not the announced ones."""
-    for key, announced, there in (
-        ("bytes", given.predictions.size, size_of_tree(path)),
-        ("sha256", given.predictions.sha256, sha256_of_tree(path)),
-    ):
+    stated = given.predictions
+    sizes, sums = (stated.size, size_of_tree(path)), (stated.sha256, sha256_of_tree(path))
+    for key, (announced, there) in (("bytes", sizes), ("sha256", sums)):
         if there != announced:
             what = f"key 'predictions.{key}' is {announced}, but that of {path.name} is {there}"
             raise _wrong(what, f"write {key} = {there}, or put the right predictions there")

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.files import atomic_write, read_text
+from airzoo_bench.core.files import read_text
 from airzoo_bench.leaderboard.answers import Answer, Hash, Model, Number, Score
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.submission import Account
@@ -61,12 +61,6 @@ class Found(Model):
     answer: Answer | None = None
     ranked: int = 0
     opened: bool = False
-
-
-def write_found(path: Path, found: Found) -> None:
-    """Write findings, whole or not at all."""
-    with atomic_write(path, "w") as stream:
-        stream.write(found.model_dump_json(indent=1) + "\n")
 
 
 def read_found(path: Path) -> Found:

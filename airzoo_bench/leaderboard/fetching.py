@@ -16,7 +16,7 @@ from threading import Timer
 from typing import IO
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
-from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.errors import SubmissionError, printable
 from airzoo_bench.core.files import atomic_write, sha256_of
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.core.version import __version__
@@ -60,7 +60,7 @@ def parse_address(url: str) -> SplitResult:
     """Take an https address apart; its host is a plain name, its port 443."""
     if not _URL.fullmatch(url):
         expected = "https://HOST/PATH, where HOST is a name such as example.org"
-        raise SubmissionError("no plain https address", where=_printable(url), expected=expected)
+        raise SubmissionError("no plain https address", where=printable(url), expected=expected)
     return urlsplit(url)
 
 
@@ -90,7 +90,7 @@ def _answer(address: SplitResult, end: float) -> Iterator[http.client.HTTPRespon
             finally:
                 watchdog.cancel()
     except (OSError, http.client.HTTPException) as error:
-        what = f"the host breaks off or cannot be reached ({_printable(str(error))})"
+        what = f"the host breaks off or cannot be reached ({printable(error)})"
         what = "the host is too slow" if time.monotonic() >= end else what
         raise SubmissionError(what, where=address.geturl()) from error
 
@@ -130,8 +130,3 @@ def _public_address(host: str) -> str:
             what = f"the host's address {text} is not public"
             raise SubmissionError(what, where=host, fix="put the predictions on a public host")
     return found[0]
-
-
-def _printable(text: str) -> str:
-    """Return text of a stranger's machine, cut and without characters that a terminal obeys."""
-    return "".join(letter if " " <= letter <= "~" else "?" for letter in text[:200])

@@ -139,12 +139,10 @@ def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
         fix = f"airzoo-bench leaderboard build --out {site}"
         raise UsageError("not the site of a board", where=site, fix=fix)
     handler = partial(SimpleHTTPRequestHandler, directory=str(site))
-    try:
-        server = ThreadingHTTPServer((_ADDRESS, port), handler)
-    except OSError as error:
-        what = f"port {port} cannot be used: {error.strerror}"
-        raise UsageError(what, fix="name another by --port, or 0") from error
-    with server, suppress(KeyboardInterrupt):
+    with (
+        ThreadingHTTPServer((_ADDRESS, port), handler) as server,
+        suppress(KeyboardInterrupt),
+    ):
         show(f"http://{_ADDRESS}:{server.server_address[1]}/ (Ctrl-C ends it)\n")
         server.serve_forever()
 

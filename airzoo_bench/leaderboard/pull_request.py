@@ -16,10 +16,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from airzoo_bench.core.errors import SubmissionError, first_of
+from airzoo_bench.core.errors import SubmissionError, first_of, printable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.leaderboard.board import Board, Place, plain_name
-from airzoo_bench.leaderboard.checks import MOST_FILES, check_listing, printable
+from airzoo_bench.leaderboard.checks import MOST_FILES, check_listing
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
 TOKEN_VARIABLE = "GIT_TOKEN"
@@ -34,9 +34,8 @@ _SETTINGS = {
     "GIT_ALLOW_PROTOCOL": "https:ssh:file",
     "LC_ALL": "C",
 }
-for _role in ("AUTHOR", "COMMITTER"):
-    _SETTINGS[f"GIT_{_role}_NAME"] = "leaderboard"
-    _SETTINGS[f"GIT_{_role}_EMAIL"] = "leaderboard@users.noreply.github.com"
+_WRITER = {"NAME": "leaderboard", "EMAIL": "leaderboard@users.noreply.github.com"}
+_SETTINGS |= {f"GIT_{role}_{k}": v for role in ("AUTHOR", "COMMITTER") for k, v in _WRITER.items()}
 _SAFE = ("-c", "core.hooksPath=/dev/null", "-c", "transfer.fsckObjects=true")
 _FETCH = ("fetch", "--quiet", "--no-tags", "--no-recurse-submodules", "--no-write-fetch-head")
 _LISTING_BYTES = (MOST_FILES + 1) * 512  # of an entry's line; paths are some thousand bytes at most
@@ -121,12 +120,9 @@ class Repository:
     def entries(self, commit: str, folder: str) -> list[tuple[str, int, str]]:
         """Return path, mode and id of all files and folders below a folder of a commit."""
         text = self._listed("ls-tree", "-r", "-t", "-z", "--full-tree", f"{commit}:{folder}")
-        found = []
-        for line in text.split(b"\0")[:-1]:
-            head, path = line.split(b"\t", 1)
-            mode, _, object_id = head.decode("ascii").split(" ")
-            found.append((os.fsdecode(path), int(mode, 8), object_id))
-        return found
+        heads = (line.split(b"\t", 1) for line in text.split(b"\0")[:-1])
+        lines = ((os.fsdecode(path), head.decode("ascii").split(" ")) for head, path in heads)
+        return [(path, int(mode, 8), object_id) for path, (mode, _, object_id) in lines]
 
     def fetch_sizes(self, object_ids: Sequence[str]) -> list[int]:
         """Fetch the content of files, and return how large they are."""

@@ -6,6 +6,7 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,6 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answers import (
     FAULT_FILE,
     RUN_FILE,
-    Answer,
     Head,
     measure,
     next_run,
@@ -280,7 +280,9 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
 def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> str:
     """Score a merged submission where no run of it counts, and say what was done."""
     folder, last = rules.root / place.path, next(iter(run_folders(out / place.runs)), None)
-    before = None if last is None else _read_last(last)
+    before = None
+    with suppress(UserError):  # an answer that cannot be read does not count
+        before = None if last is None else read_answer(last / RUN_FILE)
     refuse_files(folder, rules.board.limits)  # or a hash would follow its links
     sealed = rules.board.archive(place.benchmark) is not None
     tree, counts = sha256_of_tree(folder), before is not None and rules.is_current(before.head)
@@ -316,19 +318,10 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     return "scored" if before is None or counts else "scored again: another protocol or truth"
 
 
-def _read_last(run: Path) -> Answer | None:
-    """Return the answer of a run; one that cannot be read does not count."""
-    try:
-        return read_answer(run / RUN_FILE)
-    except UserError:
-        return None
-
-
 def _has_same_predictions(run: Path, given: Submission) -> bool:
     """Whether a run has the scores of a submission: the same predictions, read alike."""
-    before = read_submission(run / SUBMISSION_FILE, public=True)
+    both = (read_submission(run / SUBMISSION_FILE, public=True), given)
     one, other = (
-        (said.protocol, said.predictions.sha256, said.predictions.reader, said.pipeline)
-        for said in (before, given)
+        (s.protocol, s.predictions.sha256, s.predictions.reader, s.pipeline) for s in both
     )
     return one == other

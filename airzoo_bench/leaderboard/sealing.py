@@ -84,12 +84,9 @@ def load_pyrage() -> Any:
 
 def read_key() -> Any:
     """Read the key that opens an archive from the environment."""
-    found, pyrage = (
-        re.findall(rf"(?m)^{_SECRET}.*$", os.environ.get(KEY_VARIABLE, "")),
-        load_pyrage(),
-    )
+    pyrage = load_pyrage()
     try:
-        [line] = found
+        [line] = re.findall(rf"(?m)^{_SECRET}.*$", os.environ.get(KEY_VARIABLE, ""))
         return pyrage.x25519.Identity.from_str(line.strip())
     except (ValueError, pyrage.IdentityError):
         # Neither the key nor the library's words on it are repeated.
@@ -260,7 +257,7 @@ def _below(folder: Path, path: Path) -> str:
 
 def _publish(source: Path, place: Path, how: How | None) -> SealedFile:
     """Write the public version of a file, if it has one, and say where the original is."""
-    kind: Literal["public", "sealed", "cut"] = "public"
+    kind: Literal["public", "sealed", "cut"] = "sealed" if how in (None, "queries") else "public"
     if how is not None:
         place.parent.mkdir(parents=True, exist_ok=True)
     if how == "copy":
@@ -269,9 +266,7 @@ def _publish(source: Path, place: Path, how: How | None) -> SealedFile:
         content = source.read_bytes()
         place.write_bytes(bare := bare_photo(content, source))
         kind = "public" if bare == content else "cut"
-    else:
-        kind = "sealed"
-    if how == "queries":  # digits as they are
+    elif how == "queries":  # digits as they are
         table = pd.read_csv(source, dtype=str, keep_default_na=False, encoding="utf-8-sig")
         public = table[[name for name in table.columns if name in _QUERIES]].sort_values("id")
         public.to_csv(place, index=False, lineterminator="\n")
@@ -280,20 +275,17 @@ def _publish(source: Path, place: Path, how: How | None) -> SealedFile:
 
 def _write_archive(folder: Path, contents: Contents, archive: Path, to: Any) -> None:
     """Write the sealed files into a tar that tells neither times nor owners, and encrypt it."""
-
-    def member(name: str, size: int) -> tarfile.TarInfo:
-        found = tarfile.TarInfo(name)
-        found.size = size
-        return found
-
     with tempfile.TemporaryFile() as plain, archive.open("wb") as stream:
         with tarfile.open(fileobj=plain, mode="w", format=tarfile.PAX_FORMAT) as tar:
-            text = contents.model_dump_json().encode()
-            tar.addfile(member(MANIFEST, len(text)), io.BytesIO(text))
+            text, member = contents.model_dump_json().encode(), tarfile.TarInfo(MANIFEST)
+            member.size = len(text)
+            tar.addfile(member, io.BytesIO(text))
             for name, file in contents.files.items():
                 if file.how == "sealed":
+                    member = tarfile.TarInfo(f"files/{name}")
+                    member.size = file.size
                     with (folder / name).open("rb") as source:
-                        tar.addfile(member(f"files/{name}", file.size), source)
+                        tar.addfile(member, source)
         plain.seek(0)
         load_pyrage().encrypt_io(plain, stream, [to])
 

@@ -15,8 +15,6 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.validation import Name, Strict, read_toml, validated
 
 SUBMISSION_FILE = "submission.toml"
-CLAIMED_FILE = "result.json"
-"""A result that may lie next to submission.toml, as in earlier submissions; nothing reads it."""
 EARLIER_KEYS = ("supersedes", "cost", "baseline", "bibtex")
 """Keys of earlier submissions, which are ignored."""
 
@@ -143,10 +141,7 @@ class PredictionsGiven(Strict):
 
     @model_validator(mode="after")
     def _one_place(self) -> PredictionsGiven:
-        if (self.file is None) == (self.url is None) or self.file in (
-            SUBMISSION_FILE,
-            CLAIMED_FILE,
-        ):
+        if (self.file is None) == (self.url is None):
             raise ValueError('either file or url, such as file = "predictions.npz"')
         return self
 
@@ -175,7 +170,7 @@ class Submission(Strict):
     )
     account: Account | None = None
     authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = _question(
-        "Authors of the method, in their order.", ["Ada Example", "Grace Example"]
+        "Authors of the method, in their order.", "Ada Example, Grace Example"
     )
     date: datetime.date
     paper: Url | None = None
@@ -186,7 +181,7 @@ class Submission(Strict):
     )
     training_data: Annotated[tuple[Name, ...], Field(max_length=100)] = _question(
         "Ids of all datasets that any weights were trained on, as far as known, or none.",
-        ["gsv-cities", "university-1652"],
+        "gsv-cities, university-1652",
     )
     pipeline: Pipeline
     predictions: PredictionsGiven

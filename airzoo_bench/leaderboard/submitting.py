@@ -12,7 +12,7 @@ import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import typer
 from pydantic import TypeAdapter, ValidationError
@@ -23,7 +23,6 @@ from airzoo_bench.core.validation import SAFE_NAME, nearest, validated
 from airzoo_bench.leaderboard.board import Board, Limits, Place
 from airzoo_bench.leaderboard.checks import check_listing, size_of_tree
 from airzoo_bench.leaderboard.submission import (
-    CLAIMED_FILE,
     SUBMISSION_FILE,
     Pipeline,
     Submission,
@@ -34,20 +33,18 @@ from airzoo_bench.protocol.model import find_protocol
 _LISTS = ("authors", "training_data")
 
 
-def ask_missing(
-    given: Mapping[str, Any], more: Sequence[str], protocols: Sequence[str]
-) -> dict[str, Any]:
+def ask_missing(given: Mapping[str, Any], more: Sequence[str]) -> dict[str, Any]:
     """Return the keys of submission.toml, once the missing ones were asked for.
 
     `given` is by key, None where an option is missing; `more` are further keys, such as
-    ``paper=https://...``; `protocols` those of the board.
+    ``paper=https://...``.
     """
     missing = [key for key, value in given.items() if value is None]
     if missing and not (sys.stdin.isatty() and sys.stderr.isatty()):
         names = [f"--{key.replace('_', '-').replace('authors', 'author')}" for key in missing]
         fix = "add these options, or call it on a terminal, where it asks"
         raise UsageError(f"missing: {', '.join(names)}", fix=fix)
-    values = dict(given) | {key: _ask(key, protocols) for key in missing}
+    values = dict(given) | {key: _ask(key) for key in missing}
     for key in _LISTS:
         values[key] = [] if list(values[key]) == ["none"] else list(values[key])
     values["pipeline"] = {"stages": values.pop("stages")}
@@ -58,41 +55,28 @@ def ask_missing(
             what = f"--set {text!r} is no key with a value"
             raise UsageError(what, expected="such as code=https://...")
         table, _, key = name.rpartition(".")
-        (values.setdefault(table, {}) if table else values)[key] = _toml(value)
+        within = values.setdefault(table, {}) if table else values
+        try:
+            within[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            within[key] = value
     return values
 
 
-def _toml(text: str) -> Any:
-    """Return a value of TOML, or else the text."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-
-
-def _ask(key: str, protocols: Sequence[str]) -> Any:
-    """Ask until the answer is right."""
+def _ask(key: str) -> Any:
+    """Ask until the answer is one that submission.toml takes."""
     field: Any = (Pipeline if key == "stages" else Submission).model_fields[key]
-    known = [*protocols] if key == "protocol" else [*get_args(field.annotation)]
-    known = [one for one in known if isinstance(one, str)]
-    [example] = field.examples
-    shown = ", ".join(example) if isinstance(example, list) else example
-    hint = f"one of {', '.join(known)}" if known else f"such as {shown}"
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
 
     def convert(answer: str) -> Any:
-        value: Any = answer.strip()
-        if key in _LISTS:
-            value = tuple(part.strip() for part in answer.split(",") if part.strip())
-        if not value or (known and value not in known):
-            raise typer.BadParameter(f"{answer!r}{nearest(answer, known)}: {hint}")
+        parts = tuple(part.strip() for part in answer.split(",") if part.strip())
         try:
-            return adapter.validate_python(value)
+            return adapter.validate_python(parts if key in _LISTS else answer.strip())
         except ValidationError as error:
-            raise typer.BadParameter(f"{answer!r}: {error.errors()[0]['msg']}; {hint}") from None
+            raise typer.BadParameter(f"{answer!r}: {error.errors()[0]['msg']}") from None
 
-    typer.echo(f"\n{field.description} ({hint})", err=True)
-    return typer.prompt(key, default="", show_default=False, value_proc=convert, err=True)
+    typer.echo(f"\n{field.description} (such as {field.examples[0]})", err=True)
+    return typer.prompt(key, value_proc=convert, err=True)
 
 
 def find_place(protocol: str, method: str, board: Board, data: Path) -> Place:
@@ -122,7 +106,7 @@ def write_submission(
         fix = "pack it into an archive such as predictions.zip, and publish that"
         raise UsageError("a folder, which has no address", where=predictions, fix=fix)
     size, name = size_of_tree(predictions), predictions.resolve().name
-    if not re.match(SAFE_NAME, name) or name in (SUBMISSION_FILE, CLAIMED_FILE):
+    if not re.match(SAFE_NAME, name) or name == SUBMISSION_FILE:
         name = f"predictions{re.sub('[^A-Za-z0-9.]', '', predictions.suffix)}"
     check_listing([(name, stat.S_IFREG, 0 if url else size)], "here", limits)
     given: dict[str, Any] = {"sha256": sha256_of_tree(predictions), "bytes": size}

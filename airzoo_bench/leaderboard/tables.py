@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -30,7 +30,7 @@ from airzoo_bench.leaderboard.answers import (
     Score,
     pack,
 )
-from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
+from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
@@ -72,14 +72,6 @@ class Table(Head):
     paper: str | None = None
 
 
-class _Member(NamedTuple):
-    """An entry that is ranked."""
-
-    id: str
-    row: Row
-    answer: Answer
-
-
 def make_table(
     protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path
 ) -> Table:
@@ -89,36 +81,30 @@ def make_table(
     """
     place = protocol.benchmark, protocol.track
     mine = [e for e in entries if e.place[:2] == place and e.protocol in ("", protocol.name)]
-    shown = [(entry, entry.answer) for entry in mine if entry.answer is not None]
-    newest = _basis(max((answer for _, answer in shown), key=_age)) if shown else ()
-    members = [_Member(e.place.folder, e.row, a) for e, a in shown if _basis(a) == newest]
-    ranked = {member.id for member in members}
-    first = members[0].answer if members else None
+    answers = [entry.answer for entry in mine if entry.answer is not None]
+    newest = _basis(max(answers, key=_age)) if answers else ()
+    members = [e for e in mine if e.answer is not None and _basis(e.answer) == newest]
+    answers = [answer for answer in answers if _basis(answer) == newest]
+    ranked = {entry.place for entry in members}
+    first = answers[0] if answers else None
     head = first.head if first else _head_of(protocol)
-    columns = _columns([member.answer for member in members], protocol)
-    pairs = {c.key: _rank(members, c, cache) for c in columns if c.headline and members}
+    columns = _columns(answers, protocol)
+    pairs = {c.key: _rank(members, answers, c, cache) for c in columns if c.headline and members}
     reported = [] if head.sealed else _reported(head, columns)
     if not members:
         printed = {key for row in reported for key in row.scores}
         columns = [column for column in columns if column.headline or column.key in printed]
-    shown_rows = [*(member.row for member in members), *reported]
+    shown_rows = [*(entry.row for entry in members), *reported]
     known = {key for row in shown_rows for key in row.scores}
     lead = next((column for column in columns if column.key in known), columns[0])
-    floors = {row.method: row for one in reversed(members) for row in one.answer.floors}
+    floors = {row.method: row for answer in reversed(answers) for row in answer.floors}
     unscored: dict[str, Any] = {"kind": "failed", "scores": {}, "scenes": {}, "conditions": {}}
     failed = [
         entry.row.model_copy(update=unscored | {"reason": entry.row.reason or _OLD, "history": ()})
         for entry in mine
-        if entry.place.folder not in ranked
+        if entry.place not in ranked
     ]
-    notes = []
-    if members:
-        versions = sorted({member.answer.version for member in members})
-        notes.append(f"scored by airzoo-bench {', '.join(versions)}")
-    shipped = shipped_protocols().get(head.protocol)
-    known_as = "" if shipped is None else load_protocol(shipped).fingerprint
-    if reported and head.protocol_fingerprint != known_as:
-        notes.append("not the shipped protocol: reported numbers may measure something else")
+    versions = sorted({answer.version for answer in answers})
     return Table(
         **dict(head),
         id=protocol.name,
@@ -132,7 +118,7 @@ def make_table(
         ),
         pairs={key: one for key, one in pairs.items() if one},
         about_intervals=first.about_intervals if first else "",
-        notes=tuple(notes),
+        notes=(f"scored by airzoo-bench {', '.join(versions)}",) if versions else (),
         data=about_of(head.benchmark).page or None
         if about_file(head.benchmark).is_file()
         else None,
@@ -233,16 +219,19 @@ def _paper(benchmark: str) -> str | None:
 # --- ranks ---
 
 
-def _rank(members: list[_Member], column: ScoreColumn, cache: Path) -> dict[str, Any]:
+def _rank(
+    members: list[Entry], answers: Sequence[Answer], column: ScoreColumn, cache: Path
+) -> dict[str, Any]:
     """Write ranks by a headline score into the rows, and return the pairs of board.json."""
     scores = [one.row.scores.get(column.key, Score(value=np.inf)) for one in members]
     values = np.array([score.value for score in scores], np.float64)
     limits: list[Floats] = []
-    if members[0].answer.head.sealed:
+    if answers[0].head.sealed:
         errors = np.array([score.standard_error for score in scores], np.float64)
         p_values = unpaired_p_values(values, errors)
     else:
-        *limits, p_values = _compare_pairs(members, column, cache)
+        ids = [one.place.folder for one in members]
+        *limits, p_values = _compare_pairs(ids, answers, column, cache)
     corrected = correct_pairs(p_values)
     best = int(np.argmax(values if column.higher_is_better else -values))
     near = ((p_values[best] > LEVEL) | (values == values[best])) & np.isfinite(values)
@@ -259,7 +248,7 @@ def _rank(members: list[_Member], column: ScoreColumn, cache: Path) -> dict[str,
         name: pack(matrix[upper] + 0.0, "<f4")  # no -0.0
         for name, matrix in zip(("low", "high", "p", "p_holm"), found, strict=True)
     }
-    return {"ids": [one.id for one in members]} | packed
+    return {"ids": [one.place.folder for one in members]} | packed
 
 
 def _sample_of(answers: Sequence[Answer], column: ScoreColumn) -> Sample:
@@ -280,15 +269,15 @@ def _sample_of(answers: Sequence[Answer], column: ScoreColumn) -> Sample:
     )
 
 
-def _compare_pairs(members: Sequence[_Member], column: ScoreColumn, cache: Path) -> Floats:
+def _compare_pairs(
+    ids: Sequence[str], answers: Sequence[Answer], column: ScoreColumn, cache: Path
+) -> Floats:
     """Return low, high and p of every two methods (3, V, V), and store them for the next build."""
-    answers = [member.answer for member in members]
     resampling = ResamplingConfig()
     mark = repr((*_basis(answers[0]), column.key, resampling.resamples, __version__))
     path = cache / f"pairs-{hashlib.sha256(mark.encode()).hexdigest()}.npz"
-    names = [
-        f"{one.id} {hashlib.sha256(one.answer.values.encode()).hexdigest()}" for one in members
-    ]
+    hashes = (hashlib.sha256(answer.values.encode()).hexdigest() for answer in answers)
+    names = [f"{one} {content}" for one, content in zip(ids, hashes, strict=True)]
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             before, matrices = stored["names"].tolist(), stored["pairs"]

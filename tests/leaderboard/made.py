@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import datetime
 import json
 import os
 import subprocess
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -175,6 +177,13 @@ def rows_of(site: Path, table: str = PROTOCOL) -> dict[str, Any]:
     return {row["id"]: row for row in board_of(site)["tables"][table]["rows"]}
 
 
+def unpack_pair(pairs: Any, key: str, first: int, second: int) -> float:
+    """Return a number of two ranked methods, by their places, from the pairs of board.json."""
+    upper = [*zip(*np.triu_indices(len(pairs["ids"]), 1), strict=True)]
+    numbers = np.frombuffer(zlib.decompress(base64.b64decode(pairs[key])), "<f4")
+    return float(numbers[upper.index((first, second))])
+
+
 def files_of(folder: Path) -> dict[str, bytes]:
     """Return all files of a folder."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
@@ -219,18 +228,17 @@ class Hosted:
         if parent is not None:
             git(self.folder, "read-tree", parent, **index)
         blobs: dict[bytes, str] = {}
-        lines = []
+        lines = b""
         for name, file in files.items():
             mode, content = file if isinstance(file, tuple) else ("100644", file)
             if content is None:
-                mode, blobs[b""] = "0", "0" * 40
+                mode, content, blobs[b""] = "0", b"", "0" * 40
             elif mode == "160000":
                 blobs[content] = content.decode()
             elif content not in blobs:
                 blobs[content] = git(self.folder, "hash-object", "-w", "--stdin", stdin=content)
-            lines.append(f"{mode} {blobs[content or b'']}\t".encode() + os.fsencode(name) + b"\0")
-        stdin = b"".join(lines)
-        git(self.folder, "update-index", "-z", "--index-info", stdin=stdin, **index)
+            lines += f"{mode} {blobs[content]}\t".encode() + os.fsencode(name) + b"\0"
+        git(self.folder, "update-index", "-z", "--index-info", stdin=lines, **index)
         return self.commit_tree(git(self.folder, "write-tree", **index), *filter(None, [parent]))
 
     def store_tree(self, entries: Mapping[str, str]) -> str:
@@ -264,8 +272,7 @@ def write_event(path: Path, number: int, head: str, account: int) -> Path:
         "base": {"ref": "main", "sha": "0" * 40},
         "user": {"login": "someone", "id": account, "type": "User"},
     }
-    content = {"action": "synchronize", "pull_request": pull, "sender": {"id": 1}}
-    path.write_text(json.dumps(content), encoding="utf-8")
+    path.write_text(json.dumps({"pull_request": pull, "sender": {"id": 1}}), encoding="utf-8")
     return path
 
 

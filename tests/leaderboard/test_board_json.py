@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import shutil
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ from tests.leaderboard.made import (
     files_of,
     method,
     rows_of,
+    unpack_pair,
     write_answer,
     write_run,
     write_runs,
@@ -66,11 +65,7 @@ def test_any_two_as_compare_prints_them(root: Path, key: str) -> None:
     scored = read_scored([root / RUNS / f"m{n}/{1 + (n == 0)}" for n in range(4)])
     by_id = {f"m{n}": one for n, one in enumerate(scored)}
     pairs = board_of(root / "site")["tables"][PROTOCOL]["pairs"][key]
-    place = [*zip(*np.triu_indices(4, 1), strict=True)].index((0, 2))
-    found = {
-        name: np.frombuffer(zlib.decompress(base64.b64decode(pairs[name])), "<f4")[place]
-        for name in ("low", "high", "p", "p_holm")
-    }
+    found = {name: unpack_pair(pairs, name, 0, 2) for name in ("low", "high", "p", "p_holm")}
     first, other = by_id[pairs["ids"][0]], by_id[pairs["ids"][2]]
     column = next(c for c in first.result.columns if c.key == key)
     options = {"reference": other.name, "resampling": ResamplingConfig()}

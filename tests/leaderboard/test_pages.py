@@ -14,7 +14,6 @@ import re
 import threading
 import urllib.error
 import urllib.request
-import zlib
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path, PurePosixPath
@@ -25,7 +24,15 @@ import numpy as np
 import pytest
 
 from airzoo_bench.leaderboard.pages import bibtex, render_pages, serve_folder, table_csv
-from tests.leaderboard.made import COLUMNS, PROTOCOL, board_of, built, method, write_run
+from tests.leaderboard.made import (
+    COLUMNS,
+    PROTOCOL,
+    board_of,
+    built,
+    method,
+    unpack_pair,
+    write_run,
+)
 from tests.report.browser import NEEDS_CHROMIUM, Opened
 from tests.statistics.support import SOFT
 from tests.support import HANGS_S
@@ -39,30 +46,27 @@ TEAMS = ('The "best" team', "O'Neil & {{ 7 * 7 }}", "W" * 64, "Team ${x}", "Grö
 def sample(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Return a board with scored, reported, failed rows, a floor, and numbers of every kind."""
     root, count = tmp_path_factory.mktemp("sample"), 12
+    summary = "<script>window.caught = 1</script> =1+1 `x` {{ 7919 * 7907 }} " + "x" * 200
+    links = {"code": "https://example.org/code", "paper": "https://example.org/p?a=1&b=2"}
     for n in range(count):
         name = NAMES[n] if n < len(NAMES) else f"Method {n}"
         made = method(name, 0.9 - 0.6 * n / count, columns=(*COLUMNS, SOFT))
         made.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
         stages, uses = ("single-stage", "re-ranked")[n % 2], ["prior"][: n % 2]
-        facts: dict[str, Any] = {
-            "team": TEAMS[n % 5],
-            "training_data": ((), ("airzoo", "gta-uav"), ("university-1652",))[n % 3],
-            "pipeline": {"stages": stages, "uses": uses},
-            "summary": "<script>window.caught = 1</script> =1+1 `x` {{ 7919 * 7907 }} " + "x" * 200,
-        }
-        if n % 2:
-            facts |= {"code": "https://example.org/code", "paper": "https://example.org/p?a=1&b=2"}
+        facts: dict[str, Any] = {"team": TEAMS[n % 5], "summary": summary}
+        facts["training_data"] = ((), ("airzoo", "gta-uav"), ("university-1652",))[n % 3]
+        facts |= {"pipeline": {"stages": stages, "uses": uses}} | (links if n % 2 else {})
         write_run(root, f"method-{n}", 1 + (n == 2), made, day=n + 1, **facts)
     board: dict[str, Any] = board_of(built(root))
-    table = board["tables"][PROTOCOL]
-    reported = board["tables"]["uav-visloc-retrieval"]["rows"][:2]
-    failed = copy.deepcopy(table["rows"][-1]) | {"id": "failed", "kind": "failed", "scores": {}}
-    failed["reason"] = "p.npz: not a prediction file <img src=x onerror=window.caught=1>\x1b[31m"
-    floor = copy.deepcopy(table["rows"][-1]) | {"id": "floor-chance", "kind": "floor", "team": ""}
-    table["rows"] += [*copy.deepcopy(reported), floor, failed]
-    table["rows"][3]["scores"]["recall@5"] |= {"value": "Infinity"}
-    table["rows"][5]["scores"]["recall@5"] |= {"value": None, "low": None, "high": None}
-    table["rows"][1]["notes"] = ["2 queries </script><script>window.caught = 1</script>"]
+    rows = board["tables"][PROTOCOL]["rows"]
+    reason = "p.npz: not a prediction file <img src=x onerror=window.caught=1>\x1b[31m"
+    failed = {"id": "failed", "kind": "failed", "scores": {}, "reason": reason}
+    floor = {"id": "floor-chance", "kind": "floor", "team": ""}
+    others = [rows[-1] | floor, rows[-1] | failed]
+    rows += copy.deepcopy([*board["tables"]["uav-visloc-retrieval"]["rows"][:2], *others])
+    rows[3]["scores"]["recall@5"] |= {"value": "Infinity"}
+    rows[5]["scores"]["recall@5"] |= {"value": None, "low": None, "high": None}
+    rows[1]["notes"] = ["2 queries </script><script>window.caught = 1</script>"]
     return board
 
 
@@ -211,67 +215,62 @@ def table(opened: Opened, site: Path) -> Opened:
     return opened
 
 
-def ids(page: Opened) -> list[str]:
-    rows = page.all("#results tbody:first-of-type tr:not([hidden])")
-    return [row.get_attribute("data-id") for row in rows]
-
-
-def column(page: Opened, name: str) -> list[str]:
-    """Return what the cells of a column are sorted by, as they stand."""
-    found: list[str] = page.driver.execute_script(
+def column(page: Opened, name: str) -> dict[str, str]:
+    """Return what the cells of a column are sorted by, by the row's method, in their order."""
+    found: list[list[str]] = page.driver.execute_script(
         "const heads = [...document.querySelectorAll('#results thead th')];"
         "const at = heads.findIndex((h) => h.dataset.name === arguments[0]);"
         "return [...document.querySelectorAll('#results tbody:first-of-type tr')]"
-        ".filter((r) => !r.hidden).map((r) => r.cells[at].dataset.v)",
+        ".filter((r) => !r.hidden).map((r) => [r.dataset.id, r.cells[at].dataset.v])",
         name,
     )
-    return found
+    return {method: value for method, value in found}  # noqa: C416 - pairs are lists
 
 
 @NEEDS_CHROMIUM
 def test_numbers_sort_both_ways_and_what_is_infinite_or_missing_stands_last(table: Opened) -> None:
-    before = ids(table)
+    before = column(table, "R@5")
     for way in ("descending", "ascending", "descending"):
         table.button('th[data-name="R@5"]', "").click()
         assert table.one('th[data-name="R@5"]').get_attribute("aria-sort") == way
-        values = column(table, "R@5")
-        assert values[-2:] == ["inf", ""]
-        numbers = [float(value) for value in values[:-2]]
-        assert numbers == sorted(numbers, reverse=way == "descending")
+        after = column(table, "R@5")
+        *numbers, infinite, missing = after.values()
+        assert (infinite, missing, after) == ("inf", "", before)
+        numbers = sorted(numbers, key=float, reverse=way == "descending")
+        assert numbers == [*after.values()][:-2]
         assert f"sorted by R@5, {way}" in table.one("#said").text
-    assert sorted(ids(table)) == sorted(before)
 
 
 @NEEDS_CHROMIUM
 def test_filters_hide_rows_and_a_scene_is_shown_instead_of_the_average(
     table: Opened, sample: dict[str, Any]
 ) -> None:
-    whole, average = len(ids(table)), column(table, "R@1")
+    average = column(table, "R@1")
     table.choose("#filters", "Rows", "reported, not re-scored")
-    assert len(ids(table)) == 2
+    assert len(column(table, "R@1")) == 2
     assert table.one("#said").text == "2 of 15 methods shown."
     table.one("#filters button").click()
-    table.until(lambda: len(ids(table)) == whole)
+    table.until(lambda: column(table, "R@1") == average)
     rows = {row["id"]: row for row in sample["tables"][PROTOCOL]["rows"]}
     for option, part in (
         ("East (30 queries)", lambda row: row["scenes"]["east"]["recall@1"][0]),
         ("fog (12 queries), few", lambda row: row["conditions"]["weather"]["recall@1"][0]),
     ):
         table.choose("#filters", "Numbers", option)
-        shown = dict(zip(ids(table), column(table, "R@1"), strict=True))
+        shown = column(table, "R@1")
         for name in ("method-0", "method-5"):
             assert float(shown[name]) == round(100 * part(rows[name]), 2)
     assert "few" in table.one("#results").get_attribute("class")
     table.choose("#filters", "Numbers", "average over scenes")
-    assert sorted(column(table, "R@1")) == sorted(average)
+    assert column(table, "R@1") == average
     table.choose("#filters", "Training data", "without gta-uav")
-    assert len(ids(table)) == 8  # who says nothing is not without it
+    assert len(column(table, "R@1")) == 8  # who says nothing is not without it
     table.one("input[name=name]").send_keys("MÉTHOD")
-    left, address = ids(table), table.driver.current_url
+    left, address = column(table, "R@1"), table.driver.current_url
     assert 0 < len(left) < 8
     table.driver.get("about:blank")
     table.driver.get(address)  # which keeps the filters
-    assert ids(table) == left
+    assert column(table, "R@1") == left
 
 
 @NEEDS_CHROMIUM
@@ -281,25 +280,22 @@ def test_a_comparison_shows_the_pairs_of_the_board(
 ) -> None:
     made = sample["tables"][PROTOCOL]
     pairs, rows = made["pairs"]["recall@1"], {row["id"]: row for row in made["rows"]}
-    names, upper = pairs["ids"], np.triu_indices(len(pairs["ids"]), 1)
-    at = list(zip(*upper, strict=True)).index((min(a, b), max(a, b)))
+    one, other = (rows[pairs["ids"][n]] for n in (a, b))
     low, high, p, holm = (
-        float(np.frombuffer(zlib.decompress(base64.b64decode(pairs[key])), "<f4")[at])
-        for key in ("low", "high", "p", "p_holm")
+        unpack_pair(pairs, key, min(a, b), max(a, b)) for key in ("low", "high", "p", "p_holm")
     )
-    if a > b:
-        low, high = -high, -low
-    visit(opened, site, f"{TABLE}compare.html#a={names[a]}&b={names[b]}")
+    low, high = (-high, -low) if a > b else (low, high)
+    visit(opened, site, f"{TABLE}compare.html#a={one['id']}&b={other['id']}")
     cells = [cell.text for cell in opened.all("#overall tbody tr:first-child td")]
-    one, other = (rows[names[n]]["scores"]["recall@1"]["value"] for n in (a, b))
-    difference = f"{100 * (one - other):+.2f}".replace("-", "−")
-    assert cells[:3] == [f"{100 * one:.2f}", f"{100 * other:.2f}", difference]
-    assert cells[3] == f"{100 * low:+.2f} to {100 * high:+.2f}".replace("-", "−")
+    x, y = (row["scores"]["recall@1"]["value"] for row in (one, other))
+    signed = f"{100 * (x - y):+.2f}", f"{100 * low:+.2f} to {100 * high:+.2f}"
+    texts = [f"{100 * x:.2f}", f"{100 * y:.2f}", *(text.replace("-", "−") for text in signed)]
+    assert cells[:4] == texts
     assert cells[5:7] == ["< 0.0001" if v < 0.00005 else f"{v:.4f}" for v in (p, holm)]
-    better = "A is better" if one > other else "B is better"
+    better = "A is better" if x > y else "B is better"
     assert cells[7] == (better if holm <= 0.05 else "cannot be told apart")
-    runs = [f"runs/made/retrieval/{names[n]}/{rows[names[n]]['version']}" for n in (a, b)]
-    command = f"airzoo-bench compare {' '.join(runs)} --scene east"
+    runs = " ".join(f"runs/made/retrieval/{row['id']}/{row['version']}" for row in (one, other))
+    command = f"airzoo-bench compare {runs} --scene east"
     assert opened.one("#command code:last-child").text == command
 
 
