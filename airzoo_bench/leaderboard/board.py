@@ -38,7 +38,6 @@ class Limits(Strict):
     url_bytes: Annotated[int, Field(ge=1, le=1 << 40)] = 20_000_000_000
     tries: Count = 4
     days: Count = 30
-    entries: Count = 10
 
 
 class BoardBenchmark(Strict):

@@ -18,7 +18,6 @@ from airzoo_bench.core.errors import (
     SubmissionError,
     UsageError,
     UserError,
-    counted,
 )
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.evaluate import truth_fingerprint
@@ -143,8 +142,11 @@ def _score_written(
     known, folder = known_submissions(rules.root), work / place.path
     checked = rules.check(folder, known, FETCHING_S)
     given, predictions = checked.submission, checked.predictions
-    if given is not None:
-        checked.errors += _account_errors(given, pull, place, known, rules.board)
+    own = given.account if given else pull.account
+    if pull.account not in (own, *rules.board.maintainers):
+        what = f"key 'account' is {own or 'missing'}, but that of the pull request is "
+        fix = f"write account = {pull.account}"
+        checked.errors.append(RefusedError(f"{what}{pull.account}", where=place.path, fix=fix))
     for error in checked.errors:
         if isinstance(error, _OF_BOARD):
             raise error
@@ -170,28 +172,6 @@ def _score_written(
     facts["warnings"] = [*_copies(run, given, place, known, home), *checked.warnings]
     facts["ranked"] = sum(bool(row.history) for row in table.rows)
     return facts | {"kind": "scored", "answer": answer.model_copy(update=update)}
-
-
-def _account_errors(
-    given: Submission,
-    pull: PullRequest,
-    place: Place,
-    known: Mapping[Place, Submission],
-    board: Board,
-) -> Iterator[UserError]:
-    """Yield errors of the account that a submission names, and of more entries than it has."""
-    if pull.account in board.maintainers:
-        return
-    where = f"{place.path}/{SUBMISSION_FILE}"
-    if given.account != pull.account:
-        what = f"key 'account' is {given.account or 'missing'}, but that of the pull request is "
-        fix = f"write account = {pull.account}"
-        yield RefusedError(f"{what}{pull.account}", where=where, fix=fix)
-    table = [one for at, one in known.items() if at[:2] == place[:2] and at != place]
-    own = sum(one.account == pull.account for one in table)
-    if own >= board.limits.entries:
-        what = f"this account has {counted(own, 'submission')} in this table already"
-        yield RefusedError(what, where=where, fix="withdraw one, or put this into its folder")
 
 
 def _copies(
