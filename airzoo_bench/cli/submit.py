@@ -78,8 +78,7 @@ def submit(
         "stages": stages,
     }
     values = submitting.ask_missing(given, more or ())
-    account = submitting.gh_account() if commit else None
-    values = ({} if account is None else {"account": account}) | values
+    values = {"account": submitting.gh_account() if commit else None} | values
     place = submitting.find_place(values["protocol"], values["method"], rules, data)
     folder = root / place.path
     submitting.write_submission(
