@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import (
     Alignment,
     AlignmentError,
@@ -20,9 +21,17 @@ from airzoo_bench.reconstruction.alignment import (
     umeyama,
 )
 from airzoo_bench.reconstruction.clouds import cloud_of
-from airzoo_bench.reconstruction.icp import draw_points, refine
+from airzoo_bench.reconstruction.icp import refine
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.support import UTM, cameras, moved, ransac, seen_from, similarity
+from tests.reconstruction.support import (
+    UTM,
+    cameras,
+    moved,
+    ransac,
+    seen_from,
+    shaken,
+    similarity,
+)
 
 LINE = np.arange(6.0)[:, None] * (1.0, 2.0, 3.0)
 PLANE = np.random.default_rng(5).normal(size=(6, 3))
@@ -56,7 +65,6 @@ def test_a_quarter_turn_by_hand() -> None:
     np.testing.assert_array_equal(transform.apply(np.array((3.0, 1.0, 0.0))), (10.0, 24.0, 28.0))
 
 
-@pytest.mark.parametrize("far", [0.0, 1.0], ids=["near", "projected"])
 @pytest.mark.parametrize(
     ("source", "target"),
     [
@@ -67,10 +75,10 @@ def test_a_quarter_turn_by_hand() -> None:
         (PLANE, np.full((6, 3), 0.1)),
     ],
 )
-def test_degenerate_points_are_refused(source: np.ndarray, target: np.ndarray, far: float) -> None:
-    source, target = (np.asarray(a, np.float64) + far * UTM for a in (source, target))
-    with pytest.raises(AlignmentError):
-        umeyama(source, target, with_scale=True)
+def test_degenerate_points_are_refused(source: np.ndarray, target: np.ndarray) -> None:
+    for place in (0.0, UTM):
+        with pytest.raises(AlignmentError):
+            umeyama(source + place, target + place, with_scale=True)
 
 
 # --- cameras ---
@@ -154,24 +162,17 @@ def flight(count: int, width: float, rng: np.random.Generator) -> PosedCameras:
 
 def half_bad(truth: PosedCameras, rng: np.random.Generator) -> PosedCameras:
     """Return cameras of which half are bad; the others are off by 0.3 m and 0.5 degrees."""
-    count = len(truth.names)
-    bad = rng.permutation(count)[: count // 2]
-    centres = truth.centres + rng.normal(0, 0.3, (count, 3))
-    box = truth.centres.min(axis=0) - 50, truth.centres.max(axis=0) + 50
-    centres[bad] = rng.uniform(*box, (len(bad), 3))
-    shake = Rotation.from_rotvec(rng.normal(0, 0.5, (count, 3)), degrees=True).as_matrix()
     assert truth.rotation is not None
-    rotation = shake @ truth.rotation
-    rotation[bad] = Rotation.random(len(bad), random_state=rng).as_matrix()
-    return PosedCameras(truth.names, centres, rotation)
+    good = shaken(Poses(rotation=truth.rotation, centres=truth.centres), rng, 0.5, 0.3)
+    bad = rng.permutation(len(good))[: len(good) // 2]
+    box = truth.centres.min(axis=0) - 50, truth.centres.max(axis=0) + 50
+    good.centres[bad] = rng.uniform(*box, (len(bad), 3))
+    good.rotation[bad] = Rotation.random(len(bad), random_state=rng).as_matrix()
+    return PosedCameras(truth.names, good.centres, good.rotation)
 
 
 SHIPPED = {"inlier_below_m": 5.0, "line_ratio": 0.1, "min_trials": 1000, "max_trials": 100_000}
-RUNS = [
-    (18, 5, 5),
-    (60, 5, 5),
-    *(pytest.param(n, 100, 99, marks=pytest.mark.slow) for n in (18, 600)),
-]
+RUNS = [(18, 4, 4), *(pytest.param(n, 100, 99, marks=pytest.mark.slow) for n in (18, 600))]
 
 
 @pytest.mark.parametrize(("count", "runs", "least"), RUNS)
@@ -205,20 +206,19 @@ OFF = Similarity(
 )
 
 
-def terrain(step: float = 0.0) -> np.ndarray:
-    x, y = np.random.default_rng(12).uniform(0, 60, (2, 20_000))
-    points = np.stack((x, y, 4 * np.sin(x / 6) * np.cos(y / 9)), axis=1)
-    return (np.rint(points / step) * step if step else points) + UTM
+def terrain() -> np.ndarray:
+    x, y = np.random.default_rng(12).uniform(0, 60, (2, 10_000))
+    return np.stack((x, y, 4 * np.sin(x / 6) * np.cos(y / 9)), axis=1) + UTM
 
 
-def icp(predicted: np.ndarray, truth: np.ndarray, held: int = 1 << 20, **changes: Any) -> Any:
+def icp(predicted: np.ndarray, truth: np.ndarray, **changes: Any) -> Any:
     settings = ransac(icp_points=2000, icp_iterations=60, **changes)
-    return refine(cloud_of(predicted), cloud_of(truth), settings, memory_points=held)
+    return refine(cloud_of(predicted), cloud_of(truth), settings, memory_points=1 << 20)
 
 
 def test_icp_refines_far_from_the_origin() -> None:
     cloud = terrain()
-    predicted = OFF.apply(cloud[:8000])
+    predicted = OFF.apply(cloud[:4000])
     found, report = icp(predicted, cloud)
     assert_same(found, OFF.inverse(), predicted[::50], 1e-3)
     assert report["before"]["cost"] > 0.3
@@ -229,12 +229,6 @@ def test_icp_refines_far_from_the_origin() -> None:
     assert report["after"]["cost"] < report["before"]["cost"]
 
 
-def test_icp_is_the_same_whatever_memory_holds() -> None:
-    cloud = terrain(0.25)  # many ties
-    one, other = (icp(OFF.apply(cloud[:8000]), cloud, held=held)[0] for held in (1, 1 << 20))
-    assert one.matrix.tobytes() == other.matrix.tobytes()
-
-
 def test_icp_figures_by_hand() -> None:
     truth = np.array(((0.0, 0, 0), (10, 0, 0), (0, 10, 0), (10, 10, 0)))
     predicted = truth + np.array(((0.0, 0, 1), (0, 0, 1), (0, 0, 1), (0, 0, 50)))
@@ -243,15 +237,3 @@ def test_icp_figures_by_hand() -> None:
     assert report["before"]["cost"] == pytest.approx(((3 * 1 + 4) / 4) ** 0.5)
     with pytest.raises(AlignmentError):
         icp(predicted + 100.0, truth)
-
-
-def test_points_are_drawn_by_the_seed_whatever_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    points = np.arange(3000.0).reshape(1000, 3)
-    points[17] = np.nan
-    some = draw_points(cloud_of(points), 10, seed=1)
-    assert len(some) == 10
-    assert (np.diff(some[:, 0]) > 0).all()
-    assert not np.array_equal(some, draw_points(cloud_of(points), 10, seed=2))
-    assert len(draw_points(cloud_of(points), 2000, seed=1)) == 999
-    monkeypatch.setattr("airzoo_bench.reconstruction.icp._PART", 37)
-    np.testing.assert_array_equal(some, draw_points(cloud_of(points), 10, seed=1))

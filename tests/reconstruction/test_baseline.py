@@ -100,11 +100,8 @@ def test_jobs_change_no_byte(flight: Flight, made: Model, tmp_path: Path) -> Non
     assert again.extrinsics.tobytes() == made.extrinsics.tobytes()
 
 
-@pytest.mark.parametrize("columns", ["prior_qw", "none"])
-def test_photos_that_do_not_fit_give_an_empty_result(
-    columns: str, flight: Flight, tmp_path: Path
-) -> None:
-    rng, photos = np.random.default_rng(1), flight.photos[:3].drop(columns=columns, errors="ignore")
+def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: Path) -> None:
+    rng, photos = np.random.default_rng(1), flight.photos[:3].drop(columns="prior_qw")
     for name in photos["image"]:
         noise = gaussian_filter(rng.normal(128, 60, (240, 320, 3)), (2, 2, 0))
         Image.fromarray(noise.astype(np.uint8)).save(tmp_path / name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,45 +64,40 @@ def test_heights_of_another_datum(up: float, noted: bool) -> None:
 
 
 SCENE = TRUTH[0] + np.random.default_rng(0).uniform(0, 90, (500, 3))
-
-
-def rounded(points: np.ndarray, digits: int) -> np.ndarray:
-    return np.array([[float(f"{x:.{digits}g}") for x in row] for row in points])
+DIGITS = np.vectorize(lambda x: float(f"{x:.6g}"))
 
 
 @pytest.mark.parametrize(
     ("points", "lost"),
     [
-        *((SCENE.astype("f4"), True), (rounded(SCENE, 6), True), (rounded(SCENE, 7), True)),
+        *((SCENE.astype("f4"), True), (DIGITS(SCENE), True)),
         *((SCENE, False), (np.round(SCENE, 2), False), (np.zeros((0, 3)), False)),
-        *(((SCENE - TRUTH[0]).astype("f4"), False), (rounded(SCENE - TRUTH[0], 6), False)),
+        *(((SCENE - TRUTH[0]).astype("f4"), False), (DIGITS(SCENE - TRUTH[0]), False)),
     ],
 )
 def test_digits_that_were_lost(points: np.ndarray, lost: bool) -> None:
-    cloud = FileCloud(Path(), "ply", len(points), ArrayPieces(points), points.dtype)
-    error = rounding_error(cloud)
+    error = rounding_error(FileCloud(Path(), "ply", len(points), ArrayPieces(points), points.dtype))
     assert (error > 0.01) == lost
     if lost:
         rms = np.sqrt(((points - SCENE) ** 2).sum(axis=1).mean())
         assert error == pytest.approx(rms, rel=0.2)
 
 
-HILLS = np.random.default_rng(1).uniform(0, 100, (4000, 3))
+HILLS = np.random.default_rng(1).uniform(0, 100, (2000, 3))
 HILLS[:, 2] = 15 * np.sin(HILLS[:, 0] / 12) + HILLS[:, 1] / 5
 FLAT = HILLS * (1.0, 0.8, 0.08)  # 3 m high: all of it lies within 10 m, upside down or not
 FLAT -= FLAT.mean(axis=0)
 TURN = Rotation.from_euler("xyz", (10, 20, 30), degrees=True).as_matrix()
 
 
-@pytest.mark.parametrize("scene", [HILLS, FLAT], ids=["hills", "flat"])
 @pytest.mark.parametrize(
-    ("order", "signs", "words"),
+    ("scene", "order", "signs", "words"),
     [
-        ((0, 1, 2), (1, 1, -1), "(+x, +y, -z)"),
-        ((0, 2, 1), (1, 1, -1), "(+x, -z, +y)"),
-        ((1, 0, 2), (1, 1, 1), "(+y, +x, +z)"),
+        (HILLS, (0, 1, 2), (1, 1, -1), "(+x, +y, -z)"),
+        (HILLS, (1, 0, 2), (1, 1, 1), "(+y, +x, +z)"),
+        (FLAT, (0, 2, 1), (1, 1, -1), "(+x, -z, +y)"),
     ],
-    ids=["z negated", "y up", "x and y exchanged"],
+    ids=["z negated", "x and y exchanged", "y up"],
 )
 def test_a_cloud_that_is_mirrored_in_its_own_frame(
     scene: np.ndarray, order: tuple[int, ...], signs: tuple[int, ...], words: str
@@ -120,8 +116,6 @@ def test_intrinsics_of_photos_that_are_little_larger_or_smaller(width: int, heig
     K = np.tile(np.array([[500.0, 0, 320.5], [0, 500, 240.5], [0, 0, 1]]), (3, 1, 1))
     with pytest.raises(PredictionError, match=r"6[34]\d x 4[78]\d"):
         check_resolution(Cameras.from_matrices(K, width, height), None, "it")
-    K[1, :2, 2] = width / 2, height / 2
-    check_resolution(Cameras.from_matrices(K, width, height), None, "it")
     K[:, :2, 2] = np.array([width, height]) / 2 * 1.09
     check_resolution(Cameras.from_matrices(K, width, height), None, "it")
 
@@ -151,7 +145,7 @@ def test_camera_to_world_is_refused_and_on_a_strip_noted(truth: Poses) -> None:
         assert fix in str(caught.value.fix)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_names_one_off(seed: int) -> None:
     rng, names = np.random.default_rng(seed), tuple(f"DJI_{n:04}.JPG" for n in range(16))
     true = PosedCameras(names, poses(rng, 16).centres)
@@ -166,7 +160,7 @@ def test_names_one_off(seed: int) -> None:
     # Cameras that are poor, or none, are scored without a word.
     for noise in (0.0, 0.1, 0.5, 2.0):
         centres = true.centres + rng.normal(0, noise * spacing, (16, 3))
-        centres[: seed % 4] = np.nan
+        centres[: seed * 3] = np.nan
         check_names(PosedCameras(names, centres), true, "yard.npz")
 
 
@@ -182,16 +176,13 @@ def test_far_depths_are_those_after_the_alignment(
 
 
 def test_half_a_pixel_is_asked_for_where_it_matters(world: World, tmp_path: Path) -> None:
-    notes = [
-        note
-        for centres in (np.array("half"), None)
-        for note in notes_of(
-            world, save(tmp_path / "p/lot.npz", world.views("lot", pixel_centres=centres)).parent
-        )
-        if "pixel_centres" in note
-    ]
+    def asked(name: str, **changes: Any) -> list[str]:
+        path = save(tmp_path / name / "lot.npz", world.views("lot", **changes)).parent
+        return [note for note in notes_of(world, path) if "pixel_centres" in note]
+
+    assert not asked("stated")
+    (note,) = asked("silent", pixel_centres=None)
     # Depth 35 m at a focal length of 80 px: half a pixel in x and y is 0.3 m.
-    error = float(notes[0].partition("points are ")[2].partition(" m off")[0])
+    error = float(note.partition("points are ")[2].partition(" m off")[0])
     depth = world.views("lot")["depth"]
     assert error == pytest.approx(np.hypot(0.5, 0.5) / 80 * np.median(depth[depth > 0]), rel=0.05)
-    assert len(notes) == 1

@@ -63,7 +63,7 @@ def test_no_bit_depends_on_order_or_pieces(points: Floats, seed: int, size: floa
 
 
 def test_voxels_beyond_the_limit_are_refused() -> None:
-    points = np.random.default_rng(0).uniform(0, 10, (5000, 3))
+    points = np.random.default_rng(0).uniform(0, 10, (1000, 3))
     occupied = len(thinned(points, 1.0))
     assert len(thinned(points, 1.0, 300, occupied)) == occupied
     with pytest.raises(UsageError):

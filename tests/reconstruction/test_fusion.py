@@ -81,9 +81,7 @@ def test_pixels_by_hand() -> None:
     assert joined(cloud)[0, 2] == UTM[2] + 7.0
 
 
-def test_the_plane_comes_back_in_another_frame_and_in_any_pieces(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_plane_comes_back_in_another_frame_and_in_any_pieces() -> None:
     maps = slope_maps(2)
     whole = joined(depth_cloud(maps, STILL, TSDF))
     made = similarity(np.random.default_rng(1), 0.01)
@@ -92,9 +90,7 @@ def test_the_plane_comes_back_in_another_frame_and_in_any_pieces(
     assert len(found) == maps.values.size
     assert np.abs(off_plane(found)).max() < 1e-5
     np.testing.assert_allclose(found, whole, atol=1e-5)
-    monkeypatch.setattr(fusion, "_BLOCK_PIXELS", 500)
-    for points in (7, 3072):
-        assert joined(depth_cloud(maps, STILL, TSDF), points).tobytes() == whole.tobytes()
+    assert joined(depth_cloud(maps, STILL, TSDF), 7).tobytes() == whole.tobytes()
 
 
 def test_point_maps() -> None:
@@ -122,8 +118,7 @@ def test_tsdf_gives_the_plane_back() -> None:
     assert np.abs(away).max() < 0.5
     # Half a pixel off would be 0.25 m at 30 m, seen by the border of the surface.
     seen, reach = joined(depth_cloud(maps, STILL, TSDF)), TSDF.tsdf_truncation_m
-    assert (found > seen.min(axis=0) - reach).all()
-    assert (found < seen.max(axis=0) + reach).all()
+    assert ((found > seen.min(axis=0) - reach) & (found < seen.max(axis=0) + reach)).all()
 
 
 def test_tsdf_pixel_centres_and_a_ground_at_a_round_height() -> None:

@@ -27,23 +27,23 @@ WIDTH, HEIGHT = MAP_SIZE
 def folder(tmp_path: Path) -> Path:
     """Return a folder of predictions of four scenes, in all the ways there are."""
     root = tmp_path / "preds"
-    (root / "substation").mkdir(parents=True)
+    for scene in ("school.", "substation/"):
+        save(root / f"{scene}cameras.npz", WORLD.cameras("lot"))
     for name, text in (("protocol.txt", "made-reconstruction\n"), ("notes.md", ""), (".x", "")):
         (root / name).write_text(text)
     write_ply(root / "school.ply", made())
-    save(root / "school.cameras.npz", WORLD.cameras("lot"))
+    write_ply(root / "substation" / "cloud.ply", made())
     save(root / "plaza.npz", VIEWS)
     save(root / "park.v2.npz", {"points": points_of(made())})
-    write_ply(root / "substation" / "cloud.ply", made())
-    save(root / "substation" / "cameras.npz", WORLD.cameras("lot"))
     return root
 
 
 def pack(path: Path, files: list[tuple[str, bytes]]) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(path, "w") as archive:
         for name, content in files:
             info = zipfile.ZipInfo("x")
             info.filename, info.compress_type = name, zipfile.ZIP_DEFLATED
+            info.external_attr = 0o120777 << 16 if content == b"/etc/passwd" else 0
             archive.writestr(info, content)
     return path
 
@@ -70,10 +70,9 @@ def test_folders_and_archives(packed: str | None, folder: Path) -> None:
 
 
 def test_a_file_alone_or_a_folder_of_one_scene_is_a_scene(folder: Path) -> None:
-    for name in ("school.ply", "plaza.npz"):
-        assert open_reconstruction(folder / name).scenes == (name[:-4],)
     packed = pack(folder.parent / "a.zip", [("school/cloud.ply", b"")])
-    assert open_reconstruction(packed).scenes == ("school",)
+    for path, scene in ((folder / "school.ply", "school"), (packed, "school")):
+        assert open_reconstruction(path).scenes == (scene,)
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
@@ -96,21 +95,14 @@ def test_wrong_entries(names: list[str], tmp_path: Path, monkeypatch: pytest.Mon
     assert "\n.ply" not in str(caught.value)
 
 
-@pytest.mark.parametrize("fault", ["none", "a.rar", "link.zip", "link"])
-def test_what_is_no_prediction(fault: str, tmp_path: Path) -> None:
-    path = tmp_path / fault
-    if fault == "a.rar":
-        path.write_bytes(b"Rar!")
-    elif fault == "link.zip":
-        with zipfile.ZipFile(path, "w") as archive:
-            info = zipfile.ZipInfo("a.ply")
-            info.external_attr = 0o120777 << 16
-            archive.writestr(info, "/etc/passwd")
-    elif fault == "link":
-        path.mkdir()
-        (path / "a.ply").symlink_to("/etc/passwd")
-    with pytest.raises(PredictionError):
-        open_reconstruction(path)
+def test_links_other_archives_and_nothing_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.rar").write_bytes(b"Rar!")
+    pack(tmp_path / "link.zip", [("a.ply", b"/etc/passwd")])
+    (tmp_path / "link").mkdir()
+    (tmp_path / "link" / "a.ply").symlink_to("/etc/passwd")
+    for name in ("none", "a.rar", "link.zip", "link"):
+        with pytest.raises(PredictionError):
+            open_reconstruction(tmp_path / name)
 
 
 def test_cameras_twice_are_refused(folder: Path) -> None:
@@ -166,28 +158,22 @@ def test_pixel_centres_that_are_integers_are_shifted(
     assert maps.cameras.principal_point[0].tolist() == [WIDTH / 2 + shift, HEIGHT / 2 + shift]
 
 
-def changed(index: Any, value: Any) -> np.ndarray:
-    extrinsics: np.ndarray = VIEWS["extrinsics"].copy()
-    extrinsics[index] = value
-    return extrinsics
+def half_nan(extrinsics: np.ndarray) -> np.ndarray:
+    changed = extrinsics.copy()
+    changed[2, 0, 0] = np.nan
+    return changed
 
 
 # Faults beyond those of tests/goldens/refusals.txt.
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        ({"points": np.zeros((4, 36, 48, 3))}, "points"),
         ({"depth": np.zeros((4, 36, 48), int)}, "depth"),
         ({"depth": np.zeros((4, 0, 48)), "conf": None}, "depth"),
-        ({"conf": np.zeros((4, 48, 36), "f4")}, "conf"),
         ({"image_names": np.array(["a", "b", "c"])}, "image_names"),
         ({"image_names": np.array(["a", "b", "a", "c"])}, "'a'"),
-        ({"image_names": np.array(["a", "", "b", "c"])}, "image_names"),
         ({"image_names": np.array(["a", "b\x1b", "b", "c"])}, "image_names"),
-        ({"extrinsics": changed((2, 0, 0), np.nan)}, "lot_2"),
-        ({"extrinsics": changed((2, 0, 0), np.inf)}, "lot_2"),
-        ({"extrinsics": np.tile(np.eye(4), (4, 1, 1)) + 1e-3 * np.eye(4)[3]}, "extrinsics"),
-        ({"intrinsics": VIEWS["intrinsics"] * -1}, "intrinsics"),
+        ({"extrinsics": half_nan(VIEWS["extrinsics"])}, "lot_2"),
     ],
 )
 def test_wrong_views_are_refused_by_their_field(
