@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from scipy.ndimage import center_of_mass, gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.baseline import Task, lie_on_map, match, match_task, resample
+from airzoo_bench.matching.baseline import Task, lie_on_map, match, match_task
 from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
 
@@ -111,15 +111,3 @@ def test_plans_worked_by_hand(
     found = lie_on_map(camera, prior, "EPSG:32615", dom, 50.0)
     assert found[0] == pytest.approx(turn, abs=1e-6)
     assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
-
-
-@pytest.mark.parametrize(
-    ("turn_deg", "scale"), [(0.0, 1.0), (89.0, 0.5), (180.0, 0.37), (-91.0, 1.0), (725.0, 0.5)]
-)
-def test_the_way_back_from_a_smaller_turned_image(turn_deg: float, scale: float) -> None:
-    grey = np.zeros((120, 171), np.uint8)
-    grey[70, 30] = 255
-    grey = (gaussian_filter(grey.astype(float), 6) * 200).astype(np.uint8)
-    small, back = resample(grey, scale, turn_deg)
-    at = np.array(center_of_mass(small.astype(float))[::-1]) + 0.5
-    np.testing.assert_allclose(back[:, :2] @ at + back[:, 2], (30.5, 70.5), rtol=0, atol=0.05)

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import Poses, camera_to_world
-from airzoo_bench.tables.layouts import scenes_table
 from tests.matching.world import (
     N_MATCHES,
     N_QUERIES,
@@ -74,22 +73,13 @@ def test_records_do_not_depend_on_order(world: World, tmp_path: Path) -> None:
 # --- settings of protocols ----------------------------------------------------------------------
 
 
-def world_of(folder: Path, base: str = "photos-matching", **sections: Any) -> World:
-    return make_world(folder, made_matching_protocol(base, **sections))
-
-
-def test_without_trusted_orientation_there_is_no_pose_recall(tmp_path: Path) -> None:
-    world = world_of(tmp_path, "airzoo-real-matching")
-    run = evaluated(world, tmp_path, world.matches())
-    titles = [column.title for column in scenes_table(run.result).columns]
-    assert titles == ["Scene", "Queries", "Median", "@5m", "@10m", "@20m"]
-    assert not any("deg" in column for column in run.records.columns[:-1])
-    assert not any("deg" in score for score in run.result.overall)
+def world_of(folder: Path, **sections: Any) -> World:
+    return make_world(folder, made_matching_protocol(**sections))
 
 
 def test_failed_rotations_fewest_matches_and_heights_are_the_protocols(tmp_path: Path) -> None:
-    own: dict[str, Any] = {"failed_rotation_deg": 180.0}, {"least_matches": 5}
-    world = world_of(tmp_path, scores=own[0], solver=own[1], lift={"heights_above_m": 105.0})
+    own = {"scores": {"failed_rotation_deg": 180.0}, "solver": {"least_matches": 5}}
+    world = world_of(tmp_path, **own, lift={"heights_above_m": 105.0})
     rows = evaluated(world, tmp_path, world.matches()).records
     low = [int((points[:, 2] <= 105.0).sum()) for points in world.points]
     assert (rows["no_height"] >= low).all()

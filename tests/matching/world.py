@@ -41,7 +41,6 @@ DSM_PX, DSM_GSD = 140, 5.0
 # The surface model begins outside the map, by a distance that is no multiple of its pixels.
 DSM_OFFSET = -33.0
 N_MATCHES = 60
-EVERY = np.arange(N_QUERIES)
 
 
 @dataclass(frozen=True)
@@ -63,10 +62,9 @@ class World:
     def ids(self) -> list[str]:
         return self.truth.queries["id"].tolist()
 
-    def matches(self, **changes: Any) -> dict[str, Any]:
-        """Return the fields of a prediction file of exact matches, some changed or left out."""
-        fields = self.correspondences(self.query_xy, map_xy=self.map_xy)
-        return {k: v for k, v in (fields | changes).items() if v is not None}
+    def matches(self) -> dict[str, Any]:
+        """Return the fields of a prediction file of exact matches."""
+        return self.correspondences(self.query_xy, map_xy=self.map_xy)
 
     def in_crops(self) -> dict[str, Any]:
         """Return the same matches in pixels of the queries' crops."""
@@ -108,60 +106,57 @@ def made_matching_protocol(base: str = "photos-matching", **sections: Any) -> Ma
 
 def made_inputs(folder: Path) -> SceneInputs:
     """Write rasters and photos, and return what the truth is made from."""
-    folder.mkdir(parents=True, exist_ok=True)
-    dom, dsm = _write_rasters(folder)
-    cameras, poses = made_cameras(), made_poses()
-    # GPS and gimbal are a few metres and degrees off.
-    priors = Poses(
-        rotation=np.concatenate([looking_down(22 + 2 * q, 63 * q + 3) for q in range(N_QUERIES)]),
-        centres=poses.centres + np.array((3.0, -2.0, 4.0)),
-    )
+    (folder / "photos").mkdir(parents=True)
+    ground = np.random.default_rng(0).integers(0, 256, (3, MAP_PX, MAP_PX), np.uint8)
+    grid = Affine(MAP_GSD, 0, EAST, 0, -MAP_GSD, NORTH)
+    dom = write_raster(folder / "dom.tif", ground, transform=grid)
+    row, column = np.mgrid[:DSM_PX, :DSM_PX]
+    hills = 100 + 12 * np.sin(column / 9) * np.cos(row / 7) + 0.05 * column
+    grid = Affine(DSM_GSD, 0, EAST + DSM_OFFSET, 0, -DSM_GSD, NORTH - DSM_OFFSET)
+    heights = hills[None].astype(np.float32)
+    dsm = write_raster(folder / "dsm.tif", heights, transform=grid, nodata=-9999.0)
     images = tuple(f"q{q}.png" for q in range(N_QUERIES))
-    _write_photos(folder / "photos", images)
+    for number, name in enumerate(images):
+        picture = Image.new("RGB", SIZE, (40 * number, 80, 120))
+        picture.save(folder / "photos" / name, compress_level=1)
+    K = ((FOCAL, 0, SIZE[0] / 2 + 3), (0, FOCAL, SIZE[1] / 2 - 2), (0, 0, 1))
+    cameras = Cameras.from_matrices([K] * N_QUERIES, *SIZE, [LENS] * N_QUERIES)
+    start = np.array((EAST + 300, NORTH - 310, 260.0))
+    steps = np.outer(np.arange(N_QUERIES), (15.0, 11.0, 9.0))
+    poses = _looking_down(20, 0, start + steps)
+    # GPS and gimbal are a few metres and degrees off.
+    priors = _looking_down(22, 3, poses.centres + np.array((3.0, -2.0, 4.0)))
     photos = photo_table(SCENE, images, cameras, poses, priors, 100.0)
     return SceneInputs(SCENE, photos, PLACE_CRS, open_info(dom), dsm, 100.0)
 
 
-def made_cameras() -> Cameras:
-    K = ((FOCAL, 0, SIZE[0] / 2 + 3), (0, FOCAL, SIZE[1] / 2 - 2), (0, 0, 1))
-    return Cameras.from_matrices([K] * N_QUERIES, *SIZE, [LENS] * N_QUERIES)
-
-
-def made_poses() -> Poses:
-    rotation = np.concatenate([looking_down(20 + 2 * q, 63 * q) for q in range(N_QUERIES)])
-    start, step = (EAST + 300, NORTH - 310, 260.0), (15, 11, 9)
-    return Poses(rotation=rotation, centres=start + np.outer(EVERY, step).astype(np.float64))
+def _looking_down(tilt: float, turn: float, centres: np.ndarray[Any, Any]) -> Poses:
+    rotation = [looking_down(tilt + 2 * q, 63 * q + turn) for q in range(N_QUERIES)]
+    return Poses(rotation=np.concatenate(rotation), centres=centres)
 
 
 def make_world(folder: Path, protocol: MatchingProtocol | None = None) -> World:
     """Prepare the benchmark folder, and match queries to the map without any error."""
-    chosen = protocol or made_matching_protocol()
+    chosen, root = protocol or made_matching_protocol(), folder / "data"
     inputs = made_inputs(folder / "sources")
     truth = build_truth(inputs, chosen.crop, chosen.prior)
-    write_benchmark(folder / "data" / SCENE, inputs, truth, chosen)
+    write_queries(root / SCENE / "scenes" / SCENE, inputs.photos)
+    write_truth(root / SCENE / "scenes" / SCENE, truth)
+    (root / SCENE / "protocols").mkdir()
+    values = chosen.model_dump(mode="json", by_alias=True, exclude_none=True)
+    (root / SCENE / "protocols" / f"{chosen.name}.toml").write_text(tomli_w.dumps(values))
+    files = {"images": str(inputs.dsm.parent / "photos"), "dom": str(inputs.dom.path)}
+    files |= {"dsm": str(inputs.dsm), "dsm_sha256": sha256_of(inputs.dsm), "crs": inputs.crs}
+    entry = SceneFile(id=SCENE, title="Hills", plane_height_m=inputs.plane_height_m, **files)
+    named: dict[str, Any] = {"schema": 1, "name": SCENE, "version": 1, "title": "Hills"}
+    tracks = {"matching": chosen.truth_settings()}
+    file = BenchmarkFile(**named, tracks=tracks, scenes=(entry,), checksums={})
+    write_benchmark_file(root / SCENE, file)
     with rasterio.open(inputs.dsm) as dataset:
         heights = dataset.read(1)
     matched = [_exact_matches(truth, row, heights) for row in range(len(truth.queries))]
     query_xy, map_xy, points = (list(part) for part in zip(*matched, strict=True))
-    return World(folder / "data", chosen, truth, query_xy, map_xy, points)
-
-
-def write_benchmark(
-    folder: Path, inputs: SceneInputs, truth: MatchingTruth, protocol: MatchingProtocol
-) -> None:
-    home = folder / "scenes" / SCENE
-    write_queries(home, inputs.photos)
-    write_truth(home, truth)
-    (folder / "protocols").mkdir()
-    values = protocol.model_dump(mode="json", by_alias=True, exclude_none=True)
-    (folder / "protocols" / f"{protocol.name}.toml").write_text(tomli_w.dumps(values))
-    files = {"images": str(inputs.dsm.parent / "photos"), "dom": str(inputs.dom.path)}
-    files |= {"dsm": str(inputs.dsm), "dsm_sha256": sha256_of(inputs.dsm), "crs": inputs.crs}
-    entry = SceneFile(id=SCENE, title="Hills", plane_height_m=inputs.plane_height_m, **files)
-    tracks = {"matching": protocol.truth_settings()}
-    named: dict[str, Any] = {"schema": 1, "name": SCENE, "version": 1, "title": "Hills"}
-    file = BenchmarkFile(**named, tracks=tracks, scenes=(entry,), checksums={})
-    write_benchmark_file(folder, file)
+    return World(root, chosen, truth, query_xy, map_xy, points)
 
 
 def lifted(map_xy: np.ndarray[Any, Any], heights: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -171,10 +166,6 @@ def lifted(map_xy: np.ndarray[Any, Any], heights: np.ndarray[Any, Any]) -> np.nd
     row = (NORTH - DSM_OFFSET - north) / DSM_GSD - 0.5
     height = map_coordinates(heights.astype(np.float64), [row, column], order=1)
     return np.stack([east, north, height], axis=1)
-
-
-def without(fields: dict[str, Any], *names: str) -> dict[str, Any]:
-    return {key: value for key, value in fields.items() if key not in names}
 
 
 def evaluated(world: World, folder: Path, fields: dict[str, Any]) -> Evaluation:
@@ -219,21 +210,3 @@ def _exact_matches(truth: MatchingTruth, row: int, heights: np.ndarray[Any, Any]
     pixels = project(truth.cameras.take(row), seen)[0]
     chosen = np.flatnonzero(((pixels > 0) & (pixels < SIZE)).all(axis=1))[:N_MATCHES]
     return pixels[chosen], map_xy[chosen], points[chosen]
-
-
-def _write_rasters(folder: Path) -> tuple[Path, Path]:
-    ground = np.random.default_rng(0).integers(0, 256, (3, MAP_PX, MAP_PX), np.uint8)
-    dom = write_raster(
-        folder / "dom.tif", ground, transform=Affine(MAP_GSD, 0, EAST, 0, -MAP_GSD, NORTH)
-    )
-    row, column = np.mgrid[:DSM_PX, :DSM_PX]
-    hills = 100 + 12 * np.sin(column / 9) * np.cos(row / 7) + 0.05 * column
-    heights = hills[None].astype(np.float32)
-    corner = Affine(DSM_GSD, 0, EAST + DSM_OFFSET, 0, -DSM_GSD, NORTH - DSM_OFFSET)
-    return dom, write_raster(folder / "dsm.tif", heights, transform=corner, nodata=-9999.0)
-
-
-def _write_photos(folder: Path, images: tuple[str, ...]) -> None:
-    folder.mkdir()
-    for number, name in enumerate(images):
-        Image.new("RGB", SIZE, (40 * number, 80, 120)).save(folder / name, compress_level=1)

@@ -145,22 +145,20 @@ def test_camera_to_world_is_refused_and_on_a_strip_noted(truth: Poses) -> None:
         assert fix in str(caught.value.fix)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_names_one_off(seed: int) -> None:
-    rng, names = np.random.default_rng(seed), tuple(f"DJI_{n:04}.JPG" for n in range(16))
+def test_names_one_off_are_refused_where_nothing_else_explains_it() -> None:
+    rng, names = np.random.default_rng(0), tuple(f"DJI_{n:04}.JPG" for n in range(16))
     true = PosedCameras(names, poses(rng, 16).centres)
     spacing = float(np.median(np.linalg.norm(np.diff(true.centres, axis=0), axis=1)))
-    for step in (1, -1):
-        off = tuple(np.roll(names, step).tolist())
-        for centres in (true.centres, 0.02 * true.centres[:, [1, 0, 2]] * (1, -1, 1)):
-            with pytest.raises(PredictionError):
-                check_names(PosedCameras(off, centres), true, "yard.npz")
-        rough = PosedCameras(off, true.centres + rng.normal(0, spacing / 6, (16, 3)))
-        check_names(rough, true, "yard.npz")
+    off = tuple(np.roll(names, -1).tolist())
+    for centres in (true.centres, 0.02 * true.centres[:, [1, 0, 2]] * (1, -1, 1)):
+        with pytest.raises(PredictionError):
+            check_names(PosedCameras(off, centres), true, "yard.npz")
     # Cameras that are poor, or none, are scored without a word.
+    rough = true.centres + rng.normal(0, spacing / 6, (16, 3))
+    check_names(PosedCameras(off, rough), true, "yard.npz")
     for noise in (0.0, 0.1, 0.5, 2.0):
         centres = true.centres + rng.normal(0, noise * spacing, (16, 3))
-        centres[: seed * 3] = np.nan
+        centres[: int(4 * noise)] = np.nan
         check_names(PosedCameras(names, centres), true, "yard.npz")
 
 

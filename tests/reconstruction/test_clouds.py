@@ -1,8 +1,7 @@
-"""Which points are compared: regions, voxels, points that the photos saw, and counts."""
+"""Which points are compared: regions, voxels, points that the photos saw; and their distances."""
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError
-from airzoo_bench.formats.clouds.cloud import ArrayPieces
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.reconstruction.alignment import Similarity
 from airzoo_bench.reconstruction.clouds import (
-    PieceCloud,
     PreparedCloud,
     VoxelGrid,
     box_of,
@@ -25,14 +21,13 @@ from airzoo_bench.reconstruction.clouds import (
     covered_columns,
     cropped_region,
     observed_cells,
-    occupied_cells,
     prepare_cloud,
     seen_by,
-    transform_cloud,
 )
+from airzoo_bench.reconstruction.distances import cloud_distances, mutual_distances
 from airzoo_bench.reconstruction.settings import Preparation
 from tests.geometry.support import looking_down, quick, seeds
-from tests.reconstruction.support import UTM, clouds
+from tests.reconstruction.support import UTM, all_pairs, clouds, sphere, surface
 
 
 def settings(**changes: Any) -> Preparation:
@@ -97,29 +92,11 @@ def test_points_left_out_are_counted() -> None:
     np.testing.assert_allclose(points_of(cloud), [[0.3, 0.1, 0.1], [0.7, 0.1, 0.1]], atol=1e-9)
 
 
-def test_moving_keeps_the_more_confident_points() -> None:
-    points = np.array([[1.0, 0, 0], [0, 1, 0], [np.inf, 0, 0]])
-    transform = Similarity(2.0, np.eye(3), np.array((10.0, 0, 0)))
-    trusted = PieceCloud(3, ArrayPieces(points, np.array([0.2, 0.5, 0.9], np.float32)))
-    everything = next(transform_cloud(trusted, transform).pieces(10))
-    np.testing.assert_array_equal(everything.points[:2], [[12, 0, 0], [10, 2, 0]])
-    assert not np.isfinite(everything.points[2]).all()
-    assert len(next(transform_cloud(trusted, transform, 0.2).pieces(10))) == 2
-    # Clouds without confidences keep all points.
-    assert len(next(transform_cloud(cloud_of(points), transform, 0.9).pieces(10))) == 3
-
-
 @quick
 @given(seeds)
-def test_cells_and_columns_hold_what_is_near(seed: int) -> None:
+def test_a_covered_region_holds_what_is_within_its_margin(seed: int) -> None:
     random = np.random.default_rng(seed)
-    points, others = random.uniform(-9, 9, (40, 3)) + UTM, random.uniform(-12, 12, (400, 3)) + UTM
-    found = occupied_cells([points[:13], points[13:]], (2.0, 1.0, 0.5), box_of(cloud_of(points)))
-    assert found.holds(points).all()
-    cells = {tuple(cell) for cell in np.floor(points / (2.0, 1.0, 0.5)).tolist()}
-    expected = [tuple(cell) in cells for cell in np.floor(others / (2.0, 1.0, 0.5)).tolist()]
-    np.testing.assert_array_equal(found.holds(others), expected)
-    points, others = points[:5], random.uniform(-40, 40, (2000, 3)) + UTM
+    points, others = random.uniform(-9, 9, (5, 3)) + UTM, random.uniform(-40, 40, (2000, 3)) + UTM
     margin, size = float(random.uniform(0.5, 12)), 4.0
     held = covered_columns([points], size, box_of(cloud_of(points)), margin)(others)
     away = np.linalg.norm(others[:, None, :2] - points[None, :, :2], axis=-1).min(axis=1)
@@ -132,12 +109,15 @@ def test_cells_and_columns_hold_what_is_near(seed: int) -> None:
 
 # --- the points that the photos saw ---
 
-SIZE = np.array([400]), np.array([300])
-PLAIN = Cameras(*SIZE, np.array([[400.0, 400.0]]), np.array([[200.0, 150.0]]), np.zeros((1, 5)))
+PLAIN = np.diag((400.0, 400.0, 1.0)) + np.eye(3, k=2) * 200 + np.eye(3, k=1) * ((0,), (150,), (0,))
 
 
-def above(height: float, east: float = 0.0) -> Poses:
-    return Poses(rotation=looking_down(0.0).reshape(1, 3, 3), centres=UTM[None] + (east, 0, height))
+def photos(*east: float) -> tuple[Cameras, Poses]:
+    """Return photos of 400 x 300 pixels from 100 m above, so far in the east."""
+    centres = UTM + np.array([(x, 0.0, 100.0) for x in east])
+    rotation = np.tile(looking_down(0.0), (len(east), 1, 1))
+    cameras = Cameras.from_matrices(np.tile(PLAIN, (len(east), 1, 1)), 400, 300)
+    return cameras, Poses(rotation=rotation, centres=centres)
 
 
 def level(height: float, half: float = 80.0) -> Floats:
@@ -150,9 +130,9 @@ def test_points_under_a_roof_and_outside_of_the_photo_are_hidden() -> None:
     ground, roof = level(0.0), level(12.0, half=8.0)
     x, y = np.abs(ground - UTM)[:, :2].T
     inside, border = (x < 50) & (y < 37.5), np.abs(y - 37.5) < 0.25
-    seen = seen_by(ground, PLAIN, above(100.0), 1.0, 3.0)
+    seen = seen_by(ground, *photos(0.0), 1.0, 3.0)
     np.testing.assert_array_equal(seen[~border], inside[~border])
-    seen = seen_by(np.concatenate((ground, roof)), PLAIN, above(100.0), 1.0, 3.0)
+    seen = seen_by(np.concatenate((ground, roof)), *photos(0.0), 1.0, 3.0)
     # The roof, 8 m to each side, hides 9.1 m of the ground; a cell of the buffer is about 2 m wide.
     assert seen[len(ground) :].all()
     assert not seen[: len(ground)][(x < 7) & (y < 7)].any()
@@ -161,13 +141,7 @@ def test_points_under_a_roof_and_outside_of_the_photo_are_hidden() -> None:
 
 def test_points_that_one_photo_sees_are_not_observed() -> None:
     points = level(0.0)
-    both = [np.repeat(getattr(PLAIN, one.name), 2, axis=0) for one in fields(PLAIN)]
-    pair = [above(100.0, east) for east in (-40.0, 40.0)]
-    poses = Poses(
-        rotation=np.concatenate([one.rotation for one in pair]),
-        centres=np.concatenate([one.centres for one in pair]),
-    )
-    given_all = (cloud_of(points), box_of(cloud_of(points)), Cameras(*both), poses)
+    given_all = (cloud_of(points), box_of(cloud_of(points)), *photos(-40.0, 40.0))
     found = observed_cells(*given_all, settings(), 1000)
     x, y = np.abs(points - UTM)[:, :2].T
     off = np.abs(y - 37.5) > 0.75  # the border of a photo
@@ -175,3 +149,89 @@ def test_points_that_one_photo_sees_are_not_observed() -> None:
     np.testing.assert_array_equal(found.holds(points[off]), ((x < 10) & (y < 37.5))[off])
     with pytest.raises(BenchmarkError):
         observed_cells(*given_all, settings(observed_photos=3), 1000)
+
+
+# --- distances: the same bits as all pairs, however the clouds lie ---
+
+
+def assert_exact(first: Floats, second: Floats, *, on_disk: bool = False) -> None:
+    found = mutual_distances(first, second, jobs=2, on_disk=on_disk)
+    with np.errstate(over="ignore", under="ignore"):
+        assert np.array_equal(found[0], all_pairs(first, second))
+        assert np.array_equal(found[1], all_pairs(second, first))
+
+
+def test_by_hand() -> None:
+    points = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 2.0, 2.0)])
+    others = np.array([(0.0, 0.0, 0.0), (3.0, 4.0, 12.0)])
+    there, back = mutual_distances(points, others, jobs=1)
+    assert there.tolist() == [0.0, 5.0, 3.0]
+    assert back.tolist() == [0.0, np.sqrt(4 + 4 + 100)]
+
+
+@given(clouds(60), clouds(60), st.booleans(), seeds)
+@quick
+def test_same_bits_as_all_pairs_in_any_order(
+    points: Floats, others: Floats, on_disk: bool, seed: int
+) -> None:
+    assert_exact(points, others, on_disk=on_disk)
+    random = np.random.default_rng(seed)
+    order = random.permutation(len(points))
+    found, _ = mutual_distances(points, others, jobs=1)
+    again, _ = mutual_distances(points[order], random.permutation(others), jobs=3)
+    assert np.array_equal(again, found[order])
+
+
+@pytest.mark.parametrize("east", [0.01, 500.0, 1e7])
+@pytest.mark.parametrize("scale", [1e-160, 1.0, 1e14, 1e140])
+def test_points_however_far_or_near(east: float, scale: float) -> None:
+    points, others = surface(400, 0, far=0.05), surface(400, 1, far=0.05)
+    points[:20] *= scale
+    others[: 400 if scale < 1 else 5] *= scale
+    assert_exact(points + np.array((east, 0, 30)), others)
+
+
+def grid(shift: float = 0.0) -> Floats:
+    axis = np.arange(9) * 0.1 + shift
+    return np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+
+
+def middle() -> tuple[Floats, Floats]:
+    """Return points on a sphere, and some in its middle, to which all are equally near."""
+    random = np.random.default_rng(0)
+    return sphere(random, 1000) * 1.2, random.normal(size=(50, 3)) * 1e-14
+
+
+def test_ties_that_differ_in_their_last_bits_are_decided_exactly() -> None:
+    # The middles of a grid's cells have eight neighbours, equally far up to the roundings.
+    assert len(np.unique(all_pairs(grid() + 0.05, grid()))) > 2
+    for both in ((grid() + 0.05, grid()), middle()):
+        assert_exact(*both)
+
+
+def test_many_copies_cost_no_more_than_one() -> None:
+    same = np.zeros((50_000, 3))  # all pairs would be 2.5 10^9
+    found, _ = mutual_distances(same + np.array((3.0, 4.0, 0.0)), same, jobs=2)
+    assert found.tolist() == [5.0] * 50_000
+
+
+@pytest.mark.parametrize("block_points", [100, 2000])
+def test_sources_in_memory_or_on_disk_with_points_that_are_not_finite(block_points: int) -> None:
+    prediction, truth = surface(1500, 0), surface(900, 1)
+    prediction[7, 1], truth[800, 1] = np.nan, np.inf
+    finite = np.delete(prediction, 7, axis=0), np.delete(truth, 800, axis=0)
+    found = cloud_distances(
+        cloud_of(prediction), cloud_of(truth), block_points=block_points, jobs=1
+    )
+    assert np.array_equal(found.to_truth, all_pairs(*finite))
+    assert np.array_equal(found.to_prediction, all_pairs(*finite[::-1]))
+
+
+@pytest.mark.parametrize("nothing", [np.zeros((0, 3)), np.full((9, 3), np.nan)])
+def test_nothing_predicted_is_infinitely_far_and_no_truth_an_error(nothing: Floats) -> None:
+    some = cloud_of(surface(5, 0))
+    for block_points in (2, 2000):
+        found = cloud_distances(cloud_of(nothing), some, block_points=block_points, jobs=1)
+        assert (found.to_truth.tolist(), found.to_prediction.tolist()) == ([], [np.inf] * 5)
+        with pytest.raises(BenchmarkError):
+            cloud_distances(some, cloud_of(nothing), block_points=block_points, jobs=1)
