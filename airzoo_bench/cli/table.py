@@ -25,8 +25,8 @@ def table(
         Literal["result", "methods", "scenes", "benchmarks"] | None,
         cli.option(
             "result: a row by scene; methods: a row by method; scenes: methods by scenes side by "
-            "side; benchmarks: methods by benchmarks (default: result for one, methods for "
-            "several of one protocol, else benchmarks).",
+            "side; benchmarks: methods by benchmarks, those of one name in a row (default: result "
+            "for one, methods for several of one protocol, else benchmarks).",
             panel=_ROWS,
         ),
     ] = None,
@@ -47,14 +47,6 @@ def table(
             panel=_ROWS,
         ),
     ] = False,
-    rename: Annotated[
-        cli.Texts,
-        cli.option(
-            "OLD=NEW: another name for a method; methods of different benchmarks with one name "
-            "share a row. Repeatable.",
-            panel=_ROWS,
-        ),
-    ] = None,
     intervals: Annotated[
         bool, cli.option("Show 95 % intervals next to the values.", "--intervals", panel=_VALUES)
     ] = False,

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import load_track
-from airzoo_bench.core.validation import nearest
 from airzoo_bench.protocol.model import find_protocol, shipped_protocols
 from airzoo_bench.results.comparable import check_score, find_scene, named_scores
 from airzoo_bench.results.records import Scored, read_records
-from airzoo_bench.results.result import Result, method_names, read_result, result_paths
+from airzoo_bench.results.result import Result, read_result, result_paths
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables import layouts, marks
 from airzoo_bench.tables.intervals import with_intervals
@@ -97,7 +96,7 @@ def _read_parts(asked: Any) -> list[_Part]:
     """Read the results by protocol, and protocols for the numbers that are published on them."""
     names = [name for name in asked.results if asked.published and name in shipped_protocols()]
     paths = result_paths([one for one in asked.results if one not in names])
-    results = _rename([read_result(path) for path in paths], paths, asked.rename or ())
+    results = [read_result(path) for path in paths]
     every_score = asked.every or bool(asked.scores)
     groups: dict[str, list[tuple[Result, Path]]] = {}
     for result, path in zip(results, paths, strict=True):
@@ -111,24 +110,6 @@ def _read_parts(asked: Any) -> list[_Part]:
         scores = [column for column in columns if every_score or column.headline]
         parts.append(_Part(empty_table(protocol, scores)))
     return parts
-
-
-def _rename(results: Sequence[Result], paths: Sequence[Path], texts: Sequence[str]) -> list[Result]:
-    """Give methods the names that --rename asks for."""
-    known = method_names(paths, results)
-    new = {old.strip(): name.strip() for old, _, name in (text.rpartition("=") for text in texts)}
-    for old, name in new.items():
-        if old not in known or not name:
-            raise UsageError(
-                f"--rename: no method is called {old[:80]!r}{nearest(old[:80], known)}",
-                expected="OLD=NEW, with OLD one of " + ", ".join(known[:30]),
-            )
-    changed = []
-    for result, name in zip(results, known, strict=True):
-        used = {"method": new.get(name, result.predictions.method)}
-        predictions = result.predictions.model_copy(update=used)
-        changed.append(result.model_copy(update={"predictions": predictions}))
-    return changed
 
 
 def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:

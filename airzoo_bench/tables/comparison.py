@@ -11,16 +11,14 @@ from airzoo_bench.core.errors import agreeing, counted, plural
 from airzoo_bench.results.comparison import FLOOR_MARK, Comparison, Pair
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.samples import ResamplingConfig, difference
+from airzoo_bench.statistics.samples import difference
 from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.intervals import brackets_note, resampled, score_cell, score_title
 from airzoo_bench.tables.method_table import UNITS, share_notes
-from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 LEAST_P = 1e-4
 """A p-value below is shown as less than it."""
-
-_SENTENCES = 4
 
 
 def verdict(pair: Pair) -> str:
@@ -32,30 +30,6 @@ def verdict(pair: Pair) -> str:
     if not pair.difference or pair.p_holm > LEVEL:
         return "unclear"
     return "better" if pair.is_better else "worse"
-
-
-def sentence(pair: Pair, resampling: ResamplingConfig) -> str:
-    """Say what a pair shows, with its numbers, at a level of 5 % after Holm's correction."""
-    word, on = verdict(pair), f"on {pair.score.title}"
-    if word == "equal":
-        return f"{pair.method} and {pair.reference} are equal {on} everywhere."
-    cell = score_cell(pair.score, pair.difference, pair.interval)
-    amount = f"{cell.text(2)} {UNITS[pair.score.unit]}"
-    level = f"{share_to_percent(resampling.confidence):g} %"
-    span = cell.uncertainty
-    interval = "no interval"
-    if span is not None:
-        interval = f"{level} interval {Cell(span.low).text(2)} to {Cell(span.high).text(2)}"
-    p_values = {"p": pair.test.p_value, "after Holm": pair.p_holm, "McNemar": pair.p_mcnemar}
-    shown = {name: Cell(p, least=LEAST_P).text(4) for name, p in p_values.items() if p is not None}
-    tests = ", ".join(f"{name} {p if p[0] == '<' else f'= {p}'}" for name, p in shown.items())
-    said = {
-        "better": f"{pair.method} is better than {pair.reference} {on}",
-        "worse": f"{pair.method} is worse than {pair.reference} {on}",
-        "unclear": f"{pair.method} and {pair.reference} cannot be told apart {on}",
-        "too few": f"Too few to tell {pair.method} and {pair.reference} apart {on}",
-    }[word]
-    return f"{said}: difference {amount} ({interval}), {tests}."
 
 
 def comparison_table(comparison: Comparison) -> Table:
@@ -101,20 +75,16 @@ def _row(pair: Pair, comparison: Comparison) -> Row:
 
 
 def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
-    """Say a sentence about each of few pairs, and where there are too few units or no interval."""
-    reasons, told = [], []
+    """Say where there are too few units or no interval."""
+    reasons = []
     for pair in pairs:
         name = f"{pair.score.title}, {pair.method}"
         if verdict(pair) == "too few":
             differ = f"{counted(pair.wins + pair.losses, comparison.unit)} with a difference"
             reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))
-        else:
-            told.append(sentence(pair, comparison.resampling))
         if pair.interval.reason:
             reasons.append((name, f"no interval; {pair.interval.reason}"))
-    # Of two methods by few scores, sentences have room.
-    is_short = len(pairs) == len({pair.score.key for pair in pairs}) <= _SENTENCES
-    return [*(told if is_short else ()), *share_notes(reasons)]
+    return share_notes(reasons)
 
 
 def _explain_tests(comparison: Comparison) -> list[str]:

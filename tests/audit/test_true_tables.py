@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP
 from pathlib import Path
 
@@ -52,12 +51,6 @@ def test_averages_over_scenes(seed: int, rounding: str) -> None:
     # What is off by the last digit is a gain of exact values, never an average.
     assert {finding[:2] for finding in told(found)} <= {("rounding", "gain")}
     assert "average: 32 checked, 0 found" in found.notes
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_averages_over_queries(seed: int) -> None:
-    found = audited(replace(Manner(seed, SCENES), pooled=True), with_counts=True)
-    assert not grave(found)
 
 
 def test_every_check_has_been_at_work() -> None:

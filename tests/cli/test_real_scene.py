@@ -6,11 +6,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from airzoo_bench.geometry.crs import geodesic_distance_m
-from airzoo_bench.geometry.rasters import open_info, pixel_to_world, read_rgb
 from airzoo_bench.results.result import read_result
 from airzoo_bench.retrieval.truth import read_truth
 from tests.support import run_main
@@ -31,7 +29,7 @@ def prepared(brighton: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         cloud=brighton / "model.laz",
         tile_size=[256, 128],
     )
-    PHOTOS.prepare(sources, PrepareSettings(root / "brighton", root, crops_on_disk=True))
+    PHOTOS.prepare(sources, PrepareSettings(root / "brighton", root))
     return root
 
 
@@ -51,19 +49,6 @@ def test_every_photo_is_a_query_and_sees_its_own_place(prepared: Path) -> None:
     best = [tiles[start + ratios[start:stop].argmax()] for start, stop in pairwise(offsets)]
     middles = (truth.boxes[best, :2] + truth.boxes[best, 2:]) / 2
     assert geodesic_distance_m(truth.footprint_centres, middles).max() < 20
-
-
-def test_crops_are_the_windows_of_the_map(prepared: Path, brighton: Path) -> None:
-    home = prepared / "brighton" / "scenes" / "brighton" / "matching"
-    crops = pd.read_csv(home / "crops.csv").set_index("id")
-    assert len(list((home / "crops").iterdir())) == 2 * len(crops) + 1  # crops.csv
-    x, y, width, height = crops.loc["brighton/DJI_0020"].tolist()
-    written = home / "crops" / "DJI_0020_dom.tif"
-    expected = read_rgb(brighton / "dom_10cm.tif", (x, y, width, height))
-    assert np.array_equal(read_rgb(written), expected)
-    dom, crop = open_info(brighton / "dom_10cm.tif"), open_info(written)
-    corner = pixel_to_world(dom.transform, [x, y])
-    np.testing.assert_allclose(pixel_to_world(crop.transform, [0, 0]), corner, atol=1e-6)
 
 
 def test_the_true_cloud_is_perfect(prepared: Path, brighton: Path, tmp_path: Path) -> None:

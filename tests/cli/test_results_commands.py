@@ -156,11 +156,6 @@ def test_the_numbers_of_a_comparison(methods: list[Scored], paths: list[Path], r
     assert row["p Paired"] <= row["p Holm"]
     assert row["p McNemar"] is None
     assert sum(row[f"Queries {kind}"] for kind in ("Win", "Tie", "Loss")) == 70
-    _, rows, _ = read(run, "compare", *paths, "--method", NAMES[2], "--score", "MRR")
-    assert {row["Against"] for row in rows} == set(NAMES[:2])
-    for row in rows:
-        assert row["Difference"] == pytest.approx(row["Value"] - row["Other"])
-        assert row["Queries Win"] > row["Queries Loss"]
     # Of one, its table with intervals.
     columns, rows, table = read(run, "compare", paths[0])
     assert [row["Scene"] for row in rows] == ["East", "West", "Average", "Pooled"]
@@ -170,16 +165,14 @@ def test_the_numbers_of_a_comparison(methods: list[Scored], paths: list[Path], r
             assert beside["low"] < row[name] < beside["high"]
 
 
-def test_the_best_of_a_scene_and_other_versions(tmp_path: Path, run: Run) -> None:
+def test_the_best_of_a_scene(tmp_path: Path, run: Run) -> None:
     values = {"a": ([1.0] * 8, [0.0] * 8), "b": ([1.0] * 4 + [0.0] * 4, [1.0] * 8)}
     paths = []
-    for version, (name, (first, second)) in enumerate(values.items()):
+    for name, (first, second) in values.items():
         scenes = {"x": {"recall@1": first}, "y": {"recall@1": second}}
-        method = made_method(scenes, name=name, version=f"1.{version}")
-        paths.append(write_method(tmp_path / name, method))
+        paths.append(write_method(tmp_path / name, made_method(scenes, name=name)))
     for scene, said in (("X", "a against others"), ("y", "b against others")):
         assert said in run("compare", *paths, "--reference", "best", "--scene", scene)
-    assert "different versions of airzoo-bench: 1.0 (a), 1.1 (b)" in run("compare", *paths)
 
 
 def test_groups_are_averages_of_their_queries(
@@ -210,10 +203,8 @@ def test_groups_are_averages_of_their_queries(
         ("compare", "RESULTS"),
         ("compare x.json", "x.json: no such result file"),
         ("compare 0 --reference best", "--reference"),
-        ("compare 0 --method x", "--method"),
         ("compare 0 1 2 --all --score MRR", "--all and --score exclude each other"),
-        ("compare 0 1 --method x --reference y", "exclude each other"),
-        ("compare 0 1 --method fair#2", "did you mean 'fair #2'"),
+        ("compare 0 1 --reference fair#2", "did you mean 'fair #2'"),
         ("breakdown 0 --by altitud", "did you mean 'altitude_m'"),
         ("breakdown 0 --by weather --bins 1", "--bins"),
         ("breakdown 0 --by altitude_m --bins 9,5", "--bins"),

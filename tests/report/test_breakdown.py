@@ -20,7 +20,6 @@ from airzoo_bench.tables.breakdown import (
     condition_names,
     condition_title,
     even_edges,
-    group_averages,
     group_records,
     is_condition,
 )
@@ -69,11 +68,9 @@ def test_groups(by: str, bins: list[float] | None, groups: dict[str, list[int]])
         # With an empty field they are read as floats.
         ([20240116.0, 20240115.0, np.nan], ["20240115", "20240116", "unknown"]),
         ([2**60, 2**60 + 1, 2**60], [str(2**60), str(2**60 + 1)]),
-        ([0.5, 0.25, 0.5], ["0.25", "0.5"]),
         ([1 / 3, 2.0, 1 / 3], ["0.333333333333", "2"]),
         ([100.0001, 100.0002, 100.0], ["100", "100.0001", "100.0002"]),
         ([1.5e300, np.inf, 0.0], ["0", "1.5e+300", "inf"]),
-        (["unknown", None, "fog"], ["fog", "unknown"]),
         (["zebra", "unknown", "fog"], ["fog", "zebra", "unknown"]),
         (["True", True, None], ["True", "unknown"]),
     ],
@@ -109,17 +106,6 @@ def test_even_edges_are_few_round_and_inside(values: list[float], most: int) -> 
     assert all(array.min() < edge <= array.max() for edge in edges)
     assert even_edges(np.array([12.0, 487.0])) == (100, 200, 300, 400)
     assert even_edges(np.array([3.0, 3.0])) == ()
-
-
-def test_averages_are_those_of_pandas() -> None:
-    random = np.random.default_rng(1)
-    values, codes = random.random((2, 200)), random.integers(0, 5, 200)
-    codes[codes == 3] = 4
-    values[1, ::17] = np.inf
-    found = group_averages(values, np.array([False, True]), codes, 5)
-    frame = pd.DataFrame({"code": codes, "mean": values[0], "median": values[1]})
-    by = frame.groupby("code").agg({"mean": "mean", "median": "median"}).reindex(range(5))
-    np.testing.assert_allclose(found, by.to_numpy().T)
 
 
 def breakdown(*ask: object) -> Any:
@@ -162,7 +148,7 @@ def test_groups_of_one_method_are_not_those_of_another(tmp_path: Path) -> None:
     ):
         done = run(*ask, "--by", by)
         assert isinstance(done.exception, UsageError)
-        assert "the column of b is not that of a" in str(done.exception)
+        assert by in str(done.exception)
     page = made_page(tmp_path, *paths)
     assert [one["title"] for one in page.parts[0]["queries"]["conditions"]] == ["altitude [m]"]
     heads = {table[1][0][0].strip() for table in page.tables["part1-conditions"]}
