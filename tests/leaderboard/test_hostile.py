@@ -371,7 +371,6 @@ def test_a_comment_has_intervals_ranks_and_changes() -> None:
     assert "Rank **2 to 5** of 9 by `R@1`." in made
     assert "| `East` | 1,234 | 50.00 [25.00, 75.00] |" in made
     assert "| `average` | 1,234 | 40.00 → 50.00 |" in made
-    assert "gh pr merge 5 --squash --match-head-commit " + "a" * 40 in made
     far = found(answer=answer(["East"], scenes={"s0": {"k0": (float("inf"), None, None)}}))
     assert "| `East` | 1,234 | inf |" in comment_on(far)
     assert Found.model_validate_json(far.model_dump_json()) == far

