@@ -20,17 +20,6 @@ IMAGE_SUFFIXES = (
 Texts = NDArray[np.str_]
 
 
-def scene_of(ids: Texts) -> Texts:
-    """Return the scene part of ids ``scene/name``."""
-    return np.char.partition(ids, "/")[..., 0] if ids.size else np.zeros(ids.shape, ids.dtype)
-
-
-def with_endings(ids: Texts) -> bool:
-    """Tell whether most ids end as files of images do, in letters of either case."""
-    ends = [str(name).lower().endswith(IMAGE_SUFFIXES) for name in ids]
-    return sum(ends) * 2 > len(ends)
-
-
 def check_ids(ids: Texts, where: str) -> None:
     """Refuse ids without a scene or a name, repeated ids, and none."""
     place = np.char.find(ids, "/")

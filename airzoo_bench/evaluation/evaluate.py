@@ -144,9 +144,7 @@ def _join_records(
 ) -> tuple[list[ScoreColumn], pd.DataFrame]:
     """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
     records = pd.concat([scene.records for scene in scored], ignore_index=True)
-    for score in (one for one in scores if one.headline and one.key not in records):
-        raise ValueError(f"no record has the headline {score.key}, by a fault of the track")
-    scores = [score for score in scores if score.key in records]
+    scores = [score for score in scores if score.headline or score.key in records]
     lacking = {
         score.key: 0.0 if score.higher_is_better else np.inf
         for score in scores
@@ -162,11 +160,7 @@ def truth_fingerprint(truths: Sequence[Truth]) -> str:
 
 @dataclass(frozen=True)
 class Checked:
-    """The errors and notes of predictions.
-
-    `errors` are what `evaluate` would raise; `described` says what the files are, what reads them
-    and how much of the benchmark they answer.
-    """
+    """What `evaluate` would raise, notes, and what the files are, who reads and how many answer."""
 
     errors: list[UserError]
     notes: list[str] = field(default_factory=list)
@@ -195,7 +189,7 @@ def check(
     try:
         assignment = given.track.assign(given.predictions, truths, given.protocol)
     except (PredictionError, CameraError) as error:
-        return Checked([error], [*given.notes], _describe(given) if given.reader else [])
+        return Checked([error], [*given.notes], _describe(given))
     errors: list[UserError] = [*assignment.errors]
     scored = []
     for part, truth in zip(assignment.parts, truths, strict=True):
@@ -207,9 +201,8 @@ def check(
     described = [*_describe(given), f"answers {assignment.covered}"]
     if not errors:
         return Checked([], _notes(given, truths, assignment, scored), described)
-    notes = [*given.notes, *assignment.notes, *(note for one in scored for note in one.notes)]
-    # Of the suite's own files the errors say all; of others, who reads them comes first.
-    return Checked(errors, notes, described if given.reader else [])
+    notes = (note for one in scored for note in one.notes)
+    return Checked(errors, [*given.notes, *assignment.notes, *notes], described)
 
 
 def _describe(given: Given) -> list[str]:
@@ -234,8 +227,6 @@ def run_baseline(
 ) -> None:
     """Run a track's baseline on a benchmark and write predictions."""
     baseline = TRACKS.get(track).baseline
-    if baseline is None:
-        raise UsageError(f"the {track} track has no baseline")
     chosen = protocol_of_track(protocol, data, load_track(track).protocol)
     benchmark = find_benchmark(chosen.benchmark, data, sealed=True)
     benchmark.check_fits(chosen)

@@ -9,13 +9,13 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, ProtocolError, UnreadableError
 from airzoo_bench.core.files import npz_fields, sha256_of, temporary_folder
 from airzoo_bench.core.registry import TRACKS, load_track
-from airzoo_bench.core.sandbox import call_limited, check_limits
+from airzoo_bench.core.sandbox import call_limited
 from airzoo_bench.evaluation.reader import Reading, find_reader, image_size_of, reader_named
 from airzoo_bench.evaluation.track import Predictions, Run, ScenePredictions, Track, Truth
 from airzoo_bench.formats.arrays import protocol_name
@@ -67,95 +67,77 @@ def open_predictions(
     read_by: ReadBy = ReadBy(),
 ) -> Given:
     """Open predictions in this process, or in a child under limits where `run` has some."""
-    infos = {name: TRACKS.get(name) for name in TRACKS.names()}
-    kinds = "; ".join(f"{name}: {info.kinds}" for name, info in infos.items())
-    example = {"expected": kinds, "fix": "`airzoo-bench template` writes an example"}
     if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
-        raise UnreadableError("no such prediction file or folder", where=path, **example)
+        raise UnreadableError("no such prediction file or folder", where=path, **_example())
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
-    fields, chosen = npz_fields(path), None
-    others = fields - {"protocol"}  # they may be a method's own, which its reader opens
-    is_npz = path.suffix == ".npz"
-    stated = protocol_name(NpzFile(path, run.memory_bytes, others)) if is_npz else None
+    fields, stated, chosen = npz_fields(path), None, None
+    if path.suffix == ".npz":  # other fields may be a method's own, which its reader opens
+        stated = protocol_name(NpzFile(path, run.memory_bytes, fields - {"protocol"}))
     if protocol is not None or stated is not None:
-        chosen = _stated_protocol(path, protocol, stated, data)
-        track = _checked_track(path, chosen, track)
+        chosen = _choose_protocol(path, protocol, stated, track, data)
+        track = chosen.track
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
     name = read_by.reader or (None if is_own else find_reader(path, track))
     if name is not None:
-        return _open_native(path, name, data, track, chosen, run, read_by)
-    if track is None:
-        kind, is_folder = path.name.lower(), path.is_dir()
-        fitting = [
-            one.name
-            for one in sorted(infos.values(), key=lambda info: not fields & {*info.fields})
-            if (one.folders if is_folder else kind.endswith(one.suffixes))
-        ]
-        if not fitting:
-            what = f"no kind of file that predictions come in: {path.suffix[:20]!r}"
-            raise UnreadableError(what, where=path, **example)
-        track = fitting[0]
+        reader = reader_named(name)
+        if track not in (None, reader.track):
+            what = f"is {reader.title}, predictions of the {reader.track} track, not of {track}"
+            fix = f"those are scored by `airzoo-bench eval {reader.track} {path}`"
+            raise UnreadableError(what, where=path, fix=fix)
+        chosen = chosen or _choose_protocol(path, None, None, reader.track, data)
+        return _read_native(path, name, data, chosen, run, read_by)
+    track = track or _track_by_kind(path, fields)
     predictions: Predictions = load_track(track).open(path, run.memory_bytes)
-    if chosen is None:
-        chosen = _stated_protocol(path, None, predictions.protocol, data)
-        _checked_track(path, chosen, track)
-    return Given(predictions, chosen)
+    stated = predictions.protocol
+    return Given(predictions, chosen or _choose_protocol(path, None, stated, track, data))
 
 
-def _stated_protocol(path: Path, named: str | None, in_file: str | None, data: Path) -> Protocol:
+def _example() -> dict[str, str]:
+    infos = [TRACKS.get(name) for name in TRACKS.names()]
+    kinds = "; ".join(f"{info.name}: {info.kinds}" for info in infos)
+    return {"expected": kinds, "fix": "`airzoo-bench template` writes an example"}
+
+
+def _choose_protocol(
+    path: Path, named: str | None, stated: str | None, track: str | None, data: Path
+) -> Protocol:
     """Return the protocol that was named, else the one that predictions state."""
-    if named is not None:
-        return find_protocol(named, data)
-    if in_file is None:
+    if named is None and stated is None:
+        there = " or ".join(prepared_protocols(str(track), data)[:3])
         raise ProtocolError(
             "does not say which protocol it is for",
             where=path,
-            expected="a field 'protocol' in the file, or protocol.txt in the folder or archive",
-            fix="name it with --protocol; `airzoo-bench protocols` lists them",
-        )
-    try:
-        return find_protocol(in_file, data)
-    except ProtocolError as error:
-        raise error.inside(f"{path}, field 'protocol'") from error
-
-
-def _checked_track(path: Path, chosen: Protocol, track: str | None) -> str:
-    """Return the track of a protocol, which must be the one that is asked for, if one is."""
-    if track not in (None, chosen.track):
-        raise PredictionError(
-            f"protocol {chosen.name} is of the {chosen.track} track, not of the {track} track",
-            where=path,
-            fix=f"airzoo-bench eval {chosen.track} {path}",
-        )
-    return chosen.track
-
-
-def _open_native(
-    path: Path,
-    name: str,
-    data: Path,
-    track: str | None,
-    chosen: Protocol | None,
-    run: Run,
-    read_by: ReadBy,
-) -> Given:
-    """Read what a method wrote; such files do not say which protocol they are for."""
-    reader = reader_named(name)
-    if track not in (None, reader.track):
-        raise UnreadableError(
-            f"is {reader.title}, predictions of the {reader.track} track, not of the {track} track",
-            where=path,
-            fix=f"those are scored by `airzoo-bench eval {reader.track} {path}`",
-        )
-    if chosen is None:
-        there = " or ".join(prepared_protocols(reader.track, data)[:3])
-        raise ProtocolError(
-            "does not say which protocol it is for",
-            where=path,
-            expected=f"--protocol NAME, for what was read as {reader.title}",
+            expected="a field 'protocol', protocol.txt in a folder or archive, or --protocol NAME",
             fix=f"add --protocol {there}" if there else "`airzoo-bench protocols` lists them",
         )
+    try:
+        chosen = find_protocol(named or str(stated), data)
+    except ProtocolError as error:
+        if named is not None:
+            raise
+        raise error.inside(f"{path}, field 'protocol'") from error
+    if track not in (None, chosen.track):
+        what = f"protocol {chosen.name} is of the {chosen.track} track, not of the {track} track"
+        raise PredictionError(what, where=path, fix=f"airzoo-bench eval {chosen.track} {path}")
+    return chosen
+
+
+def _track_by_kind(path: Path, fields: set[str]) -> str:
+    """Return the track that a file's own fields, or its ending, are of."""
+    infos = [TRACKS.get(name) for name in TRACKS.names()]
+    for info in sorted(infos, key=lambda info: not fields & {*info.fields}):
+        if info.folders if path.is_dir() else path.name.lower().endswith(info.suffixes):
+            return str(info.name)
+    what = f"no kind of file that predictions come in: {path.suffix[:20]!r}"
+    raise UnreadableError(what, where=path, **_example())
+
+
+def _read_native(
+    path: Path, name: str, data: Path, chosen: Protocol, run: Run, read_by: ReadBy
+) -> Given:
+    """Read what a method wrote."""
+    reader = reader_named(name)
     benchmark, truths = read_truths(chosen, data, sealed=True)
     reading = Reading(
         chosen,
@@ -227,26 +209,17 @@ class _ListedScenes(ScenePredictions):
         yield _call("open_scene_here", {**self.request, **settings}, self.path, self.run)
 
 
-@dataclass(frozen=True)
-class _Opened:
-    predictions: Any
-    reader: dict[str, Any] | None
-    notes: tuple[str, ...]
-
-
 def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **asked: Any) -> Given:
-    check_limits()
     # In a container the child does not see the folder of benchmarks, which has their truth.
     stated = protocol_files(data).get(protocol or "", protocol)
     request = {"path": path, "data": data, "protocol": stated, **asked}
     request["memory_bytes"] = run.memory_bytes
-    found = _call("open_here", request, path, run)
-    predictions = found.predictions
+    predictions, reader, notes = _call("open_here", request, path, run)
     if isinstance(predictions, _ListedScenes):
         predictions = replace(predictions, request=request, run=run)
     chosen = find_protocol(protocol or predictions.protocol, data)
-    reader = ReaderUsed.model_validate(found.reader) if found.reader else None
-    return Given(predictions, chosen, reader, tuple(found.notes))
+    used = None if reader is None else ReaderUsed.model_validate(reader)
+    return Given(predictions, chosen, used, tuple(notes))
 
 
 def _call(function: str, request: Mapping[str, Any], path: Path, run: Run) -> Any:
@@ -257,32 +230,27 @@ def _call(function: str, request: Mapping[str, Any], path: Path, run: Run) -> An
         folder = stack.enter_context(temporary_folder(parent, "airzoo-bench"))
         place = f"{__name__}:{function}"
         found = call_limited(place, request, where=path, limits=run.limits, folder=folder)
-        weakref.finalize(getattr(found, "predictions", found), stack.pop_all().close)
+        owner = found[0] if isinstance(found, list) else found
+        weakref.finalize(owner, stack.pop_all().close)
         return found
 
 
-def _given_here(memory_bytes: int, protocol: Path | str | None, **request: Any) -> Given:
+def open_here(memory_bytes: int, protocol: Path | str | None, **request: Any) -> list[Any]:
+    """Open predictions, in the child; return them, their reader and its notes."""
     named = None if protocol is None else str(protocol)
-    return open_predictions(run=Run(memory_bytes), protocol=named, **request)
-
-
-def open_here(**request: Any) -> _Opened:
-    """Open predictions, in the child."""
-    given = _given_here(**request)
+    given = open_predictions(run=Run(memory_bytes), protocol=named, **request)
     found: Any = given.predictions
     if isinstance(found, ScenePredictions):
         listed = tuple(found.unknown_files), tuple(found.scenes)
         found = _ListedScenes(found.path, found.protocol, *listed)
-    reader = given.reader.model_dump(mode="json") if given.reader else None
-    return _Opened(found, reader, given.notes)
+    return [found, given.reader and given.reader.model_dump(mode="json"), list(given.notes)]
 
 
 def open_scene_here(
-    scene: str, limit_bytes: int, sampling: Any, **request: Any
+    scene: str, limit_bytes: int, sampling: Any, memory_bytes: int, protocol: Any, **request: Any
 ) -> AbstractContextManager[Any]:
     """Open one scene of predictions, in the child."""
-    predictions: Any = _given_here(**request).predictions
-    opened: AbstractContextManager[Any] = predictions.opened(
-        scene, limit_bytes=limit_bytes, sampling=sampling
-    )
-    return opened
+    named = None if protocol is None else str(protocol)
+    given = open_predictions(run=Run(memory_bytes), protocol=named, **request)
+    opened = given.predictions.opened(scene, limit_bytes=limit_bytes, sampling=sampling)
+    return cast("AbstractContextManager[Any]", opened)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UsageError, counted, first_of
 from airzoo_bench.core.files import atomic_write, write_npz
-from airzoo_bench.core.ids import rows_among, scene_of, with_endings
+from airzoo_bench.core.ids import rows_among
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.track import Assignment
 from airzoo_bench.formats.arrays import Arrays, check_fields, protocol_name, texts
@@ -50,7 +50,12 @@ def assign_queries(
     asked = np.concatenate(wanted)
     found = rows_among(asked, ids)
     if (found < 0).all():
-        raise _other_benchmark(predictions, protocol, str(asked[0]))
+        raise PredictionError(
+            f"none of its query ids belongs to {protocol.benchmark}: {first_of(ids, len(ids))}",
+            where=f"{predictions.path}, field 'query_ids'",
+            expected=f"ids such as {asked[0]}: scenes as the protocol has them, no file's ending",
+            fix="name the right protocol with --protocol; `airzoo-bench template` writes the ids",
+        )
     missing, strange = asked[found < 0], np.delete(ids, found[found >= 0])
     ends = np.cumsum([len(some) for some in wanted])[:-1]
     parts = [QueryPart(predictions, rows) for rows in np.split(found, ends)]
@@ -58,7 +63,6 @@ def assign_queries(
         named = first_of(missing, len(asked), _SHOWN)
         notes.append(f"queries that the predictions lack, scored at their worst: {named}")
     if strange.size:
-        # Each id stands once: what a mistyped one means is among the queries that are missing.
         shown = [
             repr(name[:_SHOWN_LETTERS]) + nearest(name, missing.tolist(), 1)
             for name in strange[:_SHOWN].tolist()
@@ -67,27 +71,6 @@ def assign_queries(
         notes.append(f"ids of the predictions that are no queries, left aside: {named}")
     covered = f"{len(asked) - len(missing):,} of {counted(len(asked), 'query')}"
     return Assignment(parts, covered, notes, len(strange))
-
-
-def _other_benchmark(
-    predictions: QueryPredictions[Any], protocol: Protocol, example: str
-) -> PredictionError:
-    """Return the error for predictions without any id of the benchmark."""
-    ids = predictions.query_ids
-    known = {name.lower(): one.id for one in protocol.scenes for name in (one.title, one.id)}
-    scenes = sorted(set(scene_of(ids).tolist()) - set(known.values()))
-    meant = [f"{known[name.lower()]} for {name}" for name in scenes if name.lower() in known]
-    fix = "name the right protocol with --protocol; `airzoo-bench template` writes the ids"
-    if with_endings(ids):
-        fix = "leave out the file's ending: ids are names without it"
-    elif meant:
-        fix = f"write the scene as the protocol does: {', '.join(meant[:3])}"
-    return PredictionError(
-        f"none of its query ids belongs to {protocol.benchmark}: {first_of(ids, len(ids))}",
-        where=f"{predictions.path}, field 'query_ids'",
-        expected=f"ids such as {example}",
-        fix=fix,
-    )
 
 
 class Fields(NamedTuple, Generic[C]):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from airzoo_bench.evaluation.evaluate import Evaluation
 
 _RESULT = "result.json"
-_RECORDS, _REST = ".records", ".scene"
+_SCENE = ".scene"
 
 
 def check_run_folder(out: Path, predictions: str | Path) -> tuple[list[str], set[str]]:
@@ -78,36 +77,30 @@ class SceneStore:
         """Set the fingerprint of the run: scenes of other runs are not loaded."""
         self._run = run
 
-    def paths(self) -> list[Path]:
-        """Return a file of each scene that is kept."""
-        return list(self.folder.glob(f"*{_REST}"))
-
     def load(self, scene: str) -> Scored | None:
         """Return what this run has kept of a scene, if it is there and whole."""
-        place = self._place(scene)
         try:
-            rest = json.loads(place.with_suffix(_REST).read_text("utf-8"))
-            records = pd.read_parquet(place.with_suffix(_RECORDS))
+            records = pd.read_parquet(self._place(scene))
+            rest, records.attrs = records.attrs, {}
             return Scored(records, **(rest | {"notes": tuple(rest["notes"])}))
         except (OSError, ValueError, KeyError, TypeError):  # there is none, or it is damaged
             return None
 
     def save(self, scene: str, scored: Scored) -> None:
         """Keep the scores of a scene, without what figures show of it."""
-        place = self._place(scene)
-        rest = {name: getattr(scored, name) for name in ("counts", "kind", "notes", "facts")}
-        with atomic_write(place.with_suffix(_RECORDS)) as stream:
-            scored.records.to_parquet(stream)
-        with atomic_write(place.with_suffix(_REST), "w") as text:
-            json.dump(rest, text)
+        records = scored.records.copy(deep=False)
+        names = ("counts", "kind", "notes", "facts")
+        records.attrs = {name: getattr(scored, name) for name in names}
+        with atomic_write(self._place(scene)) as stream:
+            records.to_parquet(stream)
 
     def remove(self) -> None:
         """Remove what is kept, and nothing else."""
         with suppress(OSError):  # there is none, or something else is in it
             for path in self.folder.iterdir():
-                if path.name.endswith((_RECORDS, _REST, PART)):
+                if path.name.endswith((_SCENE, PART)):
                     path.unlink()
             self.folder.rmdir()
 
     def _place(self, scene: str) -> Path:
-        return self.folder / fingerprint([self._run, scene])[:32]
+        return self.folder / (fingerprint([self._run, scene])[:32] + _SCENE)
