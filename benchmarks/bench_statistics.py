@@ -13,7 +13,7 @@ from scipy.stats import bootstrap as scipy_bootstrap
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.comparison import make_sample
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.retrieval.scoring import list_scores
+from airzoo_bench.retrieval.track import list_scores
 from airzoo_bench.statistics.intervals import sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 

@@ -17,8 +17,8 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.predictions import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
-from airzoo_bench.retrieval.scoring import hit_columns
 from airzoo_bench.retrieval.settings import ApVariant
+from airzoo_bench.retrieval.track import hit_columns
 from airzoo_bench.retrieval.truth import Positives, offsets_of
 
 __all__ = ["average_precision", "chance_level", "recall_at_k", "retrieval_scores"]

@@ -14,7 +14,7 @@ from airzoo_bench.benchmark.folder import (
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.validation import read_toml, validated
-from airzoo_bench.evaluation.opening import read_truth
+from airzoo_bench.evaluation.evaluate import read_truth
 from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.protocol.model import Protocol, load_protocol
 

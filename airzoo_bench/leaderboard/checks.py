@@ -17,8 +17,7 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
-from airzoo_bench.evaluation.opening import ReadBy
+from airzoo_bench.evaluation.evaluate import Evaluation, ReadBy, check, evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address

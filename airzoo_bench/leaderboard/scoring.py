@@ -20,8 +20,7 @@ from airzoo_bench.core.errors import (
     UserError,
 )
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.evaluation.evaluate import truth_fingerprint
-from airzoo_bench.evaluation.opening import read_truths
+from airzoo_bench.evaluation.evaluate import read_truths, truth_fingerprint
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.answers import (

@@ -17,7 +17,7 @@ from airzoo_bench.report.figures import COLOURS, Sheet, finish, new_canvas
 from airzoo_bench.report.places import Place, draw_ground, true_window
 from airzoo_bench.report.sections import Section
 from airzoo_bench.retrieval.metrics import hit_matrix
-from airzoo_bench.retrieval.scoring import RANKED_TILE
+from airzoo_bench.retrieval.track import RANKED_TILE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import rows_among
-from airzoo_bench.core.validation import nearest as suggestion
 from airzoo_bench.engines.engine import split
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Ints
@@ -93,7 +92,7 @@ def rank_scene(
     else:
         found = rank_by_descriptors(
             content.queries[rows[there]],
-            _scene_gallery(content.gallery, content.gallery_ids, truth, run.memory_bytes),
+            _scene_gallery(content.gallery, content.gallery_ids, truth),
             k=k,
             metric=settings.descriptor_metric,
             positives=positives,
@@ -202,7 +201,7 @@ def _rank_lists(
             named, tile = first_of(names[rows[part]][strange.any(axis=1)]), str(ids[strange][0])
             raise PredictionError(
                 f"tiles that are not in the gallery of scene {truth.scene}, ranked for queries "
-                f"{named}; the first is {tile!r}{suggestion(tile, known.tolist(), 1)}",
+                f"{named}; the first is {tile!r}",
                 where="field 'ranked_ids'",
                 expected=f"ids scene/name of the query's own scene, such as {known[0]}",
                 fix="cut the gallery by the protocol's sizes, or take ids from tiles.parquet",
@@ -272,26 +271,18 @@ def _rank_part(
 
 
 def _scene_gallery(
-    gallery: NDArray[Any], given: NDArray[np.str_], truth: RetrievalTruth, memory_bytes: int
+    gallery: NDArray[Any], given: NDArray[np.str_], truth: RetrievalTruth
 ) -> NDArray[Any]:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
     ids, field = truth.tiles["id"].to_numpy(str), "field 'gallery_ids'"
     rows = rows_among(ids, given)
     if (lacking := ids[rows < 0]).size:
         raise PredictionError(
-            f"lacks descriptors of tiles of scene {truth.scene}: {first_of(lacking, len(ids))}"
-            + suggestion(str(lacking[0]), given[~np.isin(given, ids)].tolist(), 1),
+            f"lacks descriptors of tiles of scene {truth.scene}: {first_of(lacking, len(ids))}",
             where=field,
             expected="every tile of the gallery: leaving some out would make the task easier",
             fix="describe all tiles of tiles.parquet; of runs a scene, name the folder of all",
         )
     if (np.diff(rows) == 1).all():
         return gallery[rows[0] : rows[0] + len(rows)]
-    if isinstance(gallery, np.memmap) and len(rows) * gallery[:1].nbytes > memory_bytes:
-        raise PredictionError(
-            f"the gallery of scene {truth.scene} is larger than the memory, and cannot be read in "
-            "pieces, since it is not in the order of tiles.parquet",
-            where=field,
-            fix="save the rows in the order of tiles.parquet, or raise --max-memory",
-        )
     return np.asarray(gallery[rows])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.core.validation import Positive, Ranks, Strict, Thresholds
@@ -27,13 +27,6 @@ class MapGallery(Strict):
     gsd_m: Positive | Literal["any"]
     gsd_tolerance: Annotated[float, Field(gt=0, lt=1)]
     least_valid_share: Share | Literal["none"]
-
-    @field_validator("tile_sizes_px")
-    @classmethod
-    def _sizes_differ(cls, sizes: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(sizes)) != len(sizes):
-            raise ValueError("each tile size once")
-        return sizes
 
 
 class ImageGallery(Strict):
@@ -185,17 +178,14 @@ class RetrievalProtocol(Protocol):
 
     @model_validator(mode="after")
     def _sections_fit(self) -> RetrievalProtocol:
-        gallery, scores = self.gallery, self.scores
-        if isinstance(gallery, MapGallery) and isinstance(scores, TileScores):
-            fits = isinstance(self.ground_truth, GeometricRules)
-        elif isinstance(gallery, ImageGallery) and isinstance(scores, ImageScores):
-            near, positions = scores.distances, gallery.positions
-            fits = isinstance(self.ground_truth, StatedRules)
+        kinds = (self.gallery, self.ground_truth, self.scores)
+        images = [isinstance(one, ImageGallery | StatedRules | ImageScores) for one in kinds]
+        fits = len(set(images)) == 1
+        if isinstance(self.gallery, ImageGallery) and isinstance(self.scores, ImageScores):
+            near, positions = self.scores.distances, self.gallery.positions
             fits &= (near is None) == (positions == "none")
             fits &= near is None or (near.metres == "plane") == (positions == "metres")
             fits &= near is None or not (near.sdm_unit == "degree" and positions == "metres")
-        else:
-            fits = False
         if not fits:
             raise ValueError(
                 "gallery, ground_truth and scores are all of a map, or all of images "

@@ -1,21 +1,27 @@
-"""The retrieval track: a UAV photo finds its satellite tile."""
+"""The retrieval track: a UAV photo finds its satellite tile; its scores, and a record a query."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
-from airzoo_bench.results.result import Reference, ScoreColumn
-from airzoo_bench.retrieval import scoring
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.crs import geodesic_distance_m
+from airzoo_bench.results.result import Reference, ScoreColumn, summarise
+from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.info import INFO
+from airzoo_bench.retrieval.metrics import ap_name, share_name
 from airzoo_bench.retrieval.predictions import (
     Descriptors,
     RankedIds,
@@ -23,11 +29,24 @@ from airzoo_bench.retrieval.predictions import (
     check_predictions,
     read_retrieval,
 )
-from airzoo_bench.retrieval.ranking import rank_scene
-from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.ranking import Ranking, rank_scene
+from airzoo_bench.retrieval.settings import (
+    ApVariant,
+    DistanceScores,
+    ImageScores,
+    RetrievalProtocol,
+    TileScores,
+)
 from airzoo_bench.retrieval.truth import TOO_EMPTY, UNANSWERED, RetrievalTruth, scene_truth
 
+RANKED_TILE = "tile@"
+"""How the columns begin that name the first tiles of each list."""
+
+AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
+
+_CUT_SHORT = "cut_short"  # column of `score_scene`: lists that end without all positives
 _DIMENSIONS = 8  # of random descriptors
+_EQUATOR_M = 6378137.0
 
 
 class RetrievalTrack(Track):
@@ -35,7 +54,9 @@ class RetrievalTrack(Track):
 
     info = INFO
     protocol = RetrievalProtocol
-    recorded = scoring.RECORDED
+    recorded = Track.recorded | {
+        *("positives", "tie_dependent", "first_hit_rank", "ranked", f"{RANKED_TILE}*")
+    }
 
     def open(self, path: Path, memory_bytes: int) -> RetrievalPredictions:
         """See `Track.open`."""
@@ -65,11 +86,11 @@ class RetrievalTrack(Track):
             answered = given & (content.ids[part.rows, 0] != "")
         try:
             ranked = rank_scene(predictions, truth, part.rows, settings, run)
-            records = scoring.score_scene(truth, ranked, answered, settings, run.jobs)
+            records = score_scene(truth, ranked, answered, settings, run.jobs)
         except PredictionError as error:
             raise error.inside(predictions.path) from error
         flat = answered & (records["ranked"] == 0)
-        facts = {"flat": int(flat.sum()), "short": int(records.pop(scoring.CUT_SHORT).sum())}
+        facts = {"flat": int(flat.sum()), "short": int(records.pop(_CUT_SHORT).sum())}
         counts = {
             "queries": len(truth.queries),
             "tiles": len(truth.tiles),
@@ -84,7 +105,7 @@ class RetrievalTrack(Track):
 
     def scores(self, protocol: RetrievalProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
-        return scoring.list_scores(protocol.scores)
+        return list_scores(protocol.scores)
 
     def notes(
         self,
@@ -121,7 +142,7 @@ class RetrievalTrack(Track):
         self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
     ) -> dict[str, Reference]:
         """Return what tiles in random order score."""
-        return {"Chance level": scoring.chance_level(truths, protocol.scores)}
+        return {"Chance level": chance_level(truths, protocol.scores)}
 
     def template(
         self,
@@ -135,15 +156,14 @@ class RetrievalTrack(Track):
         random, arrays = np.random.default_rng(seed), dict[str, Any]()
         arrays["query_ids"] = _ids([truth.queries for truth in truths])
         if kind == "ranked-ids":
-            ranks = protocol.scores.ranks_kept
-            lists = [
-                random.permutation(tiles)[:ranks]
-                for tiles, count in ((_ids([t.tiles]), len(t.queries)) for t in truths)
-                for _ in range(count)
-            ]
-            longest = max(map(len, lists))
-            filled = [[*one, *[""] * (longest - len(one))] for one in lists]
-            arrays["ranked_ids"] = np.array(filled, dtype=str)
+            longest = min(protocol.scores.ranks_kept, max(len(one.tiles) for one in truths))
+            ranked = np.full((len(arrays["query_ids"]), longest), "", object)
+            rows = iter(ranked)
+            for truth in truths:
+                tiles = _ids([truth.tiles])
+                for row in islice(rows, len(truth.queries)):
+                    row[: len(tiles)] = random.permutation(tiles)[:longest]
+            arrays["ranked_ids"] = ranked.astype(str)
         else:
             arrays["gallery_ids"] = _ids([truth.tiles for truth in truths])
             for name, ids in (("query", arrays["query_ids"]), ("gallery", arrays["gallery_ids"])):
@@ -155,5 +175,186 @@ class RetrievalTrack(Track):
 def _ids(tables: Sequence[pd.DataFrame]) -> np.ndarray[Any, np.dtype[np.str_]]:
     return np.concatenate([table["id"].to_numpy(str) for table in tables])
 
+
+def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
+    """Return the scores that a protocol asks for, the paper's first."""
+    share = ScoreColumn.share
+    scores = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
+    if isinstance(settings, TileScores):
+        aps = [ap_name(settings.ap_at, one) for one in (settings.ap, *AP_VARIANTS)]
+        return [
+            *scores,
+            share(aps[0], aps[0].replace("ap", "AP"), headline=True),
+            *(share(name, name.replace("ap", "AP")) for name in aps[1:] if name != aps[0]),
+            *(share("map", "mAP"), share("mrr", "MRR")),
+            *(share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at),
+            ScoreColumn.error("distance_m", "Distance", "m", "median"),
+            *(share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m),
+            *(share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at),
+            *(share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at),
+        ]
+    recall, near = share_name(settings.recall_at_share), settings.distances
+    aps, other = ["map", "ap/trapezoid"], "AP/trapezoid"
+    if settings.ap == "trapezoid":
+        aps, other = aps[::-1], "mAP"
+    scores.append(share(recall, recall.replace("recall", "R"), headline=True))
+    scores.append(share(aps[0], "AP", headline=True))
+    if near is not None:
+        scores += [share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
+        scores += [
+            ScoreColumn.error(f"dis@{k}", f"Dis@{k}", "m", "mean", headline=True)
+            for k in near.dis_at
+        ]
+        scores += [share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
+    return [*scores, share(aps[1], other), share("mrr", "MRR")]
+
+
+def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageScores) -> Reference:
+    """Return what tiles in random order score, by scene; see `chance_scores`."""
+    tables = []
+    for truth in truths:
+        found = metrics.chance_scores(truth.positives.counts, len(truth.tiles), settings)
+        tables.append(pd.DataFrame(found).assign(scene=truth.scene))
+    records = pd.concat(tables, ignore_index=True)
+    scores = [score for score in list_scores(settings) if score.key in records]
+    summary = summarise(records, scores, [truth.scene for truth in truths])
+    return Reference(
+        meaning="what tiles in random order score on average, computed exactly", **asdict(summary)
+    )
+
+
+def score_scene(
+    truth: RetrievalTruth,
+    ranked: Iterable[tuple[Ints, Ranking]],
+    answered: Bools,
+    settings: TileScores | ImageScores,
+    jobs: int = 1,
+) -> pd.DataFrame:
+    """Score every query of a scene, in the blocks in which they are ranked."""
+    blocks = [(rows, _score_block(truth, rows, found, settings, jobs)) for rows, found in ranked]
+    order = np.concatenate([rows for rows, _ in blocks])
+    scores = pd.concat([table for _, table in blocks], ignore_index=True)
+    if (np.diff(order) < 0).any():  # queries without an answer come last
+        scores = scores.iloc[np.argsort(order)].reset_index(drop=True)
+    first = {
+        "scene": truth.scene,
+        "query": truth.queries["id"].array,
+        "answered": answered,
+        "positives": truth.positives.counts,
+    }
+    return pd.concat([pd.DataFrame(first), scores, truth.conditions], axis=1)
+
+
+def _score_block(
+    truth: RetrievalTruth,
+    rows: Ints,
+    ranking: Ranking,
+    settings: TileScores | ImageScores,
+    jobs: int,
+) -> pd.DataFrame:
+    """Score some queries of a scene."""
+    right, tiles = truth.positives.take(rows), ranking.tiles
+    hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, len(truth.tiles))
+    kept, ids = tiles[:, : settings.ranks_kept], pd.array([*truth.tiles["id"], ""], dtype="str")
+    none, length = np.full(len(rows), -1, np.int32), (tiles >= 0).sum(axis=1)
+    whole = len(truth.tiles)
+    if isinstance(settings, TileScores):
+        whole = min(whole, settings.ranks_kept)
+    columns: dict[str, Any] = {
+        "tie_dependent": ranking.tie_dependent,
+        "first_hit_rank": metrics.first_hit_rank(hits[:, : settings.ranks_kept]),
+        "ranked": (kept >= 0).sum(axis=1),
+        _CUT_SHORT: (length > 0) & (length < whole) & (hits.sum(axis=1) < right.counts),
+    }
+    for k in range(max(settings.recall_at)):
+        columns[f"{RANKED_TILE}{k + 1}"] = ids.take(tiles[:, k] if k < tiles.shape[1] else none)
+    if isinstance(settings, TileScores):
+        aps = {settings.ap_at: AP_VARIANTS}
+        columns |= hit_columns(hits, right.counts, settings.recall_at, aps, settings.ndcg_at)
+        return pd.DataFrame(columns | _tile_distances(truth, rows, tiles, settings, jobs))
+    columns |= hit_columns(hits, right.counts, settings.recall_at, {}, ())
+    last = metrics.rank_of_share(len(truth.tiles), settings.recall_at_share)
+    columns[share_name(settings.recall_at_share)] = metrics.recall_at(hits, last)
+    columns["ap/trapezoid"] = metrics.trapezoid_precision(hits, right.counts)
+    if settings.distances is not None:
+        columns |= _image_distances(truth, rows, tiles, settings.distances)
+    return pd.DataFrame(columns)
+
+
+def hit_columns(
+    hits: Bools,
+    n_positives: Ints,
+    recall_at: Sequence[int],
+    ap_at: Mapping[int, Sequence[ApVariant]],
+    ndcg_at: Sequence[int],
+) -> dict[str, Floats]:
+    """Return the columns of the records that depend on the ranks of hits."""
+    columns = {f"recall@{k}": metrics.recall_at(hits, k) for k in recall_at}
+    for k, variants in ap_at.items():
+        for variant in variants:
+            found = metrics.average_precision_at(hits, n_positives, k, variant)
+            columns[ap_name(k, variant)] = found
+    columns["map"] = metrics.average_precision(hits, n_positives)
+    columns["mrr"] = metrics.reciprocal_rank(hits)
+    return columns | {f"ndcg@{k}": metrics.ndcg_at(hits, n_positives, k) for k in ndcg_at}
+
+
+def _tile_distances(
+    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: TileScores, jobs: int
+) -> dict[str, Floats]:
+    """Score the metres from the footprint's centre to the centres of the first tiles."""
+    tiles = ranked[:, : max(1, *settings.sdm_at, *settings.pdm_at)]
+    centres = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2
+    queries = np.repeat(truth.footprint_centres[rows, None], tiles.shape[1], axis=1)
+    there = (tiles >= 0) & np.isfinite(queries).all(axis=-1)
+    metres = np.full(tiles.shape, np.inf)
+    metres[there] = geodesic_distance_m(queries[there], centres[tiles[there]], jobs=jobs)
+    sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
+    first, sdm_scale = metres[:, 0], settings.sdm_scale_per_m
+    sigmoid = settings.pdm_steepness, settings.pdm_tolerance_tiles
+    return {
+        "distance_m": first,
+        **{f"distance<{m:g}m": (first < m).astype(float) for m in settings.distance_below_m},
+        **{f"sdm@{k}": metrics.sdm_at(metres, k, sdm_scale) for k in settings.sdm_at},
+        **{f"pdm@{k}": metrics.pdm_at(metres, k, sizes, *sigmoid) for k in settings.pdm_at},
+    }
+
+
+def _image_distances(
+    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: DistanceScores
+) -> dict[str, Floats]:
+    """Score the distances between positions that a benchmark states, by its own formulas."""
+    places, images = truth.positions
+    queries, between = places[rows, None], _MEASURES[settings.metres]
+    tiles = ranked[:, : max(*settings.sdm_at, *settings.dis_at)]
+    metres = apart = np.where(tiles >= 0, between(queries, images[tiles]), np.inf)
+    if settings.sdm_unit == "degree":
+        # DenseUAV's: of longitude and latitude alike, from float32.
+        single = (one.astype(np.float32).astype(np.float64) for one in (queries, images[tiles]))
+        apart = np.where(tiles >= 0, _straight(*single), np.inf)
+    worst = between(queries, images[None]).max(axis=1)
+    return {
+        **{f"sdm@{k}": metrics.sdm_at(apart, k, settings.sdm_scale) for k in settings.sdm_at},
+        **{f"ma@{m:g}m": (metres[:, 0] < m).astype(float) for m in settings.ma_below_m},
+        **{f"dis@{k}": metrics.dis_at(metres, k, worst) for k in settings.dis_at},
+    }
+
+
+def _straight(queries: Floats, images: Floats) -> Floats:
+    return np.asarray(np.hypot(*np.moveaxis(images - queries, -1, 0)))
+
+
+def _great_circle(queries: Floats, images: Floats) -> Floats:
+    (lon_a, lat_a), (lon_b, lat_b) = (np.moveaxis(np.radians(p), -1, 0) for p in (queries, images))
+    across = np.cos(lat_a) * np.cos(lat_b) * np.sin((lon_a - lon_b) / 2) ** 2
+    haversine = np.sin((lat_a - lat_b) / 2) ** 2 + across
+    return np.asarray(2 * _EQUATOR_M * np.arcsin(np.sqrt(np.minimum(haversine, 1.0))))
+
+
+_MEASURES: dict[str, Callable[[Floats, Floats], Floats]] = {
+    "sphere": _great_circle,
+    "ellipsoid": geodesic_distance_m,
+    "plane": _straight,
+}
 
 TRACK = RetrievalTrack()

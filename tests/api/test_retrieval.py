@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import airzoo_bench as ab
-from airzoo_bench.retrieval.scoring import AP_VARIANTS, ap_name
+from airzoo_bench.retrieval.track import AP_VARIANTS, ap_name
 from tests.retrieval.ranking_support import rank, records_of
 from tests.support import MadeScene, made_protocol, made_truth, write_predictions
 

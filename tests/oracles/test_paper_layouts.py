@@ -21,8 +21,8 @@ from airzoo_bench.matching.metrics import matching_scores
 from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.track import list_scores
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
 from airzoo_bench.tables.marks import add_gains, cite, highlight, mark_best

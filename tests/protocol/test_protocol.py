@@ -54,7 +54,6 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], object], list[str]]] = {
     "text for a number": (under("gallery", overlap="half"), ["'gallery.overlap'", "'half'"]),
     "truth value for a number": (under("scores", ap_at=True), ["'scores.ap_at'", "True"]),
     "NaN": (under("gallery", overlap=float("nan")), ["'gallery.overlap'", "nan"]),
-    "sizes twice": (under("gallery", tile_sizes_px=[512, 512]), ["gallery", "each tile size once"]),
     "ranks too few": (under("scores", ranks_kept=4), ["10"]),
     "rule": (under("ground_truth", rule="magic"), ["'magic'", "'plane', 'dsm' or 'iou'"]),
     "threshold without rule": (under("ground_truth", iou_above=0.3), ["rule = 'iou'"]),

@@ -34,8 +34,8 @@ from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.comparison import compare, score_intervals
 from airzoo_bench.results.records import Scored
 from airzoo_bench.results.result import Reference
-from airzoo_bench.retrieval.scoring import list_scores
 from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.track import list_scores
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.model import Row, Table
 from tests.report.made import (

@@ -6,7 +6,7 @@ import numpy as np
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval.ranking import Ranking, rank_by_descriptors
-from airzoo_bench.retrieval.scoring import score_scene
+from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import Positives
 
 METRICS = ["l2", "cosine", "inner_product"]

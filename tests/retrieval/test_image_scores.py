@@ -18,7 +18,7 @@ from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.prepare import ImageSet, build_stated_truth, pairs_of_labels
 from airzoo_bench.retrieval.ranking import rank_scene
-from airzoo_bench.retrieval.scoring import list_scores, score_scene
+from airzoo_bench.retrieval.track import list_scores, score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 QUERIES, IMAGES, CLASSES = 40, 330, 12
