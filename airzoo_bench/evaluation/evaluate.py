@@ -5,11 +5,11 @@ from __future__ import annotations
 import tempfile
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -467,9 +467,9 @@ class _ListedScenes(ScenePredictions):
 
     @contextmanager
     def opened(self, scene: str, *, limit_bytes: int, sampling: Any) -> Iterator[Any]:
-        settings = {"scene": scene, "limit_bytes": limit_bytes, "sampling": sampling}
         assert self.run is not None
-        yield _call("open_scene_here", {**self.request, **settings}, self.path, self.run)
+        settings = {"scene": scene, "limit_bytes": limit_bytes, "sampling": sampling}
+        yield _open_in_child({**self.request, **settings}, self.path, self.run)
 
 
 def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **asked: Any) -> Given:
@@ -477,7 +477,7 @@ def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **aske
     stated = protocol_files(data).get(protocol or "", protocol)
     request = {"path": path, "data": data, "protocol": stated, **asked}
     request["memory_bytes"] = run.memory_bytes
-    predictions, reader, notes = _call("open_here", request, path, run)
+    predictions, reader, notes = _open_in_child(request, path, run)
     if isinstance(predictions, _ListedScenes):
         predictions = replace(predictions, request=request, run=run)
     chosen = find_protocol(protocol or predictions.protocol, data)
@@ -485,35 +485,30 @@ def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **aske
     return Given(predictions, chosen, used, tuple(notes))
 
 
-def _call(function: str, request: Mapping[str, Any], path: Path, run: Run) -> Any:
-    """Call a function of this file in a child; its files stay for as long as what it returns."""
+def _open_in_child(request: Mapping[str, Any], path: Path, run: Run) -> Any:
+    """Call `open_here` in a child; its files stay for as long as the predictions."""
     assert run.limits is not None
     with ExitStack() as stack:
         parent = Path(tempfile.gettempdir())
         folder = stack.enter_context(temporary_folder(parent, "airzoo-bench"))
-        place = f"{__name__}:{function}"
+        place = f"{__name__}:open_here"
         found = call_limited(place, request, where=path, limits=run.limits, folder=folder)
         owner = found[0] if isinstance(found, list) else found
         weakref.finalize(owner, stack.pop_all().close)
         return found
 
 
-def open_here(memory_bytes: int, protocol: Path | str | None, **request: Any) -> list[Any]:
-    """Open predictions, in the child; return them, their reader and its notes."""
+def open_here(
+    memory_bytes: int, protocol: Path | str | None, scene: str | None = None, **request: Any
+) -> Any:
+    """Open predictions, in the child: one scene, or all, with their reader and its notes."""
+    how = {name: request.pop(name) for name in ("limit_bytes", "sampling") if name in request}
     named = None if protocol is None else str(protocol)
     given = open_predictions(run=Run(memory_bytes), protocol=named, **request)
     found: Any = given.predictions
+    if scene is not None:
+        return found.opened(scene, **how)
     if isinstance(found, ScenePredictions):
         listed = tuple(found.unknown_files), tuple(found.scenes)
         found = _ListedScenes(found.path, found.protocol, *listed)
     return [found, given.reader and given.reader.model_dump(mode="json"), list(given.notes)]
-
-
-def open_scene_here(
-    scene: str, limit_bytes: int, sampling: Any, memory_bytes: int, protocol: Any, **request: Any
-) -> AbstractContextManager[Any]:
-    """Open one scene of predictions, in the child."""
-    named = None if protocol is None else str(protocol)
-    given = open_predictions(run=Run(memory_bytes), protocol=named, **request)
-    opened = given.predictions.opened(scene, limit_bytes=limit_bytes, sampling=sampling)
-    return cast("AbstractContextManager[Any]", opened)

@@ -1,16 +1,18 @@
-"""The whole path from a prediction file to a result, in process."""
+"""The whole path from a prediction file to a result; a run never replaces its own input."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.evaluation.run_files import check_run_folder, save
 from airzoo_bench.results.result import Result, read_result, write_result
 from tests.statistics.support import made_method, write_method
 from tests.support import (
@@ -64,7 +66,10 @@ def test_fingerprints_see_what_can_change_a_score(scenes: list[MadeScene]) -> No
     assert type(chosen).model_validate(values | scores).fingerprint != chosen.fingerprint
     moved = MadeScene("east", [[q, q + 2] for q in range(6)], 12)
     assert made_truth(moved).fingerprint != made_truth(scenes[0]).fingerprint
-    assert made_truth(scenes[0]).fingerprint == made_truth(scenes[0]).fingerprint
+    truth = made_truth(scenes[0])
+    assert truth.fingerprint == made_truth(scenes[0]).fingerprint
+    truth.tiles.loc[0, "size_m"] += 1  # PDM divides by it
+    assert truth.fingerprint != made_truth(scenes[0]).fingerprint
 
 
 def test_a_run_replaces_an_earlier_one(
@@ -88,3 +93,44 @@ def test_a_run_replaces_an_earlier_one(
     assert read_result(out / "result.json").predictions.method == "mymethod"
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out, "--method", "M") == 0
     assert read_result(out / "result.json").predictions.method == "M"
+
+
+@pytest.fixture
+def out(tmp_path: Path, perfect: dict[str, Any]) -> Path:
+    """Return a folder with predictions wherever a run would replace them, and a link to it."""
+    folder = tmp_path / "out"
+    (folder / "clouds" / "deep").mkdir(parents=True)
+    path = write_predictions(folder / "clouds" / "deep" / "p.npz", "made-retrieval", **perfect)
+    for name in ("alignment.json", "result.json", "mine.npz"):
+        shutil.copy(path, folder / name)
+    (tmp_path / "link").symlink_to(folder, target_is_directory=True)
+    (tmp_path / "p.npz").symlink_to(path)
+    return folder
+
+
+def test_predictions_in_what_a_run_replaces_are_refused(out: Path, data: Path) -> None:
+    for given in (
+        *("out/clouds/deep/p.npz", "out/clouds", "out/alignment.json", "out/result.json"),
+        *("link/clouds/deep/p.npz", "p.npz"),
+    ):
+        for place in ("out", "link"):
+            with pytest.raises(UsageError, match="--out"):
+                check_run_folder(out.parent / place, out.parent / given)
+    run = evaluate(out / "clouds" / "deep" / "p.npz", data=data)
+    with pytest.raises(UsageError, match="clouds"):
+        save(run, out)
+
+
+def test_a_folder_that_no_run_wrote_stays(
+    out: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ask = ("eval", "retrieval", out / "mine.npz", "--data", data, "--out", out)
+    (out / "result.json").unlink()
+    there = files_below(out)
+    assert run_main(*ask) == 2
+    said = capsys.readouterr().err
+    assert "clouds" in said
+    assert files_below(out) == there
+    shutil.rmtree(out / "clouds")
+    assert run_main(*ask) == 0
+    assert files_below(out) == {"result.json", "records.csv", "mine.npz"}

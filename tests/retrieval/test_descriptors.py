@@ -28,25 +28,6 @@ from tests.retrieval.ranking_support import (
 )
 
 
-@settings(max_examples=80, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    n_tiles=st.sampled_from([1, 2, 7, 60, 300]),
-    length=st.integers(1, 4),
-    k=st.sampled_from([1, 3, 10, 70]),
-    tie_ranks=st.sampled_from([1, 5]),
-    metric=st.sampled_from(["l2", "inner_product"]),
-    memory_bytes=st.sampled_from([1 << 9, 1 << 12, 1 << 30]),
-    dtype=st.sampled_from([np.float16, np.float32, np.float64]),
-)
-def test_many_ties(seed, n_tiles, length, k, tie_ranks, metric, memory_bytes, dtype):
-    rng = np.random.default_rng(seed)
-    queries, gallery = (rng.integers(-2, 3, (n, length)).astype(dtype) for n in (4, n_tiles))
-    positives = random_positives(rng, 4, n_tiles)
-    found = rank(queries, gallery, metric, k, tie_ranks, positives, Run(memory_bytes))
-    assert_is(found, naive(similarities(queries, gallery, metric), positives, k, tie_ranks))
-
-
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize(("length", "scale"), [(3, 1), (64, 1e-12), (64, 1e15), (4_100, 1)])
 def test_no_ties(metric, length, scale):
@@ -123,7 +104,7 @@ def crowded_case(spread):
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_crowds_agree_with_a_plain_sort(metric, tmp_path):
+def test_crowds_agree_with_a_plain_sort_in_any_order_of_the_gallery(metric, tmp_path):
     queries, gallery, positives = crowded_case(0)
     np.save(tmp_path / "gallery.npy", gallery)
     # Rounded, since the plain sums of equal tiles need not be equal.
@@ -131,10 +112,6 @@ def test_crowds_agree_with_a_plain_sort(metric, tmp_path):
     for rows in (gallery, np.load(tmp_path / "gallery.npy", mmap_mode="r")):
         found = rank(queries, rows, metric, 25, 5, positives, Run(1 << 16))
         assert_is(found, naive(scores, positives, 25, 5))
-
-
-@pytest.mark.parametrize("metric", METRICS)
-def test_result_does_not_depend_on_the_order_of_the_gallery(metric):
     queries, gallery, _ = crowded_case(1e-4)
     order = np.random.default_rng(2).permutation(len(gallery))
     expected, found = (rank(queries, rows, metric, 25) for rows in (gallery, gallery[order]))
@@ -168,20 +145,21 @@ def gallery_of(kind, rng, n_tiles, length):
     return rows
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=st.sampled_from(["lattice", "plain", "blank", "close"]),
     n_tiles=st.sampled_from([1, 2, 7, 60, 300, 900]),
     length=st.sampled_from([1, 3, 24]),
     k=st.sampled_from([1, 3, 10, 70]),
+    tie_ranks=st.sampled_from([1, 5]),
     metric=st.sampled_from(METRICS),
-    memory_bytes=st.sampled_from([1 << 12, 1 << 16, 1 << 30]),
+    memory_bytes=st.sampled_from([1 << 9, 1 << 12, 1 << 16, 1 << 30]),
     dtype=st.sampled_from([np.float16, np.float32, np.float64]),
     most=st.sampled_from([1, 2, 5, 12]),
 )
-def test_any_cut_gives_the_same_bytes(
-    seed, kind, n_tiles, length, k, metric, memory_bytes, dtype, most
+def test_any_cut_gives_the_same_bytes_and_of_many_ties_the_plain_sort(
+    seed, kind, n_tiles, length, k, tie_ranks, metric, memory_bytes, dtype, most
 ):
     rng = np.random.default_rng(seed)
     gallery = gallery_of(kind, rng, n_tiles, length).astype(dtype)
@@ -191,32 +169,29 @@ def test_any_cut_gives_the_same_bytes(
     queries = np.where(queries.any(axis=1, keepdims=True), queries, 1).astype(dtype)
     queries[0] = gallery[-1]
     positives = random_positives(rng, 12, n_tiles)
-    expected = rank(queries, gallery, metric, k, 5, positives)
+    expected = rank(queries, gallery, metric, k, tie_ranks, positives)
+    if kind == "lattice" and metric != "cosine":  # whole numbers: plain sums are exact
+        assert_is(expected, naive(similarities(queries, gallery, metric), positives, k, tie_ranks))
     with mock.patch.object(ranking, "_SENT_QUERIES", most):
         cut = Run(memory_bytes, engine=Shuffled(seed))
-        found = rank(queries, gallery, metric, k, 5, positives, cut)
+        found = rank(queries, gallery, metric, k, tie_ranks, positives, cut)
     assert found.tiles.tobytes() == expected.tiles.tobytes()
     assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
 
 
 @pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, 0])
 def test_descriptors_that_cannot_be_ranked_are_refused_by_name(value, metric):
     good, bad = np.ones((10, 4)), np.ones((10, 4))
-    bad[[1, 4, 5, 9], 2] = value
+    bad[[1, 4, 5, 9]] = value
     names = [f"city/{i}" for i in range(10)]
     for pair, field in (((bad, good), "query"), ((good, bad), "gallery")):
+        if value == 0 and (metric != "cosine" or field == "query"):  # such a query ties with all
+            rank(*pair, metric, names=names)
+            continue
         with pytest.raises(PredictionError, match="city/1, city/4, city/5") as caught:
             rank(*pair, metric, names=names)
         assert caught.value.where == f"field '{field}_descriptors'"
-
-
-def test_zero_has_no_cosine():
-    good, bad = np.ones((3, 4)), np.ones((3, 4))
-    bad[1] = 0
-    with pytest.raises(PredictionError, match=r"1 \(1\)"):
-        rank(good, bad, "cosine")
-    rank(good, bad, "l2")
 
 
 def test_no_tiles_and_no_queries():

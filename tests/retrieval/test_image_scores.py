@@ -11,6 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from airzoo_bench.core.errors import ProtocolError
+from airzoo_bench.core.validation import validated
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
@@ -18,6 +20,7 @@ from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.prepare import ImageSet, build_stated_truth, pairs_of_labels
 from airzoo_bench.retrieval.ranking import rank_scene
+from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.track import list_scores, score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -200,3 +203,26 @@ def test_positives_that_are_not_ranked_are_never_found() -> None:
     assert records["map"].tolist() == [1 / 4, 0.0]
     assert records["recall@5"].tolist() == [1.0, 0.0]
     assert records["recall@1%"].tolist() == [0.0, 0.0]
+
+
+GTA = "gta-uav-same-area-drone-to-satellite"
+OF_GTA = load_protocol(shipped_protocols()[GTA]).model_dump(by_alias=True)
+NEAR = OF_GTA["scores"]["distances"]
+
+
+@pytest.mark.parametrize(
+    ("base", "section", "changes", "named"),
+    [
+        (UNIVERSITY.name, "scores", {"distances": NEAR}, "scores.distances"),
+        (GTA, "scores", {"distances": None}, "scores.distances"),
+        (GTA, "gallery", {"positions": "degrees"}, "positions"),
+        (GTA, "scores", {"distances": NEAR | {"sdm_unit": "degree"}}, "sdm_unit"),
+        (GTA, "scores", {"ranks_kept": 4}, "ranks_kept"),
+        ("uav-visloc-retrieval", "ground_truth", OF_GTA["ground_truth"], "ground_truth"),
+    ],
+)
+def test_sections_must_fit(base: str, section: str, changes: dict[str, Any], named: str) -> None:
+    values = load_protocol(shipped_protocols()[base]).model_dump(by_alias=True)
+    values[section] = {k: v for k, v in (values[section] | changes).items() if v is not None}
+    with pytest.raises(ProtocolError, match=named):
+        validated(values, RetrievalProtocol, ProtocolError, None, "protocol file")

@@ -58,18 +58,16 @@ def test_queries_that_no_tile_answers(tmp_path: Path, rule: str, share: float, a
     assert result.counts["east"]["without_positive"] == 2
 
 
-@pytest.mark.parametrize("depth", [1, 3, 4])
 def test_ranks_that_short_lists_lack_score_nothing(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], depth: int
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
 ) -> None:
-    lists = np.array(perfect["ranked_ids"])
-    filled = np.where(np.arange(lists.shape[1]) < depth, lists, "")
-    results = []
-    for name, ranked in (("short", lists[:, :depth]), ("filled", filled)):
+    lists, results = np.array(perfect["ranked_ids"]), []
+    filled = np.where(np.arange(lists.shape[1]) < 3, lists, "")
+    for ranked in (lists[:, :3], filled):
         arrays = {"query_ids": perfect["query_ids"], "ranked_ids": ranked}
-        path = write_predictions(tmp_path / f"{name}.npz", "made-retrieval", **arrays)
-        results.append(evaluate(path, data=data))
-    assert results[0].records.equals(results[1].records)
+        path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+        results.append(evaluate(path, data=data).records)
+    assert results[0].equals(results[1])
 
 
 def test_ties_and_scorers_that_say_nothing(

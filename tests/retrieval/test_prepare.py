@@ -161,11 +161,3 @@ def test_the_reason_that_is_given_is_the_true_one(tmp_path: Path) -> None:
     write_truth(tmp_path / "s", *built(given))
     with pytest.raises(BenchmarkError, match="scene s has no query: 1 photo excluded"):
         read_truth(tmp_path / "s", "s")
-
-
-def test_the_sizes_of_tiles_belong_to_the_fingerprint(tmp_path: Path) -> None:
-    # PDM divides by them.
-    truth = built(inputs(tmp_path, scattered(), "+proj=tmerc +lon_0=12 +ellps=WGS84")).truth
-    before = truth.fingerprint
-    truth.tiles.loc[0, "size_m"] += 1
-    assert truth.fingerprint != before
