@@ -351,7 +351,7 @@ def truth_fingerprint(truths: Sequence[Truth]) -> str:
 
 @dataclass(frozen=True)
 class Checked:
-    """What `evaluate` would raise, notes, and what the files are, who reads and how many answer."""
+    """The errors that `evaluate` would raise, notes, and a description of the predictions."""
 
     errors: list[UserError]
     notes: list[str] = field(default_factory=list)
