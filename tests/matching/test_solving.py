@@ -140,27 +140,35 @@ def test_bounds_of_protocols(key: str, value: float) -> None:
 
 # A command that solves random matches, which take every trial: half an hour for each query.
 INTERRUPTED = """
+import numpy as np
 from airzoo_bench.__main__ import main
 from airzoo_bench.cli import main as commands
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching import solving
-from tests.matching.pose_support import SOLVER, joined, make_scene
+from airzoo_bench.matching.predictions import Correspondences
+from airzoo_bench.matching.protocol import Solver
 solve = solving._solve_rows
 def announce_and_solve(*arguments):
     print("solving", flush=True)
     return solve(*arguments)
 solving._solve_rows = announce_and_solve
 def endless():
-    long = {"max_trials": 10**7, "max_trials_times_matches": 10**12}
-    problems = [make_scene(seed, count=500, outliers=1.0).problem for seed in range(5)]
-    solving.solve_queries(*joined(problems), SOLVER.model_copy(update=long), Run(jobs=2), "it")
+    random, K = np.random.default_rng(0), np.diag((2900.0, 2900.0, 1.0))
+    xy, points = random.random((2500, 2)) * 3000, random.random((2500, 3)) * 100
+    pairs = Correspondences(np.arange(6) * 500, xy, points3d=points)
+    cameras = Cameras.from_matrices([K] * 5, 4000, 3000)
+    solver = Solver.model_validate_json(SOLVER)
+    solving.solve_queries(cameras, pairs, solver, Run(jobs=2), "all")
 commands.app.command("endless")(endless)
 main()
 """
 
 
 def test_ctrl_c_ends_the_solving_at_once() -> None:
-    command = [sys.executable, "-c", INTERRUPTED, "endless"]
+    long = {"max_trials": 10**7, "max_trials_times_matches": 10**12}
+    solver = SOLVER.model_copy(update=long).model_dump_json()
+    command = [sys.executable, "-c", INTERRUPTED.replace("SOLVER", repr(solver)), "endless"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline().startswith("solving")

@@ -198,44 +198,38 @@ def test_cameras_may_be_required_and_photos_left_out_are_refused(
     assert "5 views for 4 photos" in capsys.readouterr().err
 
 
-def assert_worst(values: dict[str, float]) -> None:
-    assert [values[f"{what}_10m"] for what in ("precision", "recall", "f1")] == [0.0, 0.0, 0.0]
-    assert np.isinf([values["chamfer_m"], values["accuracy_m"], values["completeness_m"]]).all()
+FAULTS = ["missing", "empty", "NaN", "2 cameras", "no camera", "one point", "no names"]
 
 
-def test_an_empty_prediction_and_a_missing_scene(world: World, tmp_path: Path) -> None:
-    evaluation = world.score(predict_clouds(world, tmp_path / "p", {"lot": np.zeros((0, 3))}))
-    for scene in ("lot", "yard"):
-        assert_worst(evaluation.result.scenes[scene])
-    assert evaluation.records["answered"].tolist() == [False, True]
-    assert evaluation.result.counts["yard"] == {"queries": 1, "missing": 1, "points": 0}
-    assert evaluation.result.counts["lot"]["truth_points"] == 14_400
-
-
-@pytest.mark.parametrize("fault", ["2 cameras", "no camera", "one point", "no names", "NaN"])
+@pytest.mark.parametrize("fault", FAULTS)
 def test_a_failed_scene_scores_its_worst_and_is_named(
     fault: str, world: World, tmp_path: Path
 ) -> None:
     path = predict_clouds(world, tmp_path / "p", {s: true_points(s) for s in ("yard", "lot")})
     cameras, name = world.cameras("yard"), "yard.cameras.npz"
-    if fault == "NaN":
-        write_ply(path / "yard.ply", Cloud(np.full((9, 3), np.nan)))
+    if fault in ("empty", "NaN"):
+        write_ply(path / "yard.ply", Cloud(np.full((9 if fault == "NaN" else 0, 3), np.nan)))
     elif fault == "one point":
         cameras["extrinsics"][..., 3] = 0.0
     else:
         cameras["extrinsics"][2 if fault == "2 cameras" else 0 :] = np.nan
-    if fault == "no names":
+    if fault in ("missing", "no names"):
         (path / "yard.ply").unlink()
         (path / name).unlink()
+    if fault == "no names":
         cameras, name = world.views("yard") | cameras, "yard.npz"
         del cameras["image_names"]
-    save(path / name, cameras)
+    if fault != "missing":
+        save(path / name, cameras)
     result = world.score(path).result
     assert result.scenes["lot"]["f1_0.2m"] == 1.0
-    assert_worst(result.scenes["yard"])
-    assert result.scenes["yard"]["cameras_placed"] == (fault == "NaN")
-    assert result.counts["yard"].get("failed", 0) == (fault != "NaN")
-    assert any(note.startswith("scene yard: ") for note in result.notes)
+    values, counts = result.scenes["yard"], result.counts["yard"]
+    assert [values[f"{what}_10m"] for what in ("precision", "recall", "f1")] == [0.0, 0.0, 0.0]
+    assert np.isinf([values["chamfer_m"], values["accuracy_m"], values["completeness_m"]]).all()
+    assert values["cameras_placed"] == (fault in ("empty", "NaN"))
+    assert counts["missing"] == (fault == "missing")
+    assert counts.get("failed", 0) == (fault in FAULTS[3:])
+    assert any("yard" in note for note in result.notes)
 
 
 # --- camera poses ---
