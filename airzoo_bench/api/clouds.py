@@ -116,10 +116,9 @@ def align_cameras(
     Returns
     -------
     Scores
-        ``scale``; ``matrix`` (4, 4) and ``transform``, whose ``apply`` moves points (N, 3) into the
-        frame of the truth; ``inliers`` (N,), the cameras to which it is fitted; ``residuals``
-        (N,), distances of the moved centres from the true ones, infinite without a pose;
-        ``used_orientations``, where centres lie on a line and orientations gave the turn about it.
+        ``scale``; ``matrix`` (4, 4) and ``transform``, whose ``apply`` moves points (N, 3);
+        ``inliers`` (N,), to which it is fitted; ``residuals`` (N,), metres from the true centres,
+        infinite without a pose; ``used_orientations``, of cameras on a line.
 
     Raises
     ------

@@ -40,6 +40,9 @@ __all__ = ["Check", "Comparison", "Result", "check", "compare", "evaluate", "loa
 
 Predictions = str | Path | Mapping[str, Any]
 
+_COMPARED = """score method reference value reference_value difference low high p p_holm p_mcnemar
+wins ties losses verdict"""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(Scored):
@@ -83,7 +86,7 @@ class Result(Scored):
         return draw.draw_methods(kind, [self, *others], score, **options)
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``result.json`` and ``records.csv`` into a folder; return the path of the first."""
+        """Write ``result.json`` and ``records.csv`` into a folder; return the first one's path."""
         path = Path(folder, "result.json")
         path.parent.mkdir(parents=True, exist_ok=True)
         checksum = write_csv(self.records, path.with_name("records.csv"))
@@ -154,10 +157,8 @@ def evaluate(
         Name or path of a protocol; by default the predictions' own.
     data : path, optional
         The benchmark folder, or the one that holds it; by default ``AIRZOO_BENCH_DATA`` or a cache.
-    method : str, optional
-        Its name in tables; by default the file's name.
-    reader : str, optional
-        The reader of a method's own files, by name; by default found from their content.
+    method, reader : str, optional
+        Names: in tables, by default the file's; the reader's, by default found from the content.
     names : path, optional
         A list of images, a line each, in the order in which the method saw them.
     jobs, max_memory : int
@@ -230,15 +231,15 @@ def check(
     Returns
     -------
     Check
-        It shows itself as a list of sentences.
+        What is wrong, as sentences.
 
     Raises
     ------
     UserError
         There is nothing to check: no such file, or no known protocol.
     """
+    read_by = ReadBy(reader, None if names is None else Path(names))
     with _as_path(predictions, protocol) as path:
-        read_by = ReadBy(reader, None if names is None else Path(names))
         found = find_errors(path, data=data_here(data), protocol=protocol, read_by=read_by)
     return Check(tuple(found.errors), tuple(found.notes))
 
@@ -300,10 +301,8 @@ def compare(
     ----------
     results : path, Result, or several of them
         Of one protocol and one truth. A single result gives its intervals.
-    scores : sequence of str
-        Keys or titles; by default the headline ones.
-    every : bool
-        Every score instead.
+    scores, every : sequence of str, bool
+        Keys or titles, by default the headline ones; or every score instead.
     reference : str, optional
         The method to compare all others with, or "best"; by default the first.
     scene : str, optional
@@ -312,10 +311,9 @@ def compare(
     Returns
     -------
     Comparison
-        Its `frame` has a row a score and method: ``score``, ``method``, ``reference``, ``value``,
-        ``reference_value``, ``difference``, its ``low`` and ``high``, ``p``, ``p_holm``,
-        ``p_mcnemar``, ``wins``, ``ties``, ``losses``, ``verdict``; of a single result a row a
-        scene (None for the average) and score. docs/statistics.md explains them.
+        Its `frame` has a row a score and method, with the difference to the reference, its
+        interval and tests; of a single result a row a scene (None for the average) and score.
+        docs/statistics.md explains them.
 
     Raises
     ------
@@ -349,6 +347,4 @@ def compare(
         | {"verdict": verdict(pair)}
         for pair in made.pairs
     ]
-    columns = ["score", "method", "reference", "value", "reference_value", "difference"]
-    columns += ["low", "high", "p", "p_holm", "p_mcnemar", "wins", "ties", "losses", "verdict"]
-    return Comparison(comparison_table(made), pd.DataFrame(rows)[columns])
+    return Comparison(comparison_table(made), pd.DataFrame(rows)[_COMPARED.split()])

@@ -215,10 +215,8 @@ def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5
 
     Parameters
     ----------
-    n_positives : (Q,) array-like of int
-        How many tiles of the gallery answer each query.
-    n_tiles : int
-        The size of the gallery.
+    n_positives, n_tiles : (Q,) array-like of int, int
+        How many tiles of the gallery answer each query, and how many it has.
     ks : iterable of int
         Ranks, each at least 1.
 
@@ -235,8 +233,7 @@ def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5
     size = arg.whole("n_tiles", n_tiles)
     positives = _positive_counts(n_positives, arg.as_array("n_positives", n_positives).size, 1)
     if not 0 < positives.max(initial=0) <= size:
-        what, expected = "no query, or more than tiles", f"numbers from 1 to {size}, one a query"
-        raise arg.fault("n_positives", what, expected)
+        raise arg.fault("n_positives", "no query, or more than tiles", f"numbers up to {size}")
     columns: dict[str, Floats] = {}
     for k in _checked_ranks(ks):
         depths = {"recall_at": (k,), "ap_at": k, "ndcg_at": (k,)}

@@ -107,19 +107,12 @@ class PredictionWriter:
 
         A file has one kind of answer, with the same fields in all; in reconstruction each scene.
 
-        Retrieval, a query: ``ranked_ids`` (K,), tiles of its scene, best first; perhaps ``scores``
-        (K,), similarities, which fall along the list, or distances, which rise. Or, a query or a
-        tile: ``descriptor`` (D,), which every tile of every scene needs.
-
-        Matching, a query: ``query_xy`` (M, 2), pixels of the photo at its full size, from its
-        corner, with ``map_xy`` (M, 2), pixels of the whole map (`Crop.to_map`), or ``points3d``
-        (M, 3), metres in the scene's CRS. Or ``rotation`` (3, 3), world-to-camera, x right, y
-        down, z forward, and ``centre`` (3,) in the scene's CRS.
-
-        Reconstruction, a scene: ``points`` (M, 3), perhaps ``colours`` (M, 3) uint8. A photo:
-        ``rotation`` and ``centre``, in the frame of the cloud; with ``depth`` (H, W), along the
-        camera's z axis, 0 and NaN are no surface, and ``intrinsics`` (3, 3), K at its size;
-        perhaps ``confidence`` (H, W), larger is surer.
+        Fields are those of the prediction files: ``ranked_ids`` (K,), best first, with ``scores``
+        (K,), or ``descriptor`` (D,); ``query_xy`` (M, 2), pixels of the full photo from its corner,
+        with ``map_xy`` (M, 2), pixels of the whole map, or ``points3d`` (M, 3); ``rotation``
+        (3, 3), world-to-camera, x right, y down, z forward, and ``centre`` (3,) in the scene's CRS
+        or the frame of the cloud; ``points`` (M, 3) with ``colours`` (M, 3) uint8; ``depth`` (H, W)
+        along z, with ``intrinsics`` (3, 3) at its size and ``confidence`` (H, W), larger is surer.
 
         Raises a `UserError` for an unknown or repeated id, or fields that do not belong together.
         """
@@ -158,9 +151,6 @@ class PredictionWriter:
         if kind is None:
             self.close()
         self._closed = True
-
-    def __repr__(self) -> str:
-        return f"PredictionWriter({str(self._path)!r}): {len(self._answers)} added"
 
     def _check_id(self, name: str, kinds: str) -> None:
         if not any(name in self._known[kind] for kind in kinds.split(" or ")):

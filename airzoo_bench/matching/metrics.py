@@ -1,14 +1,11 @@
-"""Errors of estimated poses, the scores of each query, and the columns of both.
-
-Errors are (Q,) float64, a value a query, and a failure is an infinite error: it stays in every
-denominator and in the median.
-"""
+"""Errors of Q poses, infinite for failures, which stay in every share and median; their scores."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import Poses, rotation_angle_deg
@@ -34,6 +31,9 @@ class PoseErrors:
     horizontal_m: Floats
     vertical_m: Floats
     rotation_deg: Floats | None
+
+    def __repr__(self) -> str:
+        return repr(pd.DataFrame(vars(self)))
 
 
 def pose_errors(

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import airzoo_bench as ab
+from airzoo_bench.api.arguments import shipped
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.alignment import shipped_alignment
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from tests.api.support import refused
 from tests.reconstruction.world import (
@@ -76,20 +76,19 @@ def test_scores_are_those_of_the_track(
 
 
 def test_the_defaults_are_those_of_all_shipped_protocols() -> None:
-    found = 0
-    for path in shipped_protocols().values():
-        protocol = load_protocol(path)
-        if isinstance(protocol, ReconstructionProtocol):
-            d, settings = protocol.scores.headline_below_m, protocol.preparation
-            assert (settings.voxel_m, settings.crop_margin_m) == (d / 20, d)
-            assert (settings.crop, settings.crop_cell_m) == ("covered", d / 2)
-            assert protocol.scores.max_distance_m == 10 * d
-            rules = protocol.alignment
-            defaults = ab.align_cameras.__kwdefaults__
-            assert (defaults["inlier_m"], defaults["seed"]) == (rules.inlier_below_m, rules.seed)
-            assert rules == shipped_alignment(cameras=rules.cameras)
-            found += 1
-    assert found == 7
+    rules = [load_protocol(path) for path in shipped_protocols().values()]
+    chosen = [one for one in rules if isinstance(one, ReconstructionProtocol)]
+    assert len(chosen) == 7
+    for one in chosen:
+        d, settings = one.scores.headline_below_m, one.preparation
+        assert (settings.voxel_m, settings.crop_margin_m) == (d / 20, d)
+        assert (settings.crop, settings.crop_cell_m) == ("covered", d / 2)
+        assert one.scores.max_distance_m == 10 * d
+        limit, seed = one.alignment.inlier_below_m, one.alignment.seed
+        assert ab.align_cameras.__kwdefaults__ == {"robust": True, "inlier_m": limit, "seed": seed}
+        assert one.alignment == shipped(
+            "reconstruction", "alignment", cameras=one.alignment.cameras
+        )
 
 
 def test_plain_scores_are_those_of_scipy() -> None:

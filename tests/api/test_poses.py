@@ -10,18 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import airzoo_bench as ab
+from airzoo_bench.api.arguments import shipped
 from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.matching.world import World, make_world
-
-# What `solve_pose` takes without asking.
-FIXED = {
-    "min_inlier_ratio": 0.01,
-    "min_trials": 1_000,
-    "confidence": 0.9999,
-    "max_matches": 20_000,
-    "max_trials_times_matches": 500_000_000,
-}
 
 
 @pytest.fixture(scope="module")
@@ -84,19 +76,14 @@ def test_solve_pose_gives_the_pose_of_the_track(world: World, tmp_path: Path, or
         assert errors.translation_m[0] == pytest.approx(rows["error_m"][row], abs=1e-8)
 
 
-def test_the_defaults_of_solve_pose_are_those_of_all_shipped_protocols() -> None:
-    defaults = ab.solve_pose.__kwdefaults__
-    found = 0
-    for path in shipped_protocols().values():
-        protocol = load_protocol(path)
-        if isinstance(protocol, MatchingProtocol):
-            used = protocol.solver.model_dump()
-            for name in ("max_error_px", "max_trials", "seed"):
-                assert defaults[name] == used[name]
-            assert {name: used[name] for name in FIXED} == FIXED
-            assert defaults["solver"] == protocol.solver.name
-            found += 1
-    assert found == 7
+def test_the_settings_are_those_of_all_shipped_protocols() -> None:
+    """`max_trials` and the like may be changed; all else, and what is not, is the protocols'."""
+    rules = [load_protocol(path) for path in shipped_protocols().values()]
+    solvers = [one.solver for one in rules if isinstance(one, MatchingProtocol)]
+    defaults = {"solver": solvers[0].name, **solvers[0].model_dump(), "distortion": None}
+    assert ab.solve_pose.__kwdefaults__.items() <= defaults.items()
+    used = [solver.model_copy(update={"least_matches": 4}) for solver in solvers]
+    assert used == [shipped("matching", "solver")] * 7
 
 
 def test_rotation_angles_are_those_of_scipy_and_evo() -> None:

@@ -119,12 +119,8 @@ POSITIVES, TEXTS = [{1, 2}, [5]], [["c", "a"], ["e", "b"]]
 )
 def test_every_kind_of_ids_and_lists_gives_the_same(ranked: Any, right: Any) -> None:
     found = ab.retrieval_scores(ranked, right, (1, 2))
-    assert [found["recall@1"], found["recall@2"], found["ap@2"], found["mrr"]] == [
-        0.5,
-        1,
-        0.5,
-        0.75,
-    ]
+    scores = [found[name] for name in ("recall@1", "recall@2", "ap@2", "mrr")]
+    assert scores == [0.5, 1, 0.5, 0.75]
 
 
 @pytest.mark.parametrize(
