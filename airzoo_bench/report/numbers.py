@@ -77,10 +77,9 @@ def find(section: Section) -> Findings:
     }
     every = [interval for part in parts.values() for interval in part]
     named = f"intervals of {', '.join(score.title for score in scores)}"
-    made = intervals_made(every, plan, resampled(section.first.unit), named)
-    notes = [*filter(None, [made])]
+    notes = [intervals_made(every, plan, resampled(section.first.unit), named)]
     if count < 2:
-        return Findings(limits, {}, notes)
+        return Findings(limits, notes=[*filter(None, notes)])
     scopes: dict[str, str | None] = {OVERALL: None}
     scopes |= {scene: scene for scene in section.first.scenes if section.by_query}
     ties = {scope: tied_with_best(methods, scores, plan, scene) for scope, scene in scopes.items()}
@@ -90,7 +89,7 @@ def find(section: Section) -> Findings:
         f"{plan.resamples} resamples, seed {plan.seed}); tested are the headline scores, not "
         "pooled" + ("" if section.by_query else ", nor of single scenes")
     )
-    return Findings(limits, ties, notes)
+    return Findings(limits, ties, [*filter(None, notes)])
 
 
 def summary_panes(section: Section, found: Findings) -> list[Pane]:

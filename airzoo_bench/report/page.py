@@ -53,7 +53,6 @@ _TRACKS = {
 }
 _SCRIPTS = ("core.js", "tables.js", "queries.js", "map.js", "clouds.js", "main.js")
 _STYLES = ("style.css", "report.css")
-_MOST_ERRORS = 2
 
 
 def make_report(
@@ -147,7 +146,7 @@ def _figures(section: Section) -> Iterator[tuple[str, Figure]]:
     if "first_hit_rank" in methods[0].records:
         yield "Recall over the number of tiles looked at", recall(methods)
     measured = [score for score in section.query_scores if score.unit != "share"]
-    for score in measured[:_MOST_ERRORS] if section.by_query else ():
+    for score in measured[:2] if section.by_query else ():
         yield f"Share of queries below a value of {error_label(score)}", errors(methods, score)
     if threshold_scores(section.first.columns)["f1"]:
         yield "Precision, recall and F1 over the distance d", thresholds(methods)

@@ -121,7 +121,7 @@ def test_a_folder_stands_for_the_result_in_it(
         shown.append(capsys.readouterr().out)
     assert shown[0] == shown[1]
     for call, named in (
-        (("table", tmp_path), f"name {tmp_path}/*/result.json (there are 1)"),
+        (("table", tmp_path), f"{tmp_path}/*"),
         (("plot", "errors", made, "--by", "x", "-o", "c.png"), "of these: --score"),
         (("plot", "condition", made, "-o", "c.png"), "needs --by"),
     ):
