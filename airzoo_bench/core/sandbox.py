@@ -102,7 +102,7 @@ def _run_child(where: Path, limits: Limits, folder: Path, files: Sequence[str]) 
     if code == -signal.SIGXCPU:
         raise _refusal(where, f"it takes more than {limits.cpu_s:,} seconds of a processor")
     if code:
-        name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        name = {-one: one.name for one in signal.Signals}.get(code, f"exit code {code}")
         raise _refusal(where, f"the process that reads it was ended ({name})")
 
 

@@ -121,8 +121,7 @@ def _read_correspondences(arrays: Arrays, ids: NDArray[np.str_]) -> Corresponden
         what, expected = f"is {frame[:80]!r}", "'map' (pixels of the whole map) or 'crop'"
         raise _fault(arrays, "map_frame", what, expected)
     offsets, rows = numbers(arrays, "offsets", (None,)), len(fields["query_xy"])
-    # Compared, not subtracted: the difference of two large integers may wrap around.
-    falling = np.flatnonzero(~(offsets[1:] >= offsets[:-1]))
+    falling = np.flatnonzero(~(offsets[1:] >= offsets[:-1]) | (offsets[1:] % 1 > 0))
     if len(offsets) != len(ids) + 1 or falling.size or offsets[0] != 0 or offsets[-1] != rows:
         places = "".join(f" at query {one}" for one in ids[falling[falling < len(ids)]][:1])
         what = f"does not add up{places}: it has {len(offsets):,} numbers for {len(ids):,} queries"
