@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.benchmark.queries import conditions_of
 from airzoo_bench.core.errors import (
     BenchmarkError,
     CameraError,
@@ -218,9 +219,9 @@ def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
     """Read the truth of a scene, and refuse conditions that have the name of another column."""
     track = load_track(protocol.track)
     truth: Truth = track.truth(benchmark, scene)
-    conditions = getattr(truth, "conditions", None)  # of queries; other tracks have none
+    queries = getattr(truth, "queries", None)  # where a track has any
     taken = {*track.recorded, *(score.key for score in track.scores(protocol))}
-    for name in [] if conditions is None else map(str, conditions.columns):
+    for name in [] if queries is None else map(str, conditions_of(queries).columns):
         if any(fnmatchcase(name, one) for one in taken):
             raise BenchmarkError(
                 f"condition {name} has the name of a column of {protocol.track} records",

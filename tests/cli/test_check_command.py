@@ -96,9 +96,9 @@ def test_good_files_of_every_kind_and_missing_queries(
 
 # A protocol of each track, and what its predictions come as; names without ending are folders.
 OF_TRACKS = {
-    "retrieval": ("uav-visloc-retrieval", ["p.npz", "p.parquet"]),
-    "matching": ("photos-matching", ["p.npz"]),  # a .txt may be a cloud
-    "reconstruction": ("photos-reconstruction", ["p.npz", "p.ply", "p.laz", "p.zip", "p"]),
+    "retrieval": ("uav-visloc-retrieval", ["p.npz"]),
+    "matching": ("photos-matching", ["p.npz"]),
+    "reconstruction": ("photos-reconstruction", ["p.npz", "p"]),
 }
 
 
@@ -112,8 +112,6 @@ def test_predictions_of_another_track_are_told_their_command(
         path = tmp_path / name
         if path.suffix == ".npz":
             np.savez(path, protocol=protocol)
-        elif path.suffix:
-            path.write_text("ply")
         else:
             path.mkdir()
             (path / "protocol.txt").write_text(protocol)
