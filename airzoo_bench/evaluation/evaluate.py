@@ -219,9 +219,8 @@ def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
     """Read the truth of a scene, and refuse conditions that have the name of another column."""
     track = load_track(protocol.track)
     truth: Truth = track.truth(benchmark, scene)
-    queries = getattr(truth, "queries", None)  # where a track has any
     taken = {*track.recorded, *(score.key for score in track.scores(protocol))}
-    for name in [] if queries is None else map(str, conditions_of(queries).columns):
+    for name in conditions_of(truth.queries).columns if hasattr(truth, "queries") else ():
         if any(fnmatchcase(name, one) for one in taken):
             raise BenchmarkError(
                 f"condition {name} has the name of a column of {protocol.track} records",

@@ -94,11 +94,10 @@ def test_good_files_of_every_kind_and_missing_queries(
     assert "scored at their worst: 7 of 10 (first 3: " in capsys.readouterr().err
 
 
-# A protocol of each track, and what its predictions come as; names without ending are folders.
 OF_TRACKS = {
-    "retrieval": ("uav-visloc-retrieval", ["p.npz"]),
-    "matching": ("photos-matching", ["p.npz"]),
-    "reconstruction": ("photos-reconstruction", ["p.npz", "p"]),
+    "retrieval": "uav-visloc-retrieval",
+    "matching": "photos-matching",
+    "reconstruction": "photos-reconstruction",
 }
 
 
@@ -107,14 +106,8 @@ OF_TRACKS = {
 def test_predictions_of_another_track_are_told_their_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: str, own: str
 ) -> None:
-    protocol, names = OF_TRACKS[own]
-    for name in names:
-        path = tmp_path / name
-        if path.suffix == ".npz":
-            np.savez(path, protocol=protocol)
-        else:
-            path.mkdir()
-            (path / "protocol.txt").write_text(protocol)
-        assert run_main("eval", asked, path, "--data", tmp_path) == 2
-        told = f"airzoo-bench eval {own} {path}" in capsys.readouterr().err
-        assert told == (asked != own), name
+    path = tmp_path / "p.npz"
+    np.savez(path, protocol=OF_TRACKS[own])
+    assert run_main("eval", asked, path, "--data", tmp_path) == 2
+    told = f"airzoo-bench eval {own} {path}" in capsys.readouterr().err
+    assert told == (asked != own)
