@@ -99,8 +99,8 @@ def test_a_run_replaces_an_earlier_one(
 def out(tmp_path: Path, perfect: dict[str, Any]) -> Path:
     """Return a folder with predictions wherever a run would replace them, and a link to it."""
     folder = tmp_path / "out"
-    (folder / "clouds" / "deep").mkdir(parents=True)
-    path = write_predictions(folder / "clouds" / "deep" / "p.npz", "made-retrieval", **perfect)
+    (folder / "figures" / "deep").mkdir(parents=True)
+    path = write_predictions(folder / "figures" / "deep" / "p.npz", "made-retrieval", **perfect)
     for name in ("alignment.json", "result.json", "mine.npz"):
         shutil.copy(path, folder / name)
     (tmp_path / "link").symlink_to(folder, target_is_directory=True)
@@ -110,14 +110,14 @@ def out(tmp_path: Path, perfect: dict[str, Any]) -> Path:
 
 def test_predictions_in_what_a_run_replaces_are_refused(out: Path, data: Path) -> None:
     for given in (
-        *("out/clouds/deep/p.npz", "out/clouds", "out/alignment.json", "out/result.json"),
-        *("link/clouds/deep/p.npz", "p.npz"),
+        *("out/figures/deep/p.npz", "out/figures", "out/alignment.json", "out/result.json"),
+        *("link/figures/deep/p.npz", "p.npz"),
     ):
         for place in ("out", "link"):
             with pytest.raises(UsageError, match="--out"):
                 check_run_folder(out.parent / place, out.parent / given)
-    run = evaluate(out / "clouds" / "deep" / "p.npz", data=data)
-    with pytest.raises(UsageError, match="clouds"):
+    run = evaluate(out / "figures" / "deep" / "p.npz", data=data)
+    with pytest.raises(UsageError, match="figures"):
         save(run, out)
 
 
@@ -129,8 +129,8 @@ def test_a_folder_that_no_run_wrote_stays(
     there = files_below(out)
     assert run_main(*ask) == 2
     said = capsys.readouterr().err
-    assert "clouds" in said
+    assert "figures" in said
     assert files_below(out) == there
-    shutil.rmtree(out / "clouds")
+    shutil.rmtree(out / "figures")
     assert run_main(*ask) == 0
     assert files_below(out) == {"result.json", "records.csv", "mine.npz"}
