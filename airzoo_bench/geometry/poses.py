@@ -93,7 +93,7 @@ class Poses:
 
         Sines, PROJ and BLAS differ in the last bit from one processor to another. The three
         smaller numbers of each quaternion are rounded to 1e-9, and the largest follows from unit
-        norm, so that a second rounding changes nothing; centres are rounded to 0.1 mm. NaN stays.
+        norm, so that a second rounding changes little; centres are rounded to 0.1 mm. NaN stays.
         """
         quaternions = np.round(matrix_to_quaternion(self.rotation), _QUATERNION_DECIMALS)
         each = np.arange(len(quaternions))

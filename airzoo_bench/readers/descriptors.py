@@ -20,7 +20,7 @@ from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import as_floating, check_fields, texts
 from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
-from airzoo_bench.formats.mat5 import MatFile
+from airzoo_bench.formats.mat5 import mat_names, read_mat
 from airzoo_bench.formats.npz import NpzFile, map_numbers
 from airzoo_bench.readers.gather import gather, temporary_array
 from airzoo_bench.readers.names import ImageNames, folders_of, names_in, query_names, scene_finder
@@ -191,13 +191,13 @@ class _University1652(DescribedSets):
 
     def recognise(self, path: Path) -> float:
         try:
-            return 0.95 * (MatFile(path, 1 << 20).names() >= {"gallery_f", "query_f"})
+            return 0.95 * (mat_names(path) >= {"gallery_f", "query_f"})
         except (OSError, PredictionError):
             return 0.0
 
     def described(self, path: Path, kind: str, memory: int) -> Described:
-        file = MatFile(path, memory)
-        return file.texts(f"{kind}_path"), file.numbers(f"{kind}_f")
+        names = read_mat(path, f"{kind}_path", "U", memory).tolist()
+        return names, read_mat(path, f"{kind}_f", "biuf", memory)
 
 
 # --- queries and tiles together ---

@@ -51,7 +51,7 @@ def joined(source: FileCloud, points: int) -> Cloud:
     assert sum(len(piece) for piece in pieces) == source.count
     xyz = np.concatenate([np.empty((0, 3)), *(piece.points for piece in pieces)])
     trust = [piece.confidence for piece in pieces if piece.confidence is not None]
-    return Cloud(xyz, None, np.concatenate(trust) if trust else None)
+    return Cloud(xyz, np.concatenate(trust) if trust else None)
 
 
 def made(count: int = 40, seed: int = 0) -> Columns:

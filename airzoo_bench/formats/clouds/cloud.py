@@ -25,10 +25,9 @@ _STORED_POINTS = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """N points in memory, in the scene's units; readers leave colours out."""
+    """N points in memory, in the scene's units."""
 
     points: Floats  # (N, 3) float64
-    colours: NDArray[np.uint8] | None = None  # (N, 3)
     confidence: NDArray[np.float32] | None = None  # (N,)
 
     def __len__(self) -> int:
@@ -90,7 +89,7 @@ class ArrayPieces:
         for start in range(0, len(self.points), size):
             part = slice(start, start + size)
             trust = None if self.confidence is None else _as_confidence(self.confidence[part])
-            yield Cloud(np.array(self.points[part], np.float64), None, trust)
+            yield Cloud(np.array(self.points[part], np.float64), trust)
 
 
 def cloud_of_columns(columns: Mapping[str, NDArray[Any]]) -> Cloud:
@@ -99,7 +98,7 @@ def cloud_of_columns(columns: Mapping[str, NDArray[Any]]) -> Cloud:
     for axis, name in enumerate("xyz"):
         points[:, axis] = columns[name]
     found = next((columns[name] for name in _CONFIDENCE if name in columns), None)
-    return Cloud(points, None, None if found is None else _as_confidence(found))
+    return Cloud(points, None if found is None else _as_confidence(found))
 
 
 def _as_confidence(column: NDArray[Any]) -> NDArray[np.float32]:

@@ -19,11 +19,10 @@ from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
 from airzoo_bench.formats.clouds.rows import Rows, opened_lines, quoted
 from airzoo_bench.geometry.arrays import Ints
 
-_COLOURS = ("red", "green", "blue")
 _SPLATS = {"f_dc_0", "opacity"}
 _FACE_LISTS = ("vertex_indices", "vertex_index")
 _SPLAT_NOTE = "Gaussian splats: their centres are taken as points, without colours"
-_ROWS = 1 << 18  # that are written, or faces that are looked at, together
+_ROWS = 1 << 18  # of faces that are looked at together
 _FEWEST = 32  # faces
 _LONGEST_HEADER = 1 << 20
 _CODES = {
@@ -210,19 +209,9 @@ def _record_at(
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:
-    """Write a cloud, whole or not at all."""
-    columns = [(name, "<f8", column) for name, column in zip("xyz", cloud.points.T, strict=True)]
-    if cloud.colours is not None:
-        columns += [(name, "u1", c) for name, c in zip(_COLOURS, cloud.colours.T, strict=True)]
-    if cloud.confidence is not None:
-        columns.append(("confidence", "<f4", cloud.confidence))
-    kinds = {"<f8": "double", "<f4": "float", "u1": "uchar"}
-    lines = [f"property {kinds[kind]} {name}" for name, kind, _ in columns]
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}", *lines]
+    """Write the points of a cloud, whole or not at all."""
+    axes = "".join(f"property double {axis}\n" for axis in "xyz")
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n{axes}end_header\n"
     with atomic_write(path) as stream:
-        stream.write(("\n".join([*head, "end_header"]) + "\n").encode("ascii"))
-        for start in range(0, len(cloud), _ROWS):
-            rows = np.empty(min(_ROWS, len(cloud) - start), [column[:2] for column in columns])
-            for name, _, column in columns:
-                rows[name] = column[start : start + _ROWS]
-            stream.write(rows.tobytes())
+        stream.write(head.encode("ascii"))
+        stream.write(np.ascontiguousarray(cloud.points, "<f8").data)
