@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import textwrap
+from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -37,14 +38,8 @@ def terminal(table: Table, *, width: int = 80, styled: bool = False) -> str:
 
 
 def _write(out: io.StringIO, text: str, room: int, indent: str) -> None:
-    lines = textwrap.wrap(
-        plain(text),
-        room,
-        initial_indent=indent,
-        subsequent_indent=f"  {indent}",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+    how: dict[str, Any] = {"initial_indent": indent, "subsequent_indent": f"  {indent}"}
+    lines = textwrap.wrap(plain(text), room, **how, break_long_words=False, break_on_hyphens=False)
     out.writelines(f"{line}\n" for line in lines)
 
 
@@ -54,12 +49,16 @@ def _by_width(table: Table, room: int, console: Console) -> list[Table]:
     def measure(chosen: list[int]) -> int:
         return Measurement.get(console, console.options, _grid(table.take(chosen))).maximum
 
+    def filled(chosen: list[int]) -> set[int]:
+        return {n for n, r in enumerate(table.rows) for i in chosen if r.cells[i].value is not None}
+
     # A very long name must not put every score into a piece of its own.
     room = max(room, measure([]) + room // 2)
     parts: list[list[int]] = []
     for whole in table.units():
         for unit in [whole] if measure(whole) <= room else [[index] for index in whole]:
-            if parts and measure(parts[-1] + unit) <= room:
+            near = parts and not filled(parts[-1]).isdisjoint(filled(unit))  # not another track
+            if near and measure(parts[-1] + unit) <= room:
                 parts[-1] += unit
             else:
                 parts.append(unit)
