@@ -84,7 +84,7 @@ def sparse_reconstruction(
     extraction.sift.peak_threshold = settings.peak_threshold
     extraction.sift.first_octave = -1 if settings.doubled else 0
     matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=run.jobs)
-    matching.sift.max_ratio = settings.ratio
+    matching.sift.max_ratio, matching.sift.max_distance = settings.ratio, 2.0
     lenses, seed = cameras_of(photos), settings.seed
     longest = max(lenses.width.max(), lenses.height.max())
     error_px = settings.max_error_px * max(1.0, longest / settings.long_side_px)
