@@ -40,11 +40,11 @@ def load_open3d() -> ModuleType:
 
 @cache
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap, which then logs warnings only and leaves SIGTERM alone."""
+    """Import pycolmap, which then logs errors only and leaves SIGTERM alone."""
     importlib.import_module("PIL._imaging")  # saving a PNG aborts where pycolmap's zlib came first
     before = signal.getsignal(signal.SIGTERM)
     module = importlib.import_module("pycolmap")
     if threading.current_thread() is threading.main_thread() and before is not None:
         signal.signal(signal.SIGTERM, before)
-    module.logging.minloglevel = module.logging.Level.WARNING.value
+    module.logging.minloglevel = module.logging.Level.ERROR.value
     return module

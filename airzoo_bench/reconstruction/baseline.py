@@ -161,6 +161,6 @@ def _pairing(
             prior.corr_data_id = image.data_id
             database.write_pose_prior(prior)
     options = pycolmap.SpatialPairingOptions(
-        max_num_neighbors=neighbours, max_distance=1e9, ignore_z=False, num_threads=1
+        max_num_neighbors=neighbours + 1, max_distance=1e9, ignore_z=False, num_threads=1
     )
     return partial(pycolmap.match_spatial, place, pairing_options=options)

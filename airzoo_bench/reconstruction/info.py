@@ -49,7 +49,7 @@ INFO = TrackInfo(
         summary="Reconstruct scenes by structure from motion (pycolmap): a sparse cloud and "
         "cameras.",
         settings=SfmSettings(),
-        demo=SfmSettings(long_side_px=640, max_features=1500, doubled=False, neighbours=8),
+        demo=SfmSettings(long_side_px=640, max_features=1500, neighbours=8),
         out="sfm",
         predict="airzoo_bench.reconstruction.baseline:predict",
     ),
