@@ -11,7 +11,7 @@ from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.arguments import Scores
 from airzoo_bench.api.poses import read_cameras
 from airzoo_bench.reconstruction.alignment import LEAST_CAMERAS, fit_cameras, umeyama
-from airzoo_bench.reconstruction.clouds import box_of, cloud_of, cropped_region, prepare_cloud
+from airzoo_bench.reconstruction.clouds import box_of, cloud_of, find_crop, prepare_cloud
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import curve, mean_distances
 
@@ -74,8 +74,8 @@ def cloud_scores(
         clouds.append(cloud_of(points))
     block = max(*(cloud.count for cloud in clouds), 1)
     with arg.refused("true"):
-        region = cropped_region(clouds[1], box_of(clouds[1]), settings, block)
-        kept, known = (prepare_cloud(cloud, settings, region, block) for cloud in clouds)
+        crop = find_crop(clouds[1], box_of(clouds[1]), settings, block)
+        kept, known = (prepare_cloud(cloud, settings, crop, block) for cloud in clouds)
     found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
     means, below = (
         mean_distances(*found, None if plain else 10 * limit),

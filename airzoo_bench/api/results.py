@@ -23,7 +23,7 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.comparison import compare as compare_methods
 from airzoo_bench.results.comparison import score_intervals
-from airzoo_bench.results.records import Scored, checked_records, read_scored, write_csv
+from airzoo_bench.results.records import Method, checked_records, read_methods, write_csv
 from airzoo_bench.results.result import write_result
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.storage.urls import local_path
@@ -45,7 +45,7 @@ wins ties losses verdict"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(Scored):
+class Result(Method):
     """A method's result with its records; it shows itself as the table that ``eval`` prints.
 
     Attributes
@@ -74,7 +74,7 @@ class Result(Scored):
         """Return the table of scenes as ``airzoo-bench table --format FORM`` writes it."""
         return render(scenes_table(self.result, floors=True), form, width=120)
 
-    def plot(self, kind: str, *others: Scored, score: str | None = None, **options: Any) -> Figure:
+    def plot(self, kind: str, *others: Method, score: str | None = None, **options: Any) -> Figure:
         """Draw this result, and others of its protocol and truth, as ``airzoo-bench plot`` does.
 
         `kind` is recall, errors, thresholds or condition, `score` a key or title, by default the
@@ -132,7 +132,7 @@ def load_result(path: str | Path, *, name: str | None = None) -> Result:
     UserError
         It is missing, was changed since it was written, or its records do not fit it.
     """
-    (found,) = read_scored([path])
+    (found,) = read_methods([path])
     return Result(name or found.name, found.result, found.records)
 
 
@@ -288,7 +288,7 @@ class Comparison:
 
 
 def compare(
-    results: str | Path | Scored | Iterable[str | Path | Scored],
+    results: str | Path | Method | Iterable[str | Path | Method],
     scores: Sequence[str] = (),
     *,
     every: bool = False,
@@ -320,12 +320,12 @@ def compare(
     UserError
         Results cannot be read or compared; there is no such score, method or scene.
     """
-    kinds, plan = str | Path | Scored, ResamplingConfig()
+    kinds, plan = str | Path | Method, ResamplingConfig()
     listed = [results] if isinstance(results, kinds) else arg.listed("results", results)
     if not listed or not all(isinstance(one, kinds) for one in listed):
         raise arg.fault("results", "holds no results", "results, or paths of result.json")
-    read = iter(read_scored([one for one in listed if not isinstance(one, Scored)]))
-    methods = [one if isinstance(one, Scored) else next(read) for one in listed]
+    read = iter(read_methods([one for one in listed if not isinstance(one, Method)]))
+    methods = [one if isinstance(one, Method) else next(read) for one in listed]
     if len({one.name for one in methods}) < len(methods):
         fix = "load_result(path, name=...)"
         raise arg.fault("results", "several have one name", "methods of different names", fix)

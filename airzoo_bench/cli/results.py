@@ -71,14 +71,14 @@ def breakdown(
     Example: airzoo-bench breakdown results/*/result.json --by altitude_m --bins 50,100 --score R@1
     """
     from airzoo_bench.results.comparable import check_same_queries, choose_scores, score_keys
-    from airzoo_bench.results.records import read_records, read_scored
+    from airzoo_bench.results.records import read_methods, read_records
     from airzoo_bench.results.result import read_result, result_paths
     from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.breakdown import breakdown_table, check_column
 
     edges, wanted = _parse_bins(bins), score or []
     paths = result_paths(results)
-    methods = read_scored(paths, {by, *score_keys(read_result(paths[0]), wanted)})
+    methods = read_methods(paths, {by, *score_keys(read_result(paths[0]), wanted)})
     check_same_queries(methods)
     if by not in methods[0].records:
         check_column(read_records(paths[0], methods[0].result), by)

@@ -11,8 +11,8 @@ from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.protocol.model import find_protocol, shipped_protocols
-from airzoo_bench.results.comparable import check_score, find_scene, named_scores
-from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.comparable import check_score, find_scene, scores_by_name
+from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, read_result, result_paths
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables import layouts, marks
@@ -44,7 +44,7 @@ def make_table(asked: Any) -> Table:
     for name in wanted:
         check_score(name, [c for part in parts for c in part.table.scores], "--score")
     for part in parts:
-        known = named_scores(part.table.scores)
+        known = scores_by_name(part.table.scores)
         scores = tuple(dict.fromkeys(known[name] for name in wanted if name in known))
         if scores or not wanted:
             table = replace(part.table, scores=scores or part.table.scores)
@@ -120,7 +120,7 @@ def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:
         scenes = [*table.scenes, OVERALL]
     if asked.intervals and part.results:
         triples = zip(table.rows, part.results, part.paths, strict=True)
-        methods = [Scored(row.method, result, read_records(path)) for row, result, path in triples]
+        methods = [Method(row.method, result, read_records(path)) for row, result, path in triples]
         table = with_intervals(table, methods, ResamplingConfig(), scenes)
     if asked.published:
         table = with_published(

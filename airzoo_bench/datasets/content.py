@@ -63,7 +63,7 @@ class SceneContent:
 
 def make_content(native: NativeScene | ImageScene, protocols: BenchmarkProtocols) -> SceneContent:
     """Check a scene, measure its parts, and make its truth for every track that they serve."""
-    protocols = protocols.of_scene(native.scene)
+    protocols = protocols.for_scene(native.scene)
     if isinstance(native, ImageScene):
         return _image_content(native, protocols)
     check_names(native.names, native.images)

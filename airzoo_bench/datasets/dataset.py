@@ -64,12 +64,12 @@ class Dataset(Generic[OptionsT]):
 
     def benchmark_protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:
         """Return the protocols that truth is made for with these options."""
-        return BenchmarkProtocols.named(self.protocols, root)
+        return BenchmarkProtocols.find(self.protocols, root)
 
     def folder_name(self, options: OptionsT, root: Path) -> str:
         """Name the folder, which is another where only some of the scenes are there or wanted."""
         scenes = self._wanted(options)
-        return self.benchmark_protocols(options, root).of_scenes(scenes).benchmark
+        return self.benchmark_protocols(options, root).restrict(scenes).benchmark
 
     def is_prepared(self, options: OptionsT, settings: PrepareSettings) -> bool:
         """Whether the folder is complete, and made from files that did not change since."""

@@ -31,7 +31,7 @@ from airzoo_bench.geometry.raster_files import (
     source_of,
 )
 from airzoo_bench.geometry.rasters import RasterInfo, opened, pixel_to_world
-from airzoo_bench.matching.truth import own_map, write_crop
+from airzoo_bench.matching.truth import photo_maps, write_crop
 from airzoo_bench.matching.truth import write_truth as write_matching_truth
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.truth import write_truth as write_reconstruction_truth
@@ -126,7 +126,7 @@ def _files_of(scene: SceneContent, key: str, folder: Path) -> Iterator[str]:
     if key == "gallery" and scene.truths.retrieval is not None:
         yield from scene.truths.retrieval.truth.tiles["image"]
     elif key == "maps":
-        pairs = (own_map(folder, photo) for photo in scene.inputs.photos["id"])
+        pairs = (photo_maps(folder, photo) for photo in scene.inputs.photos["id"])
         there = (path for pair in pairs for path in pair if path.is_file())
         yield from (path.relative_to(folder).as_posix() for path in there)
     else:
@@ -265,7 +265,7 @@ def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:
         found["retrieval"] = TrackSummary(text, len(truth.queries), len(truth.excluded))
     if truths.matching is not None:
         count = len(truths.matching.queries)
-        what = ", each with a map of its own" if truths.matching.own_maps else " with a prior"
+        what = ", each with a map of its own" if truths.matching.map_per_query else " with a prior"
         text = f"{counted(count, 'query')}{what}"
         found["matching"] = TrackSummary(text, count, len(truths.matching.excluded))
     if truths.reconstruction is not None:
@@ -279,7 +279,7 @@ def _count_warnings(
 ) -> Iterator[str]:
     """Yield a sentence for each count that is not the published one."""
     name = scene.inputs.scene
-    for protocol in protocols.of_scene(name).every:
+    for protocol in protocols.for_scene(name).every:
         published = {one.id: one.queries for one in protocol.scenes}[name]
         found = tracks.get(protocol.track)
         if published is not None and found is not None and found.count != published:

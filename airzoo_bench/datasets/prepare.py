@@ -132,7 +132,7 @@ class Run:
                     stamps[path] = sorted(_stamps(path, settings.folder.resolve()))
             rules = [
                 [one.track, one.truth_settings(), one.scenes[0].title, one.scenes[0].queries]
-                for one in self.protocols.of_scene(scene).of_scenes([scene]).every
+                for one in self.protocols.for_scene(scene).restrict([scene]).every
             ]
             files = [[str(path), stamps[path]] for path in paths]
             keys[scene] = fingerprint([__version__, options, flags, scene, rules, files])
@@ -214,7 +214,7 @@ class Run:
     def assemble(self) -> Prepared:
         """Make the folder of the scenes that were finished."""
         settings, records = self.settings, self.records
-        made, folder = self.protocols.of_scenes(records), settings.folder
+        made, folder = self.protocols.restrict(records), settings.folder
         if made is not self.protocols:
             left_out = [scene for scene in self.protocols.titles if scene not in made.titles]
             settings.note(
@@ -227,14 +227,14 @@ class Run:
         tracks = {scene: tuple(record.summary.tracks) for scene, record in records.items()}
         served = served_protocols(made, tracks, folder)
 
-        def put_together() -> None:
+        def write_scenes() -> None:
             for scene in records:
                 _copy_scene(scene, self.staging / scene, staged, _link_or_copy)
             _write_records(staged, records)
             write_folder_files(staged, served, [record.entry for record in records.values()])
 
         with atomic_folder(folder, replace=settings.replace) as staged:
-            with_progress(put_together, "writing the folder", settings.progress)
+            with_progress(write_scenes, "writing the folder", settings.progress)
         summaries = {scene: record.summary for scene, record in records.items()}
         return Prepared(folder, {one.name: one.track for one in served}, summaries)
 

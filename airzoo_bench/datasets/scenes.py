@@ -33,7 +33,7 @@ class NativeScene:
         Map, surface model, the map that tiles are cut from where it is another than `dom`, true
         cloud. Tracks that need one that is missing have no truth.
     maps : Path or None
-        Folder of a map and a surface model for each photo, see `matching.truth.own_map`.
+        Folder of a map and a surface model for each photo, see `matching.truth.photo_maps`.
     plane_height_m : float or None
         z0; None for the median height of the surface model, or where there is no ground.
     priors : Poses or None

@@ -33,7 +33,7 @@ class BenchmarkProtocols:
     every: tuple[Protocol, ...]
 
     @classmethod
-    def named(cls, names: Collection[str], root: Path) -> BenchmarkProtocols:
+    def find(cls, names: Collection[str], root: Path) -> BenchmarkProtocols:
         """Find protocols by their names or files."""
         return cls(tuple(find_protocol(name, root) for name in names))
 
@@ -51,14 +51,14 @@ class BenchmarkProtocols:
         """Return the first protocol of a track, by its class."""
         return next((one for one in self.every if isinstance(one, kind)), None)
 
-    def of_scene(self, scene: str) -> BenchmarkProtocols:
-        """Leave out the protocols that do not name a scene."""
+    def for_scene(self, scene: str) -> BenchmarkProtocols:
+        """Return the protocols that name a scene."""
         return BenchmarkProtocols(
-            tuple(one for one in self.every if scene in [named.id for named in one.scenes])
+            tuple(one for one in self.every if scene in [found.id for found in one.scenes])
         )
 
-    def of_scenes(self, scenes: Collection[str]) -> BenchmarkProtocols:
-        """Restrict the protocols to some scenes, and name them so where that cuts one."""
+    def restrict(self, scenes: Collection[str]) -> BenchmarkProtocols:
+        """Cut the protocols to some scenes; one that loses scenes is named partial."""
         left = [tuple(scene for scene in one.scenes if scene.id in scenes) for one in self.every]
         kept = [(one, some) for one, some in zip(self.every, left, strict=True) if some]
         if any(some != one.scenes for one, some in kept):

@@ -43,7 +43,7 @@ from airzoo_bench.evaluation.track import (
     Predictions,
     Run,
     ScenePredictions,
-    Scored,
+    SceneScores,
     Track,
     Truth,
 )
@@ -239,7 +239,7 @@ class Evaluation:
     given: Given
     benchmark: Benchmark
     truths: list[Any]
-    scored: dict[str, Scored]
+    scored: dict[str, SceneScores]
 
     @property
     def protocol(self) -> Any:
@@ -273,7 +273,7 @@ def evaluate(
         names = None if read_by.names is None else sha256_of(read_by.names)
         inputs = [sha256, reader, names, chosen.fingerprint, of_truths, versions()]
         store.begin(fingerprint([*inputs, run.memory_bytes]))
-    scored: dict[str, Scored] = {}
+    scored: dict[str, SceneScores] = {}
     parts = zip(truths, assignment.parts, strict=True)
     for truth, part in run.progress(parts, "scenes", len(truths)):
         scene = None if store is None else store.load(truth.scene)
@@ -316,7 +316,7 @@ def evaluate(
 
 
 def _notes(
-    given: Given, truths: Sequence[Truth], assignment: Assignment, scored: Sequence[Scored]
+    given: Given, truths: Sequence[Truth], assignment: Assignment, scored: Sequence[SceneScores]
 ) -> list[str]:
     """Return what a reader of the scores must know, of files, scenes and all together."""
     counts = [
@@ -331,7 +331,7 @@ def _notes(
 
 
 def _join_records(
-    scored: Sequence[Scored], scores: list[ScoreColumn]
+    scored: Sequence[SceneScores], scores: list[ScoreColumn]
 ) -> tuple[list[ScoreColumn], pd.DataFrame]:
     """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
     records = pd.concat([scene.records for scene in scored], ignore_index=True)

@@ -18,7 +18,7 @@ from airzoo_bench.core.files import (
     fingerprint,
 )
 from airzoo_bench.core.registry import TRACKS, resolve
-from airzoo_bench.evaluation.track import Scored
+from airzoo_bench.evaluation.track import SceneScores
 from airzoo_bench.results.records import write_csv
 from airzoo_bench.results.result import write_result
 
@@ -77,16 +77,16 @@ class SceneStore:
         """Set the fingerprint of the run: scenes of other runs are not loaded."""
         self._run = run
 
-    def load(self, scene: str) -> Scored | None:
+    def load(self, scene: str) -> SceneScores | None:
         """Return what this run has kept of a scene, if it is there and whole."""
         try:
             records = pd.read_parquet(self._place(scene))
             rest, records.attrs = records.attrs, {}
-            return Scored(records, **(rest | {"notes": tuple(rest["notes"])}))
+            return SceneScores(records, **(rest | {"notes": tuple(rest["notes"])}))
         except (OSError, ValueError, KeyError, TypeError):  # there is none, or it is damaged
             return None
 
-    def save(self, scene: str, scored: Scored) -> None:
+    def save(self, scene: str, scored: SceneScores) -> None:
         """Keep the scores of a scene, without what figures show of it."""
         records = scored.records.copy(deep=False)
         names = ("counts", "kind", "notes", "facts")

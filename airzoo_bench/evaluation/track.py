@@ -9,7 +9,7 @@ the help shows) and a ``track.py`` (a `Track`, imported when something is scored
     scored = [track.score(part, truth, protocol, run) for part, truth in zip(assignment.parts, ...)]
     notes = track.notes(predictions, truths, protocol, scored)
 
-and `evaluate.evaluate` makes a result of it. Every number of a result comes from `Scored.records`.
+and `evaluate.evaluate` makes a result of it; its numbers all come from `SceneScores.records`.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Assignment:
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class SceneScores:
     """The scores of a scene; ``eval --resume`` keeps all of it but `details`.
 
     `records` have a row a query or cloud. `counts` and `kind`, what the predictions hold, stand in
@@ -171,7 +171,7 @@ class Track(ABC):
         """
 
     @abstractmethod
-    def score(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:
+    def score(self, part: Any, truth: Any, protocol: Any, run: Run) -> SceneScores:
         """Score a scene; whatever is missing from its predictions gets the worst score."""
 
     @abstractmethod
@@ -181,7 +181,7 @@ class Track(ABC):
         Records may lack some, but no headline; a scene without a column of others is worst there.
         """
 
-    def check(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:
+    def check(self, part: Any, truth: Any, protocol: Any, run: Run) -> SceneScores:
         """Look for errors of a scene without scoring it.
 
         Records may be empty; counts, notes and facts are as of `score`. `truth` may be sealed.
@@ -189,7 +189,7 @@ class Track(ABC):
         return self.score(part, truth, protocol, run)
 
     def notes(
-        self, predictions: Any, truths: Sequence[Any], protocol: Any, scored: Sequence[Scored]
+        self, predictions: Any, truths: Sequence[Any], protocol: Any, scored: Sequence[SceneScores]
     ) -> list[str]:
         """Return what a reader of the scores must know of all scenes, from `score` or `check`."""
         return []

@@ -29,7 +29,7 @@ from airzoo_bench.leaderboard.submission import (
     submission_text,
 )
 from airzoo_bench.results.comparison import make_sample, score_intervals
-from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import (
@@ -181,7 +181,7 @@ def measure(run: Path, tree: str) -> Answer:
     """Take the numbers that a board shows from the result and the records in a run's folder."""
     result = read_result(run / RESULT_FILE)
     records = read_records(run / RESULT_FILE, result)
-    method = Scored(result.predictions.method, result, records)
+    method = Method(result.predictions.method, result, records)
     headline = [column for column in result.columns if column.headline]
     found, sample = score_intervals(method, headline, _RESAMPLING), make_sample([method], headline)
     parts = {"": found.overall, **found.groups}
@@ -253,7 +253,7 @@ def head_of(result: Result) -> Head:
 
 
 def _by_condition(
-    method: Scored, scores: Sequence[ScoreColumn]
+    method: Method, scores: Sequence[ScoreColumn]
 ) -> tuple[tuple[Conditions, ...], dict[str, dict[str, tuple[Number, ...]]]]:
     """Return conditions, and headline scores by their groups."""
     conditions, found = [], {}

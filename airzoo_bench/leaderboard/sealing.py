@@ -46,7 +46,7 @@ from airzoo_bench.core.files import (
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.validation import Strict
 from airzoo_bench.geometry.raster_files import raster_files
-from airzoo_bench.matching.truth import own_map
+from airzoo_bench.matching.truth import photo_maps
 from airzoo_bench.retrieval.truth import IMAGE_COLUMNS
 
 KEY_VARIABLE = "AIRZOO_BENCH_KEY"
@@ -240,7 +240,7 @@ def _data_files(benchmark: Benchmark, scene: SceneFile, home: Path) -> Iterator[
         yield from ((path, "copy") for path in raster_files(raster))
     if given.maps is not None:
         for photo in photos["id"]:
-            yield from ((path, "copy") for path in own_map(benchmark.resolve(given.maps), photo))
+            yield from ((path, "copy") for path in photo_maps(benchmark.resolve(given.maps), photo))
 
 
 def _below(folder: Path, path: Path) -> str:

@@ -71,7 +71,7 @@ def predict(
         tasks = []
         for row, name in enumerate(truth.queries["image"]):
             dom, camera, lie = truth.map_of(row).dom, truth.cameras.take(row), (0.0, 1.0)
-            if not truth.own_maps:
+            if not truth.map_per_query:
                 ground = needed(entry.plane_height_m, "height of the ground", scene.id)
                 lie = lie_on_map(camera, truth.priors.take(row), entry.crs, dom, ground)
             photo, window = benchmark.resolve(entry.images) / name, tuple(truth.crops[row].tolist())

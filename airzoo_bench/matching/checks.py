@@ -23,7 +23,7 @@ from airzoo_bench.geometry.poses import (
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
 from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.metrics import count_near
-from airzoo_bench.matching.predictions import Correspondences, GivenPoses
+from airzoo_bench.matching.predictions import Correspondences, PredictedPoses
 from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 
@@ -42,13 +42,13 @@ _X_FIRST = "write x, the column, before y"
 
 
 def check_scene(
-    content: Correspondences | GivenPoses,
+    content: Correspondences | PredictedPoses,
     truth: MatchingTruth,
     answered: Bools,
     protocol: MatchingProtocol,
 ) -> tuple[str, ...]:
     """Check the answers for a scene, in pixels of the whole map, and return doubts about them."""
-    if isinstance(content, GivenPoses):
+    if isinstance(content, PredictedPoses):
         doubts = _check_poses(content, truth, protocol)
     else:
         doubts = _check_matches(content, truth, answered)
@@ -136,7 +136,7 @@ def _misfit_px(
 
 
 def _check_poses(
-    content: GivenPoses, truth: MatchingTruth, protocol: MatchingProtocol
+    content: PredictedPoses, truth: MatchingTruth, protocol: MatchingProtocol
 ) -> Iterator[str]:
     there, finest = content.has_pose, protocol.scores
     given, priors = content.poses.take(there), truth.priors.take(there)
@@ -200,7 +200,7 @@ def _check_axes(given: Floats, priors: Floats) -> None:
         raise _fault(what, "rotations", "convert them; OpenGL's w2c becomes diag(1, -1, -1) @ R")
 
 
-def _check_digits(given: GivenPoses, truth: MatchingTruth, finest_m: float) -> Iterator[str]:
+def _check_digits(given: PredictedPoses, truth: MatchingTruth, finest_m: float) -> Iterator[str]:
     """Refuse poses with digits that leave more than a centimetre open; doubt centres on a lattice.
 
     Centres may be off by half of the finest threshold, and those of a made-up scene may lie on a

@@ -75,7 +75,7 @@ class Correspondences:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenPoses:
+class PredictedPoses:
     """World-to-camera poses of Q queries, in the scene's CRS, that the method computed itself."""
 
     poses: Poses  # NaN where there is none
@@ -88,7 +88,7 @@ class GivenPoses:
         """A mask (Q,) of the queries with a pose."""
         return np.asarray(np.isfinite(self.poses.centres).all(axis=1))
 
-    def take(self, rows: Ints) -> GivenPoses:
+    def take(self, rows: Ints) -> PredictedPoses:
         """Return the poses of some queries, in this order; a row of -1 has none."""
         poses, errors_m = self.poses.take(rows), self.errors_m[rows]
         for values in (poses.rotation, poses.centres, errors_m):
@@ -96,7 +96,7 @@ class GivenPoses:
         return replace(self, poses=poses, errors_m=errors_m)
 
 
-MatchingPredictions = QueryPredictions[Correspondences | GivenPoses]
+MatchingPredictions = QueryPredictions[Correspondences | PredictedPoses]
 """A prediction file of the matching track, as read."""
 
 
@@ -164,7 +164,7 @@ def _read_coordinates(arrays: Arrays, name: str) -> Floats:
     return values
 
 
-def _read_poses(arrays: Arrays, ids: NDArray[np.str_]) -> GivenPoses:
+def _read_poses(arrays: Arrays, ids: NDArray[np.str_]) -> PredictedPoses:
     """Read ``poses``, or ``rotations`` with ``centres``."""
     centred = "centres" in arrays.names()
     name, columns = ("rotations", 3) if centred else ("poses", 4)
@@ -173,17 +173,17 @@ def _read_poses(arrays: Arrays, ids: NDArray[np.str_]) -> GivenPoses:
     places = _read_coordinates(arrays, "centres") if centred else matrices[:, :, 3]
     check_length(arrays, "centres", places, len(ids))
     where = f"{arrays.path}, field '{name}'"
-    return given_poses(where, ids, matrices[:, :, :3], places, centred=centred)
+    return make_poses(where, ids, matrices[:, :, :3], places, centred=centred)
 
 
-def given_poses(
+def make_poses(
     where: object,
     names: Sequence[str] | NDArray[np.str_],
     rotation: Floats,
     places: Floats,
     *,
     centred: bool = False,
-) -> GivenPoses:
+) -> PredictedPoses:
     """Make poses of quaternions (Q, 4) or matrices (Q, 3, 3), and translations or centres (Q, 3).
 
     A row is NaN where there is no pose.
@@ -206,7 +206,7 @@ def given_poses(
     errors_m = np.full(count, np.nan)
     poses.rotation[~missing], poses.centres[~missing] = known.rotation, known.centres
     errors_m[~missing] = moved
-    return GivenPoses(poses, errors_m, centred)
+    return PredictedPoses(poses, errors_m, centred)
 
 
 def _read_pose_list(path: Path) -> MatchingPredictions:
@@ -228,12 +228,12 @@ def _read_pose_list(path: Path) -> MatchingPredictions:
     values = np.array(rows, dtype=np.float64)
     # As AerialExtreMatch writes that there is none.
     values[(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)] = np.nan
-    given = given_poses(path, names, values[:, :4], values[:, 4:])
+    given = make_poses(path, names, values[:, :4], values[:, 4:])
     return QueryPredictions(path, None, np.array(names, dtype=str), given)
 
 
 _MATCHES, _PAIRS = ("offsets", "query_xy", "map_xy"), ("offsets", "query_xy", "points3d")
-_FORMS: tuple[Fields[Correspondences | GivenPoses], ...] = (
+_FORMS: tuple[Fields[Correspondences | PredictedPoses], ...] = (
     Fields("map_xy", _MATCHES, ("map_frame", "image_size"), _read_correspondences),
     Fields("points3d", _PAIRS, ("image_size",), _read_correspondences),
     Fields("poses", ("poses",), (), _read_poses),

@@ -15,7 +15,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import conditions_of
 from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.evaluation.queries import assign_queries, write_predictions
-from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
+from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, check_scene
@@ -24,8 +24,8 @@ from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
 from airzoo_bench.matching.metrics import count_near, matching_scores, pose_columns, pose_errors
 from airzoo_bench.matching.predictions import (
     Correspondences,
-    GivenPoses,
     MatchingPredictions,
+    PredictedPoses,
     read_matching,
 )
 from airzoo_bench.matching.protocol import Lift, MatchingProtocol, MatchingScores
@@ -43,7 +43,7 @@ class SceneAnswers(NamedTuple):
     """The predictions for the Q queries of a scene, in their order."""
 
     answered: Bools  # (Q,), which queries the file has
-    content: Correspondences | GivenPoses  # in pixels of the whole map
+    content: Correspondences | PredictedPoses  # in pixels of the whole map
     doubts: tuple[str, ...]
 
 
@@ -87,10 +87,10 @@ class MatchingTrack(Track):
 
     def score(
         self, part: SceneAnswers, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
-    ) -> Scored:
+    ) -> SceneScores:
         """See `Track.score`."""
         content, same = part.content, 0
-        if isinstance(content, GivenPoses):
+        if isinstance(content, PredictedPoses):
             poses, columns, inliers = content.poses, dict[str, NDArray[Any]](), None
             same = count_near(poses, truth.priors, *_SAME)
         else:
@@ -104,13 +104,13 @@ class MatchingTrack(Track):
             counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
         notes = [f"scene {truth.scene}: {note}" for note in _notes(counts)]
         details = (content, poses, inliers) if run.keep else None
-        return Scored(records, counts, content.kind, (*part.doubts, *notes), {}, details)
+        return SceneScores(records, counts, content.kind, (*part.doubts, *notes), {}, details)
 
     def check(
         self, part: SceneAnswers, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
-    ) -> Scored:
+    ) -> SceneScores:
         """See `Track.check`."""
-        return Scored(counts={"queries": len(truth.queries)}, notes=part.doubts)
+        return SceneScores(counts={"queries": len(truth.queries)}, notes=part.doubts)
 
     def scores(self, protocol: MatchingProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
@@ -189,7 +189,7 @@ def _lift_matches(
     assert matches.map_xy is not None
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     map_xy = matches.map_xy + (0.5 if lifting.map_pixel_centres == "integer" else 0.0)
-    parts: Sequence[slice] = matches.parts() if truth.own_maps else [slice(None)]
+    parts: Sequence[slice] = matches.parts() if truth.map_per_query else [slice(None)]
     found = [
         lift(map_xy[part], one.dom, one.dsm, heights_above_m=heights, jobs=jobs)
         for part, one in zip(parts, truth.maps, strict=True)

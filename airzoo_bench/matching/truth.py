@@ -105,11 +105,11 @@ class MatchingTruth:
     crops: Ints  # (Q, 4), the window of each query in its map: x, y, width, height
     maps: tuple[ReferenceMap, ...]  # one of the whole scene, or one a query
     excluded: pd.DataFrame  # photos that are no queries, with the reason
-    own_maps: bool = False  # each query has a map of its own
+    map_per_query: bool = False  # each query has a map of its own
 
     def map_of(self, query: int) -> ReferenceMap:
         """Return the map that a query is matched to."""
-        return self.maps[query if self.own_maps else 0]
+        return self.maps[query if self.map_per_query else 0]
 
     @cached_property
     def cameras(self) -> Cameras:
@@ -152,7 +152,7 @@ def with_truth_as_prior(queries: pd.DataFrame) -> pd.DataFrame:
     return queries.assign(**{prior: queries[pose] for prior, pose in pairs})
 
 
-def own_map(folder: Path, photo: str) -> tuple[Path, Path]:
+def photo_maps(folder: Path, photo: str) -> tuple[Path, Path]:
     """Return the files of a photo's own map and surface model."""
     name = photo.split("/", 1)[1]
     return folder / f"{name}_dom.tif", folder / f"{name}_dsm.tif"
@@ -167,7 +167,7 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
     home.mkdir(parents=True, exist_ok=True)
     crops = dict(zip(CROP_COLUMNS, truth.crops.T, strict=True))
     tables = {"crops.csv": ids.assign(**crops), "excluded.csv": truth.excluded}
-    if truth.own_maps:
+    if truth.map_per_query:
         grids = pd.DataFrame([one.grid for one in truth.maps])
         letters = pd.DataFrame(grids.pop("transform").tolist(), columns=_GRID[2:]).map(repr)
         sums = pd.DataFrame({"dsm_sha256": [one.dsm_sha256 for one in truth.maps]})
@@ -202,14 +202,14 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
         for row in _read_rows(table, (*_GRID, "crs", "dsm_sha256"), ids).to_dict("records"):
             prepared = {"width": int(row["width"]), "height": int(row["height"])}
             prepared |= {"transform": [float(row[one]) for one in _GRID[2:]], "crs": row["crs"]}
-            files.append((*own_map(own, row["id"]), str(row["dsm_sha256"]), prepared))
+            files.append((*photo_maps(own, row["id"]), str(row["dsm_sha256"]), prepared))
     maps = tuple(_open_map(*one) for one in files)
     rows = _read_rows(home / "crops.csv", CROP_COLUMNS, ids)
     crops = rows[list(CROP_COLUMNS)].to_numpy(np.int64)
     sizes = np.array([(one.dom.width, one.dom.height) for one in maps]).reshape(-1, 2)
     outside = (crops < (0, 0, 1, 1)).any(axis=1) | (crops[:, :2] + crops[:, 2:] > sizes).any(axis=1)
     refuse_cells(home / "crops.csv", "id", ids, outside, "windows inside the map")
-    return MatchingTruth(scene, queries, crops, maps, excluded, own_maps=entry.maps is not None)
+    return MatchingTruth(scene, queries, crops, maps, excluded, entry.maps is not None)
 
 
 def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFrame:
@@ -252,7 +252,7 @@ def build_truth(inputs: SceneInputs, crop: Crop | None, prior: Prior) -> Matchin
     """Find the crop of each photo, or without a `crop` its own map; leave out photos without."""
     photos = inputs.photos if prior.is_measured else with_truth_as_prior(inputs.photos)
     if crop is None:
-        windows, status, maps = _own_maps(inputs)
+        windows, status, maps = _find_photo_maps(inputs)
     else:
         dom = needed(inputs.dom, "map", inputs.scene)
         dsm = needed(inputs.dsm, "surface model", inputs.scene)
@@ -265,9 +265,9 @@ def build_truth(inputs: SceneInputs, crop: Crop | None, prior: Prior) -> Matchin
     return MatchingTruth(inputs.scene, queries, windows[cropped], maps, excluded, crop is None)
 
 
-def _own_maps(inputs: SceneInputs) -> tuple[Ints, NDArray[Any], tuple[ReferenceMap, ...]]:
+def _find_photo_maps(inputs: SceneInputs) -> tuple[Ints, NDArray[Any], tuple[ReferenceMap, ...]]:
     folder = needed(inputs.maps, "folder of maps", inputs.scene)
-    files = [own_map(folder, photo) for photo in inputs.photos["id"]]
+    files = [photo_maps(folder, photo) for photo in inputs.photos["id"]]
     there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
     found = [files[row] for row in np.flatnonzero(there)]
     maps = tuple(ReferenceMap(open_info(dom), dsm, raster_sha256(dsm)) for dom, dsm in found)

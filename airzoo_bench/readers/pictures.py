@@ -51,7 +51,7 @@ class Pictures:
         photos, crops, maps = [], [], []
         scenes = reading.truths
         for scene in scenes:
-            if not scene.own_maps:
+            if not scene.map_per_query:
                 dom = scene.maps[0].dom
                 name, size = dom.path.name, (dom.width, dom.height)
                 maps.append((scene.scene, name))

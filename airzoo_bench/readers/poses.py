@@ -15,7 +15,7 @@ from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.matching.predictions import GivenPoses, given_poses
+from airzoo_bench.matching.predictions import PredictedPoses, make_poses
 from airzoo_bench.readers.names import query_names, read_names
 from airzoo_bench.readers.pose_files import (
     KITTI,
@@ -57,7 +57,7 @@ class PoseReader(Reader):
     def poses(self, path: Path, reading: Reading) -> NamedPoses:
         """Read the poses."""
 
-    def notes(self, found: GivenPoses) -> tuple[str, ...]:
+    def notes(self, found: PredictedPoses) -> tuple[str, ...]:
         """Return what must be known of the poses."""
         return ()
 
@@ -71,7 +71,7 @@ class PoseReader(Reader):
         there = np.isfinite(flat).all(axis=1)
         rotation[~there], place[~there] = np.nan, np.nan
         names = [given.names[row] for row in kept]
-        content = given_poses(path, names, rotation, place, centred=given.centred)
+        content = make_poses(path, names, rotation, place, centred=given.centred)
         query_ids = np.array([ids[row] for row in kept], dtype=str)
         predictions = QueryPredictions(path, None, query_ids, content)
         strange = len(ids) - len(kept)
@@ -106,7 +106,7 @@ class _HlocPoses(PoseReader):
         values[(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)] = np.nan
         return NamedPoses(names, values[:, :4], values[:, 4:])
 
-    def notes(self, found: GivenPoses) -> tuple[str, ...]:
+    def notes(self, found: PredictedPoses) -> tuple[str, ...]:
         failed = int((~found.has_pose).sum())
         if failed:
             return (f"{counted(failed, 'photo')} at the identity or NaN count as not found",)

@@ -104,15 +104,15 @@ def sparse_reconstruction(
     mapper.init_max_error = mapper.filter_max_reproj_error = error_px
     mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = False
     triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = error_px
-    place, cpu = scratch / "database.db", {"device": pycolmap.Device.cpu}
-    _import_photos(pycolmap, place, images, names, lenses)
-    match = _pairing(pycolmap, place, photos, settings.neighbours)
+    database_path, cpu = scratch / "database.db", {"device": pycolmap.Device.cpu}
+    _import_photos(pycolmap, database_path, images, names, lenses)
+    match = _pairing(pycolmap, database_path, photos, settings.neighbours)
     options = {"matching_options": matching, "verification_options": motion}
     extract = partial(pycolmap.extract_features, extraction_options=extraction, **cpu)
     steps: dict[str, Callable[[], Any]] = {
-        "features": partial(extract, place, images, names),
+        "features": partial(extract, database_path, images, names),
         "matches": partial(match, **options, **cpu),
-        "model": partial(pycolmap.incremental_mapping, place, images, scratch, mapping),
+        "model": partial(pycolmap.incremental_mapping, database_path, images, scratch, mapping),
     }
     pycolmap.set_random_seed(seed)
     *_, models = (with_progress(work, label, run.progress) for label, work in steps.items())
@@ -127,7 +127,7 @@ def sparse_reconstruction(
 
 
 def _import_photos(
-    pycolmap: Any, place: Path, images: Path, names: list[str], lenses: Cameras
+    pycolmap: Any, database_path: Path, images: Path, names: list[str], lenses: Cameras
 ) -> None:
     """Write photos and their lenses, k1 k2 p1 p2 k3 and a denominator of 1, into a database."""
     size = np.stack((lenses.width, lenses.height), axis=1)
@@ -135,26 +135,26 @@ def _import_photos(
     groups: dict[tuple[float, ...], list[str]] = {}
     for name, row in zip(names, rows, strict=True):
         groups.setdefault(tuple(row), []).append(name)
-    pycolmap.Database.open(place).close()
+    pycolmap.Database.open(database_path).close()
     one_camera = pycolmap.CameraMode.SINGLE
     for row, group in groups.items():
         params = ", ".join(map(repr, (*row[:9], 0.0, 0.0, 0.0)))
         lens = pycolmap.ImageReaderOptions(camera_model="FULL_OPENCV", camera_params=params)
-        pycolmap.import_images(place, images, one_camera, group, lens)
+        pycolmap.import_images(database_path, images, one_camera, group, lens)
 
 
 def _pairing(
-    pycolmap: Any, place: Path, photos: pd.DataFrame, neighbours: int | None
+    pycolmap: Any, database_path: Path, photos: pd.DataFrame, neighbours: int | None
 ) -> Callable[..., None]:
     """Return what matches photos: with neighbours by GPS where all have it, else with all."""
     known = set(PRIOR_COLUMNS) <= set(photos.columns)
     if not known or neighbours is None or photos[list(PRIOR_COLUMNS)].isna().any(axis=None):
-        return partial(pycolmap.match_exhaustive, place)
+        return partial(pycolmap.match_exhaustive, database_path)
     # The positions by GPS, for finding neighbours; never the true ones.
     centres = poses_of(photos, PRIOR_COLUMNS).centres
     by_name = dict(zip(photos["image"].astype(str), centres - centres[0], strict=True))
     metres = pycolmap.PosePriorCoordinateSystem.CARTESIAN
-    with pycolmap.Database.open(place) as database:
+    with pycolmap.Database.open(database_path) as database:
         database.clear_pose_priors()
         for image in database.read_all_images():
             prior = pycolmap.PosePrior(position=by_name[image.name], coordinate_system=metres)
@@ -163,4 +163,4 @@ def _pairing(
     options = pycolmap.SpatialPairingOptions(
         max_num_neighbors=neighbours + 1, max_distance=1e9, ignore_z=False, num_threads=1
     )
-    return partial(pycolmap.match_spatial, place, pairing_options=options)
+    return partial(pycolmap.match_spatial, database_path, pairing_options=options)

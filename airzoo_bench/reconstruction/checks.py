@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from airzoo_bench.reconstruction.clouds import PreparedCloud
     from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction
     from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-    from airzoo_bench.reconstruction.track import Comparison
+    from airzoo_bench.reconstruction.track import CloudComparison
     from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 
@@ -58,20 +58,20 @@ _PHOTOS = (
 
 
 def scene_notes(
-    prediction: ScenePrediction, found: Comparison, protocol: ReconstructionProtocol
+    prediction: ScenePrediction, found: CloudComparison, protocol: ReconstructionProtocol
 ) -> list[str]:
     """Collect the notes on a prediction: oddities, points left out, the alignment."""
     geometry, images, transform = prediction.geometry, prediction.images, found.alignment.transform
     (cloud, true), scores = found.clouds, protocol.scores
     finest, notes = scores.finest_m / 20.0, [*prediction.notes]
-    if not isinstance(geometry, FileCloud) and images is not None and not images.named:
+    if not isinstance(geometry, FileCloud) and images is not None and not images.has_names:
         notes.append("has no image_names: its views are the photos in the order of their names")
     if isinstance(geometry, DepthMaps):
         most_m = protocol.fusion.max_depth_m
         notes += depth_notes(prediction, geometry, transform.scale, most_m, finest)
     least = min(finest, 0.01)
-    if images is not None and images.found.any():
-        error = float(np.median(images.errors[images.found])) * transform.scale
+    if images is not None and images.posed.any():
+        error = float(np.median(images.errors[images.posed])) * transform.scale
         notes += digits_notes("extrinsics (C = -R^T t, and t is long)", error, least)
     notes += digits_notes("coordinates", rounding_error(geometry) * transform.scale, least)
     notes += alignment_notes(found.alignment, protocol.alignment.method)
@@ -88,25 +88,26 @@ def scene_notes(
 
 
 def match_cameras(
-    images: ImagePoses | None, truth: ReconstructionTruth, place: str
+    images: ImagePoses | None, truth: ReconstructionTruth, where: str
 ) -> tuple[PosedCameras | None, list[str]]:
     """Name the cameras of a prediction as the truth does, NaN without a pose; return notes too."""
     if images is None:
         return None, []
-    names = true_names(images, truth, place) if images.named else _by_order(images, truth, place)
-    rotation = np.where(images.found[:, None, None], images.poses.rotation, np.nan)
-    centres = np.where(images.found[:, None], images.poses.centres, np.nan)
+    name_images = true_names if images.has_names else _ordered_names
+    names = name_images(images, truth, where)
+    rotation = np.where(images.posed[:, None, None], images.poses.rotation, np.nan)
+    centres = np.where(images.posed[:, None], images.poses.centres, np.nan)
     cameras = PosedCameras(tuple(names), centres, rotation)
     rows, true_rows = partners(cameras, truth.posed)
-    note = check_inversion(images.poses.take(rows), truth.poses.take(true_rows), place)
-    check_names(cameras, truth.posed, place)
+    note = check_inversion(images.poses.take(rows), truth.poses.take(true_rows), where)
+    check_names(cameras, truth.posed, where)
     return cameras, [note] if note else []
 
 
-def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+def _ordered_names(images: ImagePoses, truth: ReconstructionTruth, where: str) -> list[str]:
     """Take views without names for the photos in the order of their names, where cameras agree."""
     photos, views = sorted(truth.photos["image"]), len(images.names)
-    rows, why = np.flatnonzero(images.found), ""
+    rows, why = np.flatnonzero(images.posed), ""
     if views != len(photos):
         why = f"{counted(views, 'view')} for {counted(len(photos), 'photo')} of the scene"
     elif len(rows) < LEAST_CAMERAS:
@@ -117,11 +118,11 @@ def _by_order(images: ImagePoses, truth: ReconstructionTruth, place: str) -> lis
         if off > _ORDER_FITS_DEG:
             why = f"cameras do not fit the photos in the order of their names, by {off:.0f} degrees"
     if why:
-        raise PredictionError(f"has no image_names, and {why}", where=place, fix=_PHOTOS)
+        raise PredictionError(f"has no image_names, and {why}", where=where, fix=_PHOTOS)
     return photos
 
 
-def true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> list[str]:
+def true_names(images: ImagePoses, truth: ReconstructionTruth, where: str) -> list[str]:
     """Return the truth's names of images; an ending may be left out."""
     names, photos = images.names.tolist(), truth.photos["image"].tolist()
     stems = [PurePosixPath(name).with_suffix("").as_posix() for name in photos]
@@ -135,7 +136,7 @@ def true_names(images: ImagePoses, truth: ReconstructionTruth, place: str) -> li
         shown = [repr(name[:80]) + nearest(name, missing, 1) for name in odd[:3]]
         raise PredictionError(
             f"image names of no photo of the scene: {first_of([*shown, *odd[3:]], len(names))}",
-            where=f"{place}, field 'image_names'",
+            where=f"{where}, field 'image_names'",
             expected=f"names such as {photos[0]!r}, with or without their ending",
             fix=_PHOTOS,
         )
@@ -278,8 +279,8 @@ def depth_notes(
     images = prediction.images
     if prediction.pixel_centres is None and images is not None and error > tolerance_m:
         notes.append(
-            f"pixel centres of K are taken as {'half' if images.named else 'integer'}: if that is "
-            f"wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (as networks "
+            f"pixel centres of K are taken as {'half' if images.has_names else 'integer'}: if that "
+            f"is wrong, points are {error:.2g} m off; add pixel_centres = 'integer' (as networks "
             "have them) or 'half'"
         )
     return notes

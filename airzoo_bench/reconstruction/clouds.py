@@ -1,6 +1,6 @@
-"""Clouds in pieces, and which of their points are compared: in a region, thinned, seen by photos.
+"""Clouds in pieces, and which of their points are compared: in a crop, thinned, seen by photos.
 
-Points that are not finite are left out and counted, then those outside the region, and the rest is
+Points that are not finite are left out and counted, then those outside the crop, and the rest is
 thinned by voxels; each step only where a protocol asks for it. Recall is over the part of the true
 cloud that the photos saw: inside enough of them, and not hidden.
 
@@ -27,7 +27,7 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import Similarity
 from airzoo_bench.reconstruction.settings import Preparation
 
-Region = Callable[[Floats], Bools]
+Crop = Callable[[Floats], Bools]
 """Says which of finite points (N, 3) lie in a part of space."""
 
 _ENDLESS = 1e150
@@ -175,7 +175,7 @@ def _merged(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:
     return ordered[starts], np.add.reduceat(sums[order], starts, axis=0)
 
 
-# --- regions ---
+# --- cells of a grid, and the crop of both clouds ---
 
 
 def box_of(source: CloudSource) -> Floats:
@@ -192,7 +192,7 @@ def box_of(source: CloudSource) -> Floats:
 class Cells:
     """Some cells of a grid that has a corner at (0, 0, 0); an infinite `size` makes columns.
 
-    `keys` (C,), ascending, have 21 bits an axis: of places, which are counted from a cell `low`.
+    `keys` (C,), ascending, have 21 bits an axis: of indices, which count from a cell `low`.
     """
 
     size: Floats
@@ -202,19 +202,19 @@ class Cells:
     def holds(self, points: Floats) -> Bools:
         """Say which of finite points (N, 3) lie in one of the cells."""
         keys = cell_keys(np.floor(points / self.size) - self.low)
-        place = np.searchsorted(self.keys, keys)
-        return np.asarray(np.append(self.keys, -2)[place] == keys)
+        rows = np.searchsorted(self.keys, keys)
+        return np.asarray(np.append(self.keys, -2)[rows] == keys)
 
-    def places(self) -> Ints:
-        """Return places (C, 3) of the cells along the axes."""
+    def indices(self) -> Ints:
+        """Return the indices (C, 3) of the cells along the axes."""
         shifts, mask = np.array((2 * _AXIS_BITS, _AXIS_BITS, 0)), (1 << _AXIS_BITS) - 1
         return np.asarray(self.keys[:, None] >> shifts & mask)
 
 
-def cell_keys(places: Floats) -> Ints:
-    """Return keys of places (N, 3), which ascend by x, then y, then z; -1 where there is none."""
-    inside = np.all((places >= 0) & (places < 1 << _AXIS_BITS), axis=1)
-    x, y, z = np.where(inside[:, None], places, 0.0).astype(np.int64).T
+def cell_keys(indices: Floats) -> Ints:
+    """Return keys of cells by indices (N, 3), which ascend by x, y and z; -1 where none is."""
+    inside = np.all((indices >= 0) & (indices < 1 << _AXIS_BITS), axis=1)
+    x, y, z = np.where(inside[:, None], indices, 0.0).astype(np.int64).T
     return np.where(inside, ((x << _AXIS_BITS | y) << _AXIS_BITS) | z, -1)
 
 
@@ -229,19 +229,19 @@ def occupied_cells(
     return Cells(sides, low, keys[keys >= 0])
 
 
-def covered_columns(pieces: Iterable[Floats], size: float, box: Floats, margin: float) -> Region:
+def covered_columns(pieces: Iterable[Floats], size: float, box: Floats, margin: float) -> Crop:
     """Return the upright columns that hold one of some points, or come within a margin of one.
 
     They reach from the box's lowest to its highest point and, both ways, by the margin beyond.
     """
     occupied = occupied_cells(pieces, (size, size, np.inf), box, margin + size)
-    keys, places = occupied.keys, occupied.places()
+    keys, indices = occupied.keys, occupied.indices()
     reach = int(np.floor(margin / size)) + 1
     for east, north in itertools.product(range(-reach, reach + 1), repeat=2):
         # Between the nearest sides of two columns.
         apart = np.hypot(max(abs(east) - 1, 0), max(abs(north) - 1, 0)) * size
         if apart < margin:
-            keys = np.union1d(keys, cell_keys(places + np.array((east, north, 0.0))))
+            keys = np.union1d(keys, cell_keys(indices + np.array((east, north, 0.0))))
     columns = replace(occupied, keys=keys[keys >= 0])
     low, high = float(box[0, 2] - margin), float(box[1, 2] + margin)
 
@@ -252,10 +252,10 @@ def covered_columns(pieces: Iterable[Floats], size: float, box: Floats, margin: 
     return holds
 
 
-def cropped_region(
+def find_crop(
     truth: CloudSource, box: Floats, settings: Preparation, block_points: int
-) -> Region | None:
-    """Return the region that a protocol crops both clouds to, or None."""
+) -> Crop | None:
+    """Return the part of the scene that both clouds are cropped to, or None."""
     if settings.crop == "none":
         return None
     pieces = finite_pieces(truth, block_points)
@@ -270,7 +270,7 @@ class PreparedCloud:
     """A cloud as it is compared, and how many points were left out of it, or merged by voxels.
 
     `distrusted` are those of too little confidence. `sample` (S, 3) are finite points from all of
-    the cloud, those outside the region among them.
+    the cloud, those outside the crop among them.
     """
 
     source: CloudSource
@@ -287,9 +287,9 @@ class PreparedCloud:
 
 
 def prepare_cloud(
-    source: CloudSource, settings: Preparation, region: Region | None, block_points: int
+    source: CloudSource, settings: Preparation, crop: Crop | None, block_points: int
 ) -> PreparedCloud:
-    """Prepare a cloud, cropped to a region where one is given."""
+    """Prepare a cloud, cropped where there is a crop."""
     size, grid = settings.voxel_m, None
     if not isinstance(size, str):
         grid = VoxelGrid(size, grid_origin(size), max(block_points, _LEAST_VOXELS))
@@ -299,7 +299,7 @@ def prepare_cloud(
     for piece in source.pieces(block_points):
         sample.append(piece.points[-seen % every :: every].copy())
         near = piece.points[finite_rows(piece.points)]
-        within = near if region is None else near[region(near)]
+        within = near if crop is None else near[crop(near)]
         seen, finite, inside = seen + len(piece), finite + len(near), inside + len(within)
         if grid is not None:
             grid.add(within)
@@ -307,7 +307,7 @@ def prepare_cloud(
 
     def read(points: int) -> Iterator[Cloud]:
         for near in finite_pieces(source, points):
-            yield Cloud(near if region is None else near[region(near)])
+            yield Cloud(near if crop is None else near[crop(near)])
 
     prepared = PieceCloud(inside, read) if grid is None else cloud_of(grid.points())
     return PreparedCloud(
@@ -335,7 +335,7 @@ def observed_cells(
     cell = settings.observed_cell_m
     # Thinning rounds: points may lie outside the box of the unthinned cloud by a hair.
     occupied = occupied_cells(finite_pieces(truth, block_points), (cell, cell, cell), box, cell)
-    centres = (occupied.places() + occupied.low + 0.5) * occupied.size
+    centres = (occupied.indices() + occupied.low + 0.5) * occupied.size
     times = np.zeros(len(centres), np.int64)
     for row in range(len(poses)):
         camera, pose = cameras.take(row), poses.take(row)
@@ -367,11 +367,11 @@ def seen_by(
         side = _STEP**level
         columns = int(size[0] // side) + 1
         x, y = np.floor(pixels / side).astype(np.int64).T
-        place = y * columns + x
+        pixel = y * columns + x
         nearest = np.full(columns * (int(size[1] // side) + 1), np.inf)
         own = levels == level
-        np.minimum.at(nearest, place[own], depth[own])
+        np.minimum.at(nearest, pixel[own], depth[own])
         tested = levels <= level
-        hidden[tested] |= nearest[place[tested]] < depth[tested] - hidden_beyond
+        hidden[tested] |= nearest[pixel[tested]] < depth[tested] - hidden_beyond
     seen[rows] = ~hidden
     return seen

@@ -59,18 +59,17 @@ _EXPECTED = (
 
 @dataclass(frozen=True, eq=False)
 class ImagePoses:
-    """Poses of N images by their names, which are numbers where the file has none (not `named`).
+    """Poses of N images by their names, which are numbers unless the file `has_names`.
 
-    Where the method `found` no pose (NaN in all of it, or a place beyond all measure) `poses` are
-    meaningless. `errors` estimate by how much digits that the file lacks have moved each camera, in
-    the unit of its translation.
+    `poses` have no meaning where an image is not `posed`. `errors` estimate by how much digits that
+    the file lacks have moved each camera, in the unit of its translation.
     """
 
     names: NDArray[np.str_]
-    found: Bools
+    posed: Bools
     poses: Poses
     errors: Floats
-    named: bool = True
+    has_names: bool = True
 
 
 @dataclass(frozen=True, eq=False)

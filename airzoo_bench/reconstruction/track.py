@@ -19,7 +19,7 @@ from airzoo_bench.core.files import PART, atomic_write, write_npz
 from airzoo_bench.core.progress import Headed
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
-from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, Scored, Track
+from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, SceneScores, Track
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
 from airzoo_bench.geometry.arrays import Floats
@@ -56,10 +56,10 @@ _LEFT_OUT = ("distrusted", "not_finite", "outside", "thinned")
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class CloudComparison:
     """A prediction compared with the truth of its scene, both clouds as they were compared.
 
-    `recalled` are the distances of the true points that recall is over.
+    `recalled` are the distances of the true points that recall is measured on.
     """
 
     alignment: Alignment
@@ -74,16 +74,16 @@ def score_scene(
     truth: ReconstructionTruth,
     protocol: ReconstructionProtocol,
     run: Run,
-) -> Scored:
+) -> SceneScores:
     """Read a scene's prediction and score it; an error names the scene."""
-    place, found = f"{predictions.path}, scene {truth.scene}", None
+    where, found = f"{predictions.path}, scene {truth.scene}", None
     with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
         true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, protocol.meshes.sampling)
         geometry, images = prediction.geometry, prediction.images
-        if isinstance(geometry, fusion.DepthMaps) and images and not images.found.all():
-            geometry = geometry.take(np.flatnonzero(images.found))  # others are nowhere
+        if isinstance(geometry, fusion.DepthMaps) and images and not images.posed.all():
+            geometry = geometry.take(np.flatnonzero(images.posed))  # others are nowhere
         try:
-            cameras, doubts = match_cameras(images, truth, place)
+            cameras, doubts = match_cameras(images, truth, where)
             found = compare(geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
@@ -106,7 +106,7 @@ def open_scene(
     predictions: ScenePredictions, scene: str, protocol: ReconstructionProtocol, memory_bytes: int
 ) -> Iterator[ScenePrediction]:
     """Open a scene's entry; an error that is raised meanwhile says where it is."""
-    place, sampling = f"{predictions.path}, scene {scene}", protocol.meshes.sampling
+    where, sampling = f"{predictions.path}, scene {scene}", protocol.meshes.sampling
     try:
         with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
             yield found
@@ -117,7 +117,7 @@ def open_scene(
             error.where = unpacked
         elif error.where is not None:
             raise
-        raise error.inside(place) from error
+        raise error.inside(where) from error
 
 
 def compare(
@@ -127,7 +127,7 @@ def compare(
     true_cloud: CloudSource,
     protocol: ReconstructionProtocol,
     run: Run,
-) -> Comparison:
+) -> CloudComparison:
     """Align, fuse and prepare a cloud or maps as the protocol says, and measure distances."""
     if protocol.alignment.cameras == "required" and cameras is None:
         what, fix = "holds no cameras, and the protocol requires them", "add SCENE.cameras.npz"
@@ -137,9 +137,9 @@ def compare(
     progress = Headed(truth.scene, run.progress)
     box = clouds.box_of(true_cloud)
     cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
-    region = clouds.cropped_region(true_cloud, box, settings, block)
+    crop = clouds.find_crop(true_cloud, box, settings, block)
     both = progress((cloud, true_cloud), "preparing clouds", 2)
-    predicted, true = (clouds.prepare_cloud(one, settings, region, block) for one in both)
+    predicted, true = (clouds.prepare_cloud(one, settings, crop, block) for one in both)
     distances = cloud_distances(
         predicted.source, true.source, block_points=block, jobs=run.jobs, progress=progress
     )
@@ -150,7 +150,7 @@ def compare(
         recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
     steps = scores.curve_up_to_m * np.arange(1, scores.curve_steps + 1) / scores.curve_steps
     found = metrics.curve(distances.to_truth, recalled, steps)
-    return Comparison(alignment, (predicted, true), distances, recalled, found)
+    return CloudComparison(alignment, (predicted, true), distances, recalled, found)
 
 
 def _aligned(
@@ -185,8 +185,8 @@ def _aligned(
 
 
 def score_comparison(
-    scene: str, found: Comparison, poses: dict[str, float], settings: ReconstructionScores
-) -> Scored:
+    scene: str, found: CloudComparison, poses: dict[str, float], settings: ReconstructionScores
+) -> SceneScores:
     """Put the scores of a cloud and of its cameras into a scene's record."""
     (predicted, true), distances, alignment = found.clouds, found.distances, found.alignment
     counts = {
@@ -215,11 +215,11 @@ def score_comparison(
 
 def _scored(
     scene: str, columns: dict[str, Any], counts: dict[str, int], answered: bool = True
-) -> Scored:
+) -> SceneScores:
     whole = {name: counts[name] for name in counts if name not in ("missing", "failed")}
     records = pd.DataFrame([{"scene": scene, "answered": answered, **whole, **columns}])
     kinds = dict.fromkeys(sorted(whole), "Int64")
-    return Scored(records.astype(kinds), {"queries": 1, "missing": 0, **counts})
+    return SceneScores(records.astype(kinds), {"queries": 1, "missing": 0, **counts})
 
 
 def _cloud_columns(
@@ -367,7 +367,7 @@ class ReconstructionTrack(Track):
         truth: ReconstructionTruth,
         protocol: ReconstructionProtocol,
         run: Run,
-    ) -> Scored:
+    ) -> SceneScores:
         """See `Track.score`."""
         predictions, scene = part
         if scene not in predictions.scenes:
@@ -381,20 +381,20 @@ class ReconstructionTrack(Track):
         truth: ReconstructionTruth,
         protocol: ReconstructionProtocol,
         run: Run,
-    ) -> Scored:
+    ) -> SceneScores:
         """Score the scene, which finds all errors; where its truth is sealed, only read it."""
         predictions, scene = part
         if not truth.is_sealed:
             return self.score(part, truth, protocol, run)
         if scene not in predictions.scenes:
-            return Scored()
+            return SceneScores()
         with open_scene(predictions, scene, protocol, run.memory_bytes) as prediction:
-            if prediction.images is not None and prediction.images.named:
+            if prediction.images is not None and prediction.images.has_names:
                 true_names(prediction.images, truth, f"{predictions.path}, scene {scene}")
             if isinstance(prediction.geometry, FileCloud):
                 for _piece in prediction.geometry.pieces(_LEAST_BLOCK):
                     pass  # a file that is cut off is found out where it is read
-            return Scored(notes=tuple(f"scene {scene}: {note}" for note in prediction.notes))
+            return SceneScores(notes=tuple(f"scene {scene}: {note}" for note in prediction.notes))
 
     def scores(self, protocol: ReconstructionProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""

@@ -31,7 +31,7 @@ from airzoo_bench.report.reconstruction import draw_clouds
 from airzoo_bench.report.retrieval import draw_hits, draw_tiles
 from airzoo_bench.report.sections import read_sections
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
-from airzoo_bench.results.records import Scored, read_scored
+from airzoo_bench.results.records import Method, read_methods
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import breakdown_table, condition_title
@@ -48,7 +48,7 @@ _LETTER_IN = 0.0625  # of the names along an axis
 _PLAN = ResamplingConfig()
 
 
-def recall_curve(method: Scored, up_to: int) -> Floats:
+def recall_curve(method: Method, up_to: int) -> Floats:
     """Recall at K = 1 ... `up_to`, the unweighted mean over scenes, from first hits."""
     scenes = method.records.groupby("scene")["first_hit_rank"]
     ranks = [np.where((r >= 1) & (r <= up_to), r, up_to + 1) for _, r in scenes]
@@ -56,7 +56,7 @@ def recall_curve(method: Scored, up_to: int) -> Floats:
     return np.asarray(np.mean(np.cumsum(hits, axis=1), axis=0))
 
 
-def error_shares(method: Scored, key: str, limits: Floats) -> Floats:
+def error_shares(method: Method, key: str, limits: Floats) -> Floats:
     """Return the share of queries with an error strictly below each limit, mean over scenes."""
     shares = []
     for _, found in method.records.groupby("scene")[key]:
@@ -81,7 +81,7 @@ def _draw_lines(axes: Axes, xs: Iterable[Floats], ys: Iterable[Floats], **more: 
 
 @default_style()
 def recall(
-    methods: Sequence[Scored], up_to: int | None = None, sheet: Sheet | None = None
+    methods: Sequence[Method], up_to: int | None = None, sheet: Sheet | None = None
 ) -> Figure:
     """Draw recall at K over K, for each method up to the length of its longest list."""
     result, sheet = methods[0].result, noted(methods, sheet)
@@ -109,7 +109,7 @@ def recall(
 
 
 @default_style()
-def errors(methods: Sequence[Scored], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
+def errors(methods: Sequence[Method], score: ScoreColumn, sheet: Sheet | None = None) -> Figure:
     """Draw the share of queries with an error below a value; failures never count as below."""
     sheet = noted(methods, sheet)
     figure, axes = _new_axes(sheet)
@@ -144,7 +144,7 @@ def threshold_scores(columns: Sequence[ScoreColumn]) -> dict[str, dict[float, st
 
 
 @default_style()
-def thresholds(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
+def thresholds(methods: Sequence[Method], sheet: Sheet | None = None) -> Figure:
     """Draw precision, recall and F1 at the protocol's distances, averaged over scenes."""
     result, sheet = methods[0].result, noted(methods, sheet)
     keys = threshold_scores(result.columns)
@@ -178,7 +178,7 @@ def thresholds(methods: Sequence[Scored], sheet: Sheet | None = None) -> Figure:
 
 @default_style()
 def condition(
-    methods: Sequence[Scored],
+    methods: Sequence[Method],
     score: ScoreColumn,
     by: str,
     bins: Sequence[float] | None = None,
@@ -234,7 +234,7 @@ KINDS = tuple(_KINDS)
 
 
 def draw_methods(
-    kind: str, methods: Sequence[Scored], score: str | None = None, **more: Any
+    kind: str, methods: Sequence[Method], score: str | None = None, **more: Any
 ) -> Figure:
     """Draw one of `KINDS`: by the score that is named, else the first headline one or error."""
     check_same_queries(methods)
@@ -253,7 +253,7 @@ def draw_methods(
 def picture(kind: str, paths: Sequence[Path], sheet: Sheet, **more: Any) -> Figure:
     """Draw a kind of picture as ``airzoo-bench plot`` does."""
     if kind in KINDS:
-        return draw_methods(kind, read_scored(paths), sheet=sheet, **more)
+        return draw_methods(kind, read_methods(paths), sheet=sheet, **more)
     return draw_run(kind, paths, sheet, **more)
 
 

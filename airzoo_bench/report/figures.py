@@ -18,7 +18,7 @@ from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.method_table import UNITS
 from airzoo_bench.tables.model import plain
@@ -222,12 +222,12 @@ def axis_label(score: ScoreColumn) -> str:
     return f"median {error_label(score)}" if is_median else error_label(score)
 
 
-def over_scenes(methods: Sequence[Scored]) -> str:
+def over_scenes(methods: Sequence[Method]) -> str:
     """Return what labels add if values are means over several scenes."""
     return ", mean over scenes" if len(methods[0].result.scenes) > 1 else ""
 
 
-def noted(methods: Sequence[Scored], sheet: Sheet | None) -> Sheet:
+def noted(methods: Sequence[Method], sheet: Sheet | None) -> Sheet:
     """Return the sheet, or a new one; its small print begins with where the numbers come from."""
     given, result = sheet or Sheet(), methods[0].result
     truth, protocol = result.truth, result.protocol

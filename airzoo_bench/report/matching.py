@@ -30,7 +30,7 @@ from airzoo_bench.report.figures import (
 )
 from airzoo_bench.report.places import Place, draw_ground, places_of, true_window
 from airzoo_bench.report.sections import Arrays, Section, keep, need_kept, read_kept
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,7 +94,7 @@ def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
     joined["offsets"] = np.concatenate([[0], np.cumsum(joined.pop("sizes"))]).astype(np.int64)
     folder = keep(out, "matching", joined)
     result = evaluation.result
-    section = Section([Scored(result.predictions.method, result, evaluation.records)], [out])
+    section = Section([Method(result.predictions.method, result, evaluation.records)], [out])
     for place in places_of(section, evaluation.benchmark):
         if place.dom is not None:
             save_figure(draw_arrows(section, place), folder / f"{place.scene}_map.png")

@@ -101,7 +101,7 @@ def _retrieval(benchmark: Benchmark, scene: str) -> Place:
 def _matching(benchmark: Benchmark, scene: str) -> Place:
     truth = read_matching(benchmark, scene)
     photos = _photos(truth.queries, benchmark, scene)
-    if truth.own_maps:  # there is no map that all queries are on
+    if truth.map_per_query:  # there is no map that all queries are on
         return Place(scene, truth, photos)
     dom = truth.maps[0].dom
     to_map = to_map_pixels(benchmark.scene(scene).crs, dom)

@@ -16,7 +16,7 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.reconstruction.track import Comparison
+from airzoo_bench.reconstruction.track import CloudComparison
 from airzoo_bench.report.figures import (
     COLOURS,
     Sheet,
@@ -30,7 +30,7 @@ from airzoo_bench.report.figures import (
 from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.places import Place, jpeg
 from airzoo_bench.report.sections import Arrays, Section, keep, need_kept, read_kept
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ _CELLS = 160  # along the longer side of a map
 _PAGE_POINTS, _PHOTO_PX = 98_000, 800  # of all clouds of a section: 1 MB
 
 
-def gather_clouds(scene: Comparison) -> Arrays:
+def gather_clouds(scene: CloudComparison) -> Arrays:
     """Gather an even choice of the points of both clouds, with their distances to the other.
 
     Points are relative to `origin`; `curve` (3, K) has distances, precision and recall below them.
@@ -82,7 +82,7 @@ def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
     for number, scene in enumerate(run.progress(scenes.values(), "figures", len(scenes))):
         arrays |= {f"{name}_{number}": array for name, array in gather_clouds(scene).items()}
     folder, result = keep(out, "reconstruction", arrays), evaluation.result
-    section = Section([Scored(result.predictions.method, result, evaluation.records)], [out])
+    section = Section([Method(result.predictions.method, result, evaluation.records)], [out])
     for name in scenes:
         save_figure(draw_clouds(section, name), folder / f"{name}_cloud.png")
 

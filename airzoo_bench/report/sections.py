@@ -16,7 +16,7 @@ from airzoo_bench.core.files import atomic_write, write_npz
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, same_in_all
-from airzoo_bench.results.records import Scored, read_records
+from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, method_names, read_result, result_paths
 from airzoo_bench.tables.breakdown import condition_names
 
@@ -29,7 +29,7 @@ _LIMIT_BYTES = 1 << 30
 class Section:
     """Methods of one protocol, truth and set of queries, with records in the same order."""
 
-    methods: list[Scored]
+    methods: list[Method]
     folders: list[Path] = field(default_factory=list)  # of the runs
 
     @property
@@ -82,10 +82,10 @@ def read_sections(paths: Sequence[Path]) -> list[Section]:
     """Read results with their records, and group those that measure the same, the best first."""
     paths = result_paths(paths)
     results = [read_result(path) for path in paths]
-    groups: dict[tuple[str, str, str], list[tuple[Path, Scored]]] = {}
+    groups: dict[tuple[str, str, str], list[tuple[Path, Method]]] = {}
     for path, name, result in zip(paths, method_names(paths, results), results, strict=True):
         key = (result.track, result.protocol.fingerprint, result.truth.fingerprint)
-        scored = Scored(name, result, read_records(path, result))
+        scored = Method(name, result, read_records(path, result))
         groups.setdefault(key, []).append((path.parent, scored))
     sections = []
     for members in groups.values():

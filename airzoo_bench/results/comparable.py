@@ -12,7 +12,7 @@ from airzoo_bench.results.result import Result, ScoreColumn
 _SAME_FOLDER = "score all predictions again with the same benchmark folder"
 
 if TYPE_CHECKING:  # records need pandas, which tables of results do without
-    from airzoo_bench.results.records import Scored
+    from airzoo_bench.results.records import Method
 
 
 def find_scene(titles: Mapping[str, str], wanted: str) -> str:
@@ -27,7 +27,7 @@ def find_scene(titles: Mapping[str, str], wanted: str) -> str:
     raise ResultError(what, expected="one of " + ", ".join(found or titles))
 
 
-def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
+def scores_by_name(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
     """Return scores by key and by title, as people name them."""
     listed = list(scores)
     return {score.key: score for score in listed} | {score.title: score for score in listed}
@@ -35,7 +35,7 @@ def named_scores(scores: Iterable[ScoreColumn]) -> dict[str, ScoreColumn]:
 
 def check_score(name: str, scores: Sequence[ScoreColumn], option: str) -> None:
     """Refuse the name of a score that is none of these."""
-    known = named_scores(scores)
+    known = scores_by_name(scores)
     if name not in known:
         # Titles hold commas, such as @1m,1°.
         titles = "; ".join(dict.fromkeys(score.title for score in scores))
@@ -44,7 +44,7 @@ def check_score(name: str, scores: Sequence[ScoreColumn], option: str) -> None:
 
 
 def choose_scores(
-    methods: Sequence[Scored], wanted: Sequence[str], *, every: bool = False
+    methods: Sequence[Method], wanted: Sequence[str], *, every: bool = False
 ) -> list[ScoreColumn]:
     """Find scores by key or title; where none is wanted, the headline ones that all have."""
     shared = [c for c in methods[0].result.columns if all(c in m.result.columns for m in methods)]
@@ -56,7 +56,7 @@ def choose_scores(
         return found
     for name in wanted:
         check_score(name, shared, "--score")
-    return list(dict.fromkeys(named_scores(shared)[name] for name in wanted))
+    return list(dict.fromkeys(scores_by_name(shared)[name] for name in wanted))
 
 
 def score_keys(result: Result, wanted: Sequence[str], *, every: bool = False) -> set[str]:
@@ -101,7 +101,7 @@ def other_settings(one: Mapping[str, Any], two: Mapping[str, Any]) -> str:
     return first_names(unlike, separator="; ")
 
 
-def check_same_queries(methods: Sequence[Scored]) -> None:
+def check_same_queries(methods: Sequence[Method]) -> None:
     """Refuse results of different protocols, truths or queries."""
     check_comparable([m.name for m in methods], [m.result for m in methods])
     first = methods[0]
@@ -113,13 +113,13 @@ def check_same_queries(methods: Sequence[Scored]) -> None:
             raise ResultError(f"{both}; not in both: {lonely}", fix=_SAME_FOLDER)
 
 
-def same_in_all(methods: Sequence[Scored], column: str) -> bool:
+def same_in_all(methods: Sequence[Method], column: str) -> bool:
     """Whether all methods, on the same queries, have the same values in a column."""
     own = methods[0].records[column]
     return all(column in m.records and own.equals(m.records[column]) for m in methods)
 
 
-def check_same_column(methods: Sequence[Scored], by: str) -> None:
+def check_same_column(methods: Sequence[Method], by: str) -> None:
     """Refuse to put all methods' queries into groups that one of them made."""
     if by in methods[0].records and not same_in_all(methods, by):
         what = f"--by {by}: the results have other values of it"

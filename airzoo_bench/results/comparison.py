@@ -33,9 +33,9 @@ from airzoo_bench.statistics.significance import (
 )
 
 if TYPE_CHECKING:  # records need pandas, which tables of results do without
-    from airzoo_bench.results.records import Scored
+    from airzoo_bench.results.records import Method
 
-FLOOR_MARK = "‡"  # behind the name of a method that is no better than a reference
+FLOOR_MARK = "‡"  # behind the name of a method that is no better than chance or its prior
 _BEST = "best"
 # How the columns of scores begin that say of a query whether it is answered well enough.
 _HITS = {"retrieval": ("recall@", "distance<", "ma@"), "matching": ("within_",)}
@@ -55,7 +55,7 @@ def is_share(score: ScoreColumn) -> bool:
 
 
 def make_sample(
-    methods: Sequence[Scored], scores: Sequence[ScoreColumn], scene: str | None = None
+    methods: Sequence[Method], scores: Sequence[ScoreColumn], scene: str | None = None
 ) -> Sample:
     """Gather variables, score by score and in each method by method."""
     whole = pooled_sample(methods, scores)
@@ -67,7 +67,7 @@ def make_sample(
     return replace(whole, groups=scenes, values=parts)
 
 
-def pooled_sample(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> Sample:
+def pooled_sample(methods: Sequence[Method], scores: Sequence[ScoreColumn]) -> Sample:
     """Gather variables as `make_sample` does, of all records as one group, in their order."""
     unit = methods[0].result.unit
     variables = [(score, method) for score in scores for method in methods]
@@ -80,7 +80,7 @@ def pooled_sample(methods: Sequence[Scored], scores: Sequence[ScoreColumn]) -> S
 
 
 def score_intervals(
-    method: Scored,
+    method: Method,
     scores: Sequence[ScoreColumn],
     resampling: ResamplingConfig,
     scene: str | None = None,
@@ -91,7 +91,7 @@ def score_intervals(
     return found if sample.unit == "query" else replace(found, groups={})
 
 
-def value_of(method: Scored, score: ScoreColumn, scene: str | None = None) -> float:
+def value_of(method: Method, score: ScoreColumn, scene: str | None = None) -> float:
     """Return a method's value on a scene, or the unweighted mean over scenes."""
     values = method.result.overall if scene is None else method.result.scenes[scene]
     return values[score.key]
@@ -103,7 +103,7 @@ def notes_of(result: Result) -> tuple[str, ...]:
 
 
 def floor_note(result: Result) -> str:
-    """Name the headline scores that do not beat a reference, such as chance."""
+    """Name the headline scores that do not beat `Result.references`: chance, or the prior."""
     parts = []
     for name, reference in result.references.items():
         columns = [c for c in result.columns if c.headline and c.key in reference.overall]
@@ -135,11 +135,11 @@ def _is_no_better(result: Result, reference: Reference, column: ScoreColumn) -> 
 
 @dataclass(frozen=True)
 class Pair:
-    """A method and the reference, by one score.
+    """A method and the one that it is compared with, its `reference`, by one score.
 
     The difference, the method's minus the reference's, is None where both are infinite. `p_holm` is
-    adjusted for `Comparison.family`; `p_mcnemar` is over all queries, and None where the score is
-    no hit. Wins, ties and losses count the queries, or scenes.
+    adjusted for `MethodComparison.family`; `p_mcnemar` is over all queries, None where the score
+    is no hit. Wins, ties and losses count the queries, or scenes.
     """
 
     score: ScoreColumn
@@ -169,8 +169,8 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """All methods against one, score by score, in each the methods in their order.
+class MethodComparison:
+    """All methods against one, the `reference`, by score and in each in the order of methods.
 
     `unit` is what was resampled, "query" or "scene"; p was adjusted for `family` comparisons of a
     score. The methods of `no_better` are no better than chance or the prior; see `floor_note`.
@@ -188,15 +188,15 @@ class Comparison:
 
 
 def compare(
-    methods: Sequence[Scored],
+    methods: Sequence[Method],
     scores: Sequence[ScoreColumn],
     *,
     reference: str | None = None,
     scene: str | None = None,
     family: int = 0,
     resampling: ResamplingConfig,
-) -> Comparison:
-    """Compare methods with one of them, the first, the best or that of a name, of so many pairs."""
+) -> MethodComparison:
+    """Compare methods with a `reference` among them: a name, "best", or None for the first."""
     check_same_queries(methods)
     if scene is not None:
         scene = find_scene(methods[0].result.truth.scene_titles, scene)
@@ -216,7 +216,7 @@ def compare(
         values = [np.concatenate([part[row] for part in sample.values]) for row in (one, other)]
         sides = methods[one % count], methods[other % count]
         pairs.append(_pair(scores[one // count], sides, values, scene, *found))
-    return Comparison(
+    return MethodComparison(
         reference=names[base],
         unit=sample.unit,
         units=sum(values.shape[1] for values in sample.values),
@@ -230,7 +230,7 @@ def compare(
 
 
 def tied_with_best(
-    methods: Sequence[Scored],
+    methods: Sequence[Method],
     scores: Sequence[ScoreColumn],
     resampling: ResamplingConfig,
     scene: str | None = None,
@@ -245,7 +245,7 @@ def tied_with_best(
     return {score.key: row.tolist() for score, row in zip(scores, tied, strict=True)}
 
 
-def _best_of(methods: Sequence[Scored], score: ScoreColumn, scene: str | None) -> int:
+def _best_of(methods: Sequence[Method], score: ScoreColumn, scene: str | None) -> int:
     """Return the number of the best method by a score, the first of equals."""
     sign = 1 if score.higher_is_better else -1
     return int(np.argmax([sign * value_of(method, score, scene) for method in methods]))
@@ -268,7 +268,7 @@ def _test_others(
 
 def _pair(
     score: ScoreColumn,
-    sides: tuple[Scored, Scored],
+    sides: tuple[Method, Method],
     values: Sequence[Floats],
     scene: str | None,
     interval: Interval,

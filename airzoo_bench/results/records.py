@@ -46,7 +46,7 @@ _KINDS = (
 
 
 @dataclass(frozen=True)
-class Scored:
+class Method:
     """A method's name, with the file's where several have the same, its result and its records."""
 
     name: str
@@ -54,15 +54,15 @@ class Scored:
     records: pd.DataFrame
 
 
-def read_scored(
+def read_methods(
     paths: Sequence[str | Path], columns: Collection[str] | None = None
-) -> list[Scored]:
+) -> list[Method]:
     """Read results with their records."""
     files = result_paths(paths)
     results = [read_result(path) for path in files]
     names = method_names(files, results)
     return [
-        Scored(name, result, read_records(path, result, columns))
+        Method(name, result, read_records(path, result, columns))
         for name, path, result in zip(names, files, results, strict=True)
     ]
 

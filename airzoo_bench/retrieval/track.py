@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
-from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
+from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.results.result import Reference, ScoreColumn, summarise
@@ -78,7 +78,7 @@ class RetrievalTrack(Track):
 
     def score(
         self, part: QueryPart, truth: RetrievalTruth, protocol: RetrievalProtocol, run: Run
-    ) -> Scored:
+    ) -> SceneScores:
         """See `Track.score`."""
         predictions, given, settings = part.predictions, part.rows >= 0, protocol.scores
         answered, content = given, predictions.content
@@ -101,7 +101,7 @@ class RetrievalTrack(Track):
             "without_ground_point": truth.without_ground_point,
             "dropped_tiles": len(truth.dropped_tiles),
         }
-        return Scored(records, counts, content.kind, facts=facts)
+        return SceneScores(records, counts, content.kind, facts=facts)
 
     def scores(self, protocol: RetrievalProtocol) -> list[ScoreColumn]:
         """See `Track.scores`."""
@@ -112,7 +112,7 @@ class RetrievalTrack(Track):
         predictions: RetrievalPredictions,
         truths: Sequence[RetrievalTruth],
         protocol: RetrievalProtocol,
-        scored: Sequence[Scored],
+        scored: Sequence[SceneScores],
     ) -> list[str]:
         """See `Track.notes`."""
         sums = {

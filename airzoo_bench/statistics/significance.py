@@ -290,7 +290,7 @@ def correct_pairs(p_values: Floats) -> Floats:
     return np.minimum(corrected, corrected.T)
 
 
-def told_apart(values: Floats, corrected: Floats) -> Bools:
+def differ_significantly(values: Floats, corrected: Floats) -> Bools:
     """Return which two variables (V, V) differ significantly; equal values never do."""
     return np.asarray((corrected <= LEVEL) & (values[:, None] != values))
 
@@ -302,7 +302,7 @@ def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) ->
     chance of at least 95 % all true ranks lie in them (Mogstad, Romano, Shaikh and Wilhelm 2024).
     """
     signed = values if higher_is_better else -values
-    apart = told_apart(signed, corrected)
+    apart = differ_significantly(signed, corrected)
     better, worse = apart & (signed > signed[:, None]), apart & (signed < signed[:, None])
     return np.stack([1 + better.sum(axis=1), len(signed) - worse.sum(axis=1)], axis=1)
 

@@ -18,7 +18,7 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.comparable import check_same_column
 from airzoo_bench.results.comparison import pooled_sample
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import FEWEST, Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
@@ -60,7 +60,7 @@ def is_condition(name: str, track: str) -> bool:
     return not any(fnmatchcase(name, pattern) for pattern in recorded)
 
 
-def condition_names(method: Scored) -> list[str]:
+def condition_names(method: Method) -> list[str]:
     """Return the columns of the records that are conditions, and not all of one value."""
     scores, records = {column.key for column in method.result.columns}, method.records
     return [
@@ -191,7 +191,7 @@ def _group_intervals(
 
 
 def breakdown_table(
-    methods: Sequence[Scored],
+    methods: Sequence[Method],
     scores: Sequence[ScoreColumn],
     by: str,
     *,

@@ -8,8 +8,8 @@ from itertools import groupby
 import numpy as np
 
 from airzoo_bench.core.errors import agreeing, counted, plural
-from airzoo_bench.results.comparison import FLOOR_MARK, Comparison, Pair
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.comparison import FLOOR_MARK, MethodComparison, Pair
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import difference
 from airzoo_bench.statistics.significance import LEVEL
@@ -32,7 +32,7 @@ def verdict(pair: Pair) -> str:
     return "better" if pair.is_better else "worse"
 
 
-def comparison_table(comparison: Comparison) -> Table:
+def comparison_table(comparison: MethodComparison) -> Table:
     """Lay out a comparison: a row a score and method, for each score the best method first."""
     pairs: list[Pair] = []
     for _, part in groupby(comparison.pairs, key=lambda pair: pair.score.key):
@@ -58,7 +58,7 @@ def comparison_table(comparison: Comparison) -> Table:
     )
 
 
-def _row(pair: Pair, comparison: Comparison) -> Row:
+def _row(pair: Pair, comparison: MethodComparison) -> Row:
     score, other = pair.score, pair.method
     return Row(
         (
@@ -74,7 +74,7 @@ def _row(pair: Pair, comparison: Comparison) -> Row:
     )
 
 
-def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
+def _notes(pairs: Sequence[Pair], comparison: MethodComparison) -> list[str]:
     """Say where there are too few units or no interval."""
     reasons = []
     for pair in pairs:
@@ -87,7 +87,7 @@ def _notes(pairs: Sequence[Pair], comparison: Comparison) -> list[str]:
     return share_notes(reasons)
 
 
-def _explain_tests(comparison: Comparison) -> list[str]:
+def _explain_tests(comparison: MethodComparison) -> list[str]:
     """Say how intervals and tests were made, and for how many comparisons p was corrected."""
     pairs, plan, family = comparison.pairs, comparison.resampling, comparison.family
     kinds = {pair.test.kind for pair in pairs}
@@ -109,7 +109,7 @@ def _explain_tests(comparison: Comparison) -> list[str]:
 
 
 def differences_table(
-    methods: Sequence[Scored], scores: Sequence[ScoreColumn], count: int
+    methods: Sequence[Method], scores: Sequence[ScoreColumn], count: int
 ) -> Table:
     """List the queries on which two methods differ most by the first score, the second minus it."""
     score, records = scores[0], [method.records for method in methods]

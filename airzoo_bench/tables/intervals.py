@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from airzoo_bench.core.errors import plural
 from airzoo_bench.results.comparison import score_intervals
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -82,7 +82,7 @@ def brackets_note(
 
 def with_intervals(
     table: MethodTable,
-    methods: Sequence[Scored],
+    methods: Sequence[Method],
     resampling: ResamplingConfig,
     shown: Sequence[str],
 ) -> MethodTable:
@@ -108,7 +108,7 @@ def with_intervals(
 
 
 def intervals_table(
-    method: Scored, scores: Sequence[ScoreColumn], resampling: ResamplingConfig
+    method: Method, scores: Sequence[ScoreColumn], resampling: ResamplingConfig
 ) -> Table:
     """Lay out one method by scene, with intervals."""
     methods = replace(method_table([method.result]), scores=tuple(scores))

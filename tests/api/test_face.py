@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import airzoo_bench as ab
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from tests.statistics.support import ERROR, HIT, made_result, random_methods, write_method
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
@@ -89,7 +89,7 @@ def test_every_block_of_the_page(
     made = random_methods(2, {"city": 40, "rural": 30}, [HIT, ERROR])
     for name, method in zip(("theirs", "mine"), made, strict=True):
         result = made_result(method.records, [HIT, ERROR], name)
-        write_method(tmp_path / "results" / name, Scored(name, result, method.records))
+        write_method(tmp_path / "results" / name, Method(name, result, method.records))
     write_benchmark(tmp_path / "data" / "made", made_protocol(scenes), scenes)
     write_predictions(tmp_path / "preds.npz", "made-retrieval", **perfect)
     page = (ROOT.parent / "docs" / "python.md").read_text(encoding="utf-8")

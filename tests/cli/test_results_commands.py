@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import (
     CHAMFER,
@@ -32,7 +32,7 @@ Run = Callable[..., str]
 
 
 @pytest.fixture(params=["query", "scene"])
-def methods(request: pytest.FixtureRequest) -> list[Scored]:
+def methods(request: pytest.FixtureRequest) -> list[Method]:
     """Return three methods with a record for each query, or for each scene."""
     sizes, columns = {"east": 40, "west": 30}, (HIT, ERROR, SOFT)
     if request.param == "scene":
@@ -44,7 +44,7 @@ def methods(request: pytest.FixtureRequest) -> list[Scored]:
         method.records["altitude_m"] = altitudes
         method.records["weather"] = np.where(altitudes > 200, "sunny", "rainy")
     return [
-        Scored(
+        Method(
             name,
             one.result.model_copy(
                 update={"predictions": one.result.predictions.model_copy(update={"method": name})}
@@ -56,7 +56,7 @@ def methods(request: pytest.FixtureRequest) -> list[Scored]:
 
 
 @pytest.fixture
-def paths(methods: list[Scored], tmp_path: Path) -> list[Path]:
+def paths(methods: list[Method], tmp_path: Path) -> list[Path]:
     return [write_method(tmp_path / str(n), method) for n, method in enumerate(methods)]
 
 
@@ -100,7 +100,7 @@ def as_shown(column: ScoreColumn, value: float) -> float:
     return value * 100 if column.unit == "share" else value
 
 
-def headline(methods: list[Scored]) -> list[ScoreColumn]:
+def headline(methods: list[Method]) -> list[ScoreColumn]:
     return [column for column in methods[0].result.columns if column.headline]
 
 
@@ -108,7 +108,7 @@ def title_of(column: ScoreColumn) -> str:
     return f"{column.title} [{'%' if column.unit == 'share' else column.unit}]"
 
 
-def test_tables_hold_the_results(methods: list[Scored], paths: list[Path], run: Run) -> None:
+def test_tables_hold_the_results(methods: list[Method], paths: list[Path], run: Run) -> None:
     last = list(methods[0].result.scenes)[-1]
     for options, scene in ((), None), (("--scene", last), last):
         _, rows, _ = read(run, "table", *paths, "--all", *options)
@@ -126,7 +126,7 @@ def test_tables_hold_the_results(methods: list[Scored], paths: list[Path], run: 
 
 
 def test_comparisons_hold_the_differences(
-    methods: list[Scored], paths: list[Path], run: Run
+    methods: list[Method], paths: list[Path], run: Run
 ) -> None:
     last = list(methods[0].result.scenes)[-1]
     for options, base, scene in (
@@ -148,7 +148,7 @@ def test_comparisons_hold_the_differences(
 
 
 @pytest.mark.parametrize("methods", ["query"], indirect=True)
-def test_the_numbers_of_a_comparison(methods: list[Scored], paths: list[Path], run: Run) -> None:
+def test_the_numbers_of_a_comparison(methods: list[Method], paths: list[Path], run: Run) -> None:
     columns, rows, table = read(run, "compare", *paths, "--score", "MRR")
     row, beside = rows[0], table["uncertainties"][0][columns.index("Difference")]
     assert (row["Score"], row["Method"]) == ("MRR [%]", NAMES[2])  # the best comes first
@@ -176,7 +176,7 @@ def test_the_best_of_a_scene(tmp_path: Path, run: Run) -> None:
 
 
 def test_groups_are_averages_of_their_queries(
-    methods: list[Scored], paths: list[Path], run: Run
+    methods: list[Method], paths: list[Path], run: Run
 ) -> None:
     records, column = methods[2].records, headline(methods)[0]
     edges = sorted({float(f"{e:.1f}") for e in records["altitude_m"].quantile([0.3, 0.7])})
@@ -227,5 +227,5 @@ def test_wrong_calls(
     other = made_method({"x": {"recall@1": [1.0, 0.0]}}, protocol="q" * 64)
     used = other.result.protocol.model_copy(update={"name": "another"})
     result = other.result.model_copy(update={"protocol": used}).with_checksum()
-    write_method(tmp_path / "other", Scored("other", result, other.records))
+    write_method(tmp_path / "other", Method("other", result, other.records))
     assert named in run(*call.split(), code=2)

@@ -14,7 +14,7 @@ from airzoo_bench.core.registry import load_track
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.run_files import SceneStore, save
-from airzoo_bench.evaluation.track import Run, Scored
+from airzoo_bench.evaluation.track import Run, SceneScores
 from airzoo_bench.retrieval.truth import read_truth
 from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
@@ -113,7 +113,7 @@ def test_resume_goes_on_from_scored_scenes(
 def test_scenes_of_another_run_and_damaged_ones_are_not_used(tmp_path: Path) -> None:
     store = SceneStore(tmp_path / "kept")
     records = pd.DataFrame({"scene": ["park"], "error_m": [0.1], "points": [3]})
-    scored = Scored(records.astype({"points": "Int64"}), {"queries": 1}, "poses", ("a note",))
+    scored = SceneScores(records.astype({"points": "Int64"}), {"queries": 1}, "poses", ("a note",))
     store.begin("one run")
     assert store.load("park") is None
     store.save("park", scored)

@@ -15,7 +15,7 @@ from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.evaluate import check, evaluate
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.queries import QueryPredictions, assign_queries
-from airzoo_bench.evaluation.track import Assignment, Run, Scored, Track
+from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.retrieval.truth import read_truth
@@ -44,12 +44,12 @@ class HeightTrack(Track):
     def assign(self, predictions: Any, truths: Any, protocol: Any) -> Assignment:
         return assign_queries(predictions, truths, protocol)
 
-    def score(self, part: Any, truth: Any, protocol: Any, run: Run) -> Scored:
+    def score(self, part: Any, truth: Any, protocol: Any, run: Run) -> SceneScores:
         metres = part.predictions.content[part.rows]
         errors = np.where(part.rows >= 0, np.abs(metres - 100.0), np.inf)
         rows = {"scene": truth.scene, "query": truth.queries["id"], "error_m": errors}
         counts = {"queries": len(errors), "missing": int(np.isinf(errors).sum())}
-        return Scored(pd.DataFrame(rows), counts, "heights")
+        return SceneScores(pd.DataFrame(rows), counts, "heights")
 
     def scores(self, protocol: Any) -> list[ScoreColumn]:
         return [ScoreColumn.error("error_m", "Error", "m", "median", headline=True)]

@@ -23,7 +23,7 @@ from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_b
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
 from airzoo_bench.leaderboard.pages import build_board
 from airzoo_bench.leaderboard.submission import Submission, submission_text
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import HIT, made_method, write_method
 from tests.support import protocol, write_predictions
@@ -109,7 +109,7 @@ def method(
     columns: Sequence[ScoreColumn] = COLUMNS,
     seed: int = 0,
     **result: Any,
-) -> Scored:
+) -> Method:
     """Return a method of some skill, whose easy queries are those of the others too."""
     shared, own = np.random.default_rng(7), np.random.default_rng([seed, *name.encode()])
     scenes = {}
@@ -134,7 +134,7 @@ def write_answer(root: Path, folder: str, number: int, answer: Answer, **fields:
 
 
 def write_run(
-    root: Path, folder: str, number: int, scored: Scored, *, day: int = 1, **fields: Any
+    root: Path, folder: str, number: int, scored: Method, *, day: int = 1, **fields: Any
 ) -> None:
     """Write a run of the data branch below a folder."""
     run = root / "runs/made/retrieval" / folder / str(number)

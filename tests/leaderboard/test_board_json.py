@@ -12,7 +12,7 @@ import pytest
 
 from airzoo_bench.leaderboard.answers import Answer, Head, Row, Scene, Score
 from airzoo_bench.results.comparison import compare, value_of
-from airzoo_bench.results.records import read_scored
+from airzoo_bench.results.records import read_methods
 from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.leaderboard.made import (
     HOME,
@@ -39,7 +39,7 @@ def test_rows_their_facts_numbers_and_history(root: Path) -> None:
     assert (row["kind"], row["version"]) == ("re-scored", 2)
     assert (row["team"], row["date"], row["rescored"]) == ("Team", "2026-03-01", "2026-04-01")
     assert "contact" not in json.dumps(rows)
-    [scored] = read_scored([root / RUNS / "m2/1"])
+    [scored] = read_methods([root / RUNS / "m2/1"])
     score = rows["m2"]["scores"]["recall@1"]
     assert score["value"] == value_of(scored, scored.result.columns[0])
     assert 0 < score["low"] < score["value"] < score["high"] < 1
@@ -62,7 +62,7 @@ def test_rows_their_facts_numbers_and_history(root: Path) -> None:
 
 @pytest.mark.parametrize("key", ["recall@1", "recall@5", "ap@5"])
 def test_any_two_as_compare_prints_them(root: Path, key: str) -> None:
-    scored = read_scored([root / RUNS / f"m{n}/{1 + (n == 0)}" for n in range(4)])
+    scored = read_methods([root / RUNS / f"m{n}/{1 + (n == 0)}" for n in range(4)])
     by_id = {f"m{n}": one for n, one in enumerate(scored)}
     pairs = board_of(root / "site")["tables"][PROTOCOL]["pairs"][key]
     found = {name: unpack_pair(pairs, name, 0, 2) for name in ("low", "high", "p", "p_holm")}

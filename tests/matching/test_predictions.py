@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.poses import Poses, matrix_to_quaternion, quaternion_to_matrix
-from airzoo_bench.matching.predictions import Correspondences, GivenPoses, read_matching
+from airzoo_bench.matching.predictions import Correspondences, PredictedPoses, read_matching
 from tests.geometry.support import looking_down
 from tests.matching.world import N_QUERIES, World, matched, refused
 
@@ -66,7 +66,7 @@ def test_poses_are_world_to_camera_and_nan_is_none(tmp_path: Path) -> None:
     values[1] = np.nan
     for fields in (POSES | {"poses": values}, CENTRED):
         content = read(tmp_path, fields).content
-        assert isinstance(content, GivenPoses)
+        assert isinstance(content, PredictedPoses)
         assert content.has_pose.tolist() == [True, "centres" in fields]
         np.testing.assert_allclose(content.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
 

@@ -19,7 +19,7 @@ from airzoo_bench.reconstruction.clouds import (
     box_of,
     cloud_of,
     covered_columns,
-    cropped_region,
+    find_crop,
     observed_cells,
     prepare_cloud,
     seen_by,
@@ -68,7 +68,7 @@ def test_voxels_beyond_the_limit_are_refused() -> None:
 def prepare(points: Floats, block: int, **changes: Any) -> PreparedCloud:
     """Prepare a cloud whose truth is two corners of the unit cube."""
     used, truth = settings(**changes), cloud_of(np.array(((0.0, 0, 0), (1, 1, 1))))
-    region = cropped_region(truth, box_of(truth), used, block)
+    region = find_crop(truth, box_of(truth), used, block)
     return prepare_cloud(cloud_of(points), used, region, block)
 
 

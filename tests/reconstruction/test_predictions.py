@@ -137,7 +137,7 @@ def test_depth_maps(tmp_path: Path) -> None:
     assert (views.kind, views.notes, views.pixel_centres) == ("depth", (), None)
     assert views.images is not None
     assert views.images.names.tolist() == WORLD.images("lot")
-    assert views.images.found.all()
+    assert views.images.posed.all()
     np.testing.assert_allclose(views.images.poses.centres, camera_poses("lot").centres, atol=1e-7)
     np.testing.assert_array_equal(views.geometry.cameras.matrices, VIEWS["intrinsics"])
     with_axis = read_maps(tmp_path, depth=VIEWS["depth"][..., None]).geometry

@@ -22,7 +22,12 @@ from airzoo_bench.reconstruction import track
 from airzoo_bench.reconstruction.alignment import umeyama
 from airzoo_bench.reconstruction.clouds import box_of, cloud_of, observed_cells
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.track import Comparison, compare, pose_scores, score_comparison
+from airzoo_bench.reconstruction.track import (
+    CloudComparison,
+    compare,
+    pose_scores,
+    score_comparison,
+)
 from airzoo_bench.reconstruction.truth import build_truth, open_true_cloud, read_truth
 from airzoo_bench.results.result import read_result
 from tests.formats.cloud_support import LIMIT, SAMPLING
@@ -326,7 +331,7 @@ TRUTH = made_truth("yard")
 
 def compared(
     points: Any, truth: Any, used: ReconstructionProtocol, *, block: int = 1 << 20, jobs: int = 1
-) -> tuple[dict[str, Any], Comparison]:
+) -> tuple[dict[str, Any], CloudComparison]:
     run = Run(memory_bytes=block * track._BYTES_A_POINT, jobs=jobs)
     cloud, true = (cloud_of(one) if isinstance(one, np.ndarray) else one for one in (points, truth))
     found = compare(cloud, TRUTH.posed, TRUTH, true, used, run)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.results.records import Scored, read_scored
+from airzoo_bench.results.records import Method, read_methods
 from tests.report.made import (
     HOSTILE,
     reconstruction_method,
@@ -42,7 +42,7 @@ def _make_page(folder: Path) -> None:
     assert done.exit_code == 0, done.exception
 
 
-def far_method(name: str) -> Scored:
+def far_method(name: str) -> Method:
     """Return a method whose median errors span decades, and of one group are infinite."""
     made = retrieval_method(name, 0, truth="f" * 64)
     by = {"sunny": 0.7, "rainy": np.inf, None: 300.0}
@@ -51,14 +51,14 @@ def far_method(name: str) -> Scored:
     records = made.records.assign(error_m=errors, altitude_m=50.0, roll_deg=rolls)
     settings = made.result.protocol.settings
     result = made_result(records, (HIT, ERROR), name, settings=settings, truth="f" * 64)
-    return Scored(name, result, records)
+    return Method(name, result, records)
 
 
 @pytest.fixture(scope="session")
 def records(page: Path) -> list[Any]:
     results = sorted((page.parent / "results").glob("*/result.json"))
     found = []
-    for method in read_scored(results):
+    for method in read_methods(results):
         method.records.attrs["name"] = method.name
         found.append(method.records)
     return found

@@ -16,7 +16,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from airzoo_bench.cli.results import breakdown, plot, report
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import ERROR, HIT, made_result, write_method
 from tests.support import make_place, run_main, write_predictions
@@ -49,7 +49,7 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
-def retrieval_method(name: str, seed: int, queries: int = 40, **changes: Any) -> Scored:
+def retrieval_method(name: str, seed: int, queries: int = 40, **changes: Any) -> Method:
     """Return a method on two scenes, with ranks, tiles, errors and conditions."""
     random = np.random.default_rng(seed)
     scenes = np.where(np.arange(queries) % 2 == 0, "east", "west")
@@ -74,22 +74,22 @@ def retrieval_method(name: str, seed: int, queries: int = 40, **changes: Any) ->
     ).sort_values("query", ignore_index=True)
     settings = {"scores": {"ranks_kept": 5}}
     result = made_result(records, (HIT, ERROR), name, settings=settings, **changes)
-    return Scored(name, result, records)
+    return Method(name, result, records)
 
 
-def reconstruction_method(name: str, seed: int, scenes: int = 3) -> Scored:
+def reconstruction_method(name: str, seed: int, scenes: int = 3) -> Method:
     """Return a method of the reconstruction track: a record a scene."""
     random = np.random.default_rng(seed)
     ids = [f"scene{number}" for number in range(scenes)]
     values = {column.key: random.random(scenes) for column in F1}
     records = pd.DataFrame({"scene": ids, "query": ids, **values})
     result = made_result(records, F1, name, protocol="r" * 64)
-    return Scored(
+    return Method(
         name, result.model_copy(update={"track": "reconstruction"}).with_checksum(), records
     )
 
 
-def write_methods(folder: Path, methods: list[Scored]) -> list[Path]:
+def write_methods(folder: Path, methods: list[Method]) -> list[Path]:
     """Write each result into a folder of its own."""
     return [
         write_method(folder / f"{method.result.track}{number}", method)
@@ -191,7 +191,7 @@ def made_page(folder: Path, *arguments: object) -> Page:
     return Page(folder / "report.html")
 
 
-def of_benchmark(method: Scored, name: str) -> Scored:
+def of_benchmark(method: Method, name: str) -> Method:
     truth = method.result.truth.model_copy(update={"benchmark": name})
     result = method.result.model_copy(update={"truth": truth}).with_checksum()
-    return Scored(method.name, result, method.records)
+    return Method(method.name, result, method.records)

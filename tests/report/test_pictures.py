@@ -27,7 +27,7 @@ from airzoo_bench.report.figures import (
 from airzoo_bench.report.matching import arrow_factor
 from airzoo_bench.report.reconstruction import error_limit, read_clouds
 from airzoo_bench.report.sections import need_kept, read_sections
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import breakdown_table
 from tests.matching import world as matching
@@ -60,7 +60,7 @@ def test_curves_are_means_over_scenes_and_errors_strictly_below() -> None:
             "error_m": [1.0, INF, 1.0, INF, 1.0, 3.0],
         }
     )
-    one = Scored("a", retrieval_method("a", 0, queries=6).result, records)
+    one = Method("a", retrieval_method("a", 0, queries=6).result, records)
     curve = draw.recall_curve(one, 4)
     np.testing.assert_allclose(curve, [(1 / 4 + 1 / 2) / 2, (3 / 4 + 1 / 2) / 2, 7 / 8, 7 / 8])
     shares = draw.error_shares(one, "error_m", np.array([1.0, 1.1, 3.0, 3.1, 1e9]))
@@ -94,7 +94,7 @@ def test_thresholds_are_those_of_the_protocol() -> None:
     settings = {"scores": {"headline_below_m": 10.0}}
     used = method.result.protocol.model_copy(update={"settings": settings})
     result = method.result.model_copy(update={"protocol": used})
-    figure = draw.thresholds([Scored("a", result, method.records)])
+    figure = draw.thresholds([Method("a", result, method.records)])
     assert "d = 10 m, of the headline" in texts_of(figure)
     np.testing.assert_allclose(
         [axes.lines[0].get_ydata() for axes in figure.axes],

@@ -32,7 +32,7 @@ from airzoo_bench.report.packing import page_json
 from airzoo_bench.report.queries import hardest_rows
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.comparison import compare, score_intervals
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import Reference
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.track import list_scores
@@ -53,14 +53,14 @@ from tests.statistics.support import ERROR, HIT, made_result
 PLAN = ResamplingConfig()
 
 
-def method(name: str, hits: int, of: int = 200) -> Scored:
+def method(name: str, hits: int, of: int = 200) -> Method:
     """Return a method on two scenes that answers so many queries, the first ones."""
     made = retrieval_method(name, 0, queries=of)
     hit = np.arange(of) < hits
     changes = {"recall@1": hit.astype(float), "error_m": np.where(hit, 1.0, np.inf)}
     records = made.records.assign(**changes, first_hit_rank=hit.astype(int))
     settings = made.result.protocol.settings
-    return Scored(name, made_result(records, (HIT, ERROR), name, settings=settings), records)
+    return Method(name, made_result(records, (HIT, ERROR), name, settings=settings), records)
 
 
 def tables_of(section: Section) -> dict[str, Table]:
@@ -117,7 +117,7 @@ def test_marks_and_pairs_are_those_of_compare() -> None:
 def test_stars(medians: list[float], shown: list[str]) -> None:
     made = [retrieval_method(str(n), n, 4) for n in range(len(medians))]
     methods = [
-        Scored(one.name, made_result(records, (ERROR,), one.name), records)
+        Method(one.name, made_result(records, (ERROR,), one.name), records)
         for one, median in zip(made, medians, strict=True)
         for records in [one.records.assign(error_m=median)]
     ]
@@ -144,7 +144,7 @@ def test_floors_stand_apart_without_marks() -> None:
     scenes = dict.fromkeys(made.result.scenes, values)
     floor = Reference(meaning="A random order.", scenes=scenes, overall=values, pooled=values)
     result = made.result.model_copy(update={"references": {"Chance level": floor}})
-    table = tables_of(Section([Scored("a", result, made.records), method("b", 9)]))["overall"]
+    table = tables_of(Section([Method("a", result, made.records), method("b", 9)]))["overall"]
     assert [row.floor for row in table.rows] == [False, False, True]
     assert table.texts()[-1] == ["Chance level", "25.00", "–"]
     assert marks(table.rows[-1]) == ["", ""]
@@ -206,7 +206,7 @@ def test_the_hardest_queries_are_worst_on_average_then_by_error_and_no_hits() ->
     hits = [[1, 0, 0, 1, 0, 1, 1, 1], [0, 0, 0, 0, 0, 1, 1, 1]]
     errors = [[1, 5, 9, 1, np.inf, 1, 1, 1], [1, 5, 9, 2, 1, 1, 1, 1]]
     made = [
-        Scored(
+        Method(
             one.name,
             one.result,
             one.records.assign(**{"recall@1": np.array(hit, float), "error_m": error}),
@@ -217,7 +217,7 @@ def test_the_hardest_queries_are_worst_on_average_then_by_error_and_no_hits() ->
     assert hardest_rows(Section(made), 8).tolist() == [2, 1, 4, 3, 0]
     # By the mean error row 0 would lead, and infinite means would tie; by the mean place row 2.
     by_error = [
-        Scored(name, made_result(records, (ERROR,), name), records)
+        Method(name, made_result(records, (ERROR,), name), records)
         for name, values in (("a", [900.0, 5, 40, 1]), ("b", [1.0, 2, 30, np.inf]))
         for records in [pd.DataFrame({"scene": "s", "query": list("wxyz"), "error_m": values})]
     ]

@@ -13,13 +13,13 @@ from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
-    Comparison,
+    MethodComparison,
     compare,
     floor_note,
     score_intervals,
     tied_with_best,
 )
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import Reference, ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import holm
@@ -33,11 +33,11 @@ FAST = ResamplingConfig(resamples=1_000)
 EAST, WEST = [1.0, 1, 1, 1, 1, 0, 0, 0], [1.0, 1, 1, 0, 0]
 
 
-def hits(name: str, east: list[float], west: list[float]) -> Scored:
+def hits(name: str, east: list[float], west: list[float]) -> Method:
     return made_method({"east": {"recall@1": east}, "west": {"recall@1": west}}, name=name)
 
 
-def against(*methods: Scored, **options: Any) -> Comparison:
+def against(*methods: Method, **options: Any) -> MethodComparison:
     return compare(methods, choose_scores(methods, []), resampling=FAST, **options)
 
 
@@ -145,13 +145,13 @@ HITS = {"east": 12, "west": 9}
 
 def scored(
     name: str, floor: float, hits: dict[str, int], score: ScoreColumn = HIT, **parts: Any
-) -> Scored:
+) -> Method:
     """Return hits on 20 queries of each scene beside a reference of one value everywhere."""
     scenes = {s: {score.key: [1.0] * n + [0.0] * (20 - n)} for s, n in hits.items()}
     method, part = made_method(scenes, (score,), name), {score.key: floor}
     reference = Reference(meaning="m", scenes=dict.fromkeys(hits, part), overall=part, pooled=part)
     update = {"references": {"Floor": reference}, **parts}
-    return Scored(name, method.result.model_copy(update=update).with_checksum(), method.records)
+    return Method(name, method.result.model_copy(update=update).with_checksum(), method.records)
 
 
 def test_a_method_is_no_better_than_a_floor_that_it_does_not_beat() -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.results.records import read_records, read_scored, write_csv
+from airzoo_bench.results.records import read_methods, read_records, write_csv
 from airzoo_bench.results.result import read_result, write_result
 from tests.statistics.support import ERROR, HIT, made_method, made_records, write_method, write_run
 
@@ -87,10 +87,10 @@ def test_results_and_records_that_were_edited(tmp_path: Path) -> None:
 def test_methods_of_the_same_name_get_their_file_s(tmp_path: Path) -> None:
     files = [write_method(tmp_path / name, MADE) for name in "ab"]
     other = write_method(tmp_path / "c", made_method(SCENES, COLUMNS, "Other"))
-    names = [method.name for method in read_scored([*files, other.parent])]
+    names = [method.name for method in read_methods([*files, other.parent])]
     assert names == ["Method (a)", "Method (b)", "Other"]
     with pytest.raises(ResultError, match=r"a folder without a result\.json"):
-        read_scored([tmp_path])
+        read_methods([tmp_path])
 
 
 TYPES = {

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.evaluation.run_files import save
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import (
     PredictionsUsed,
     ProtocolUsed,
@@ -75,10 +75,10 @@ def made_method(
     columns: Sequence[ScoreColumn] = (HIT,),
     name: str = "Method",
     **result: Any,
-) -> Scored:
+) -> Method:
     """Return a method with its records."""
     records = made_records(scenes)
-    return Scored(name, made_result(records, columns, name, **result), records)
+    return Method(name, made_result(records, columns, name, **result), records)
 
 
 def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
@@ -89,7 +89,7 @@ def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
     save(run, folder)
 
 
-def write_method(folder: Path, method: Scored) -> Path:
+def write_method(folder: Path, method: Method) -> Path:
     """Write result and records as `eval` does, and return the result's path."""
     write_run(method.result, method.records, folder)
     return folder / "result.json"
@@ -97,7 +97,7 @@ def write_method(folder: Path, method: Scored) -> Path:
 
 def random_methods(
     count: int, sizes: Mapping[str, int], columns: Sequence[ScoreColumn], seed: int = 0
-) -> list[Scored]:
+) -> list[Method]:
     """Return methods that are the better the later they stand."""
     random = np.random.default_rng(seed)
     methods = []

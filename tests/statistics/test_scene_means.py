@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from airzoo_bench.results.comparison import Pair, compare, make_sample, score_intervals
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
@@ -25,7 +25,7 @@ OTHER = [0.40, 0.52, 0.50, 0.65, 0.37, 0.60]
 F1 = SOFT.model_copy(update={"key": "f1@10"})
 
 
-def method(values: list[float], score: ScoreColumn, name: str = "mine") -> Scored:
+def method(values: list[float], score: ScoreColumn, name: str = "mine") -> Method:
     """Return a method of the reconstruction track, which has one record a scene."""
     scenes = {f"s{n}": {CHAMFER.key: [v], score.key: [v]} for n, v in enumerate(values)}
     return made_method(scenes, tuple({score, CHAMFER}), name)

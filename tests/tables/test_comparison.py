@@ -11,7 +11,7 @@ from airzoo_bench.core.registry import load_track
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.comparable import choose_scores
 from airzoo_bench.results.comparison import Pair, compare, is_hit
-from airzoo_bench.results.records import Scored
+from airzoo_bench.results.records import Method
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import PairedTest
@@ -110,7 +110,7 @@ def test_queries_that_differ_most_come_first() -> None:
     assert [row.cells[3].value for row in table.rows] == [-np.inf, -3.0]
 
 
-def methods_at(altitudes: list[float], count: int = 2) -> list[Scored]:
+def methods_at(altitudes: list[float], count: int = 2) -> list[Method]:
     methods = random_methods(count, {"east": 20}, (HIT, ERROR))
     for method in methods:
         method.records["altitude_m"] = np.resize(altitudes, 20)

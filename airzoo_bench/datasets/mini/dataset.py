@@ -120,7 +120,7 @@ def seen_surface(photos: FrameList, folder: Path, progress: Progress = silent) -
 def mini_protocols(seed: int) -> BenchmarkProtocols:
     """Return the shipped protocols; with a seed or key of its own, the benchmark is another."""
     tracks = ("retrieval", "matching", "reconstruction")
-    shipped = BenchmarkProtocols.named([f"airzoo-mini-{track}" for track in tracks], Path())
+    shipped = BenchmarkProtocols.find([f"airzoo-mini-{track}" for track in tracks], Path())
     return BenchmarkProtocols(tuple(_seeded(one, seed) for one in shipped.every))
 
 

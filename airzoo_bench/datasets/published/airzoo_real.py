@@ -118,18 +118,18 @@ class _AirZooReal(Dataset[_AirZooRealOptions]):
         maps = [_maps(options, scene)[0].get("satellite") for scene in regions]
         names = ["retrieval"] * bool(maps and None not in maps) + ["matching"] * bool(regions)
         names += ["reconstruction"] * (len(wanted) > len(regions))
-        return BenchmarkProtocols.named([f"{self.name}-{track}" for track in names], root)
+        return BenchmarkProtocols.find([f"{self.name}-{track}" for track in names], root)
 
     def scenes(self, options: _AirZooRealOptions) -> Mapping[str, Sequence[Path]]:
         home, found = _home(options), {}
         for scene, folder in _REGIONS.items():
             part = sub_path(home, folder)
             if part is not None:
-                found[scene] = [part, *map(Path, _given_files(options, scene).values())]
+                found[scene] = [part, *map(Path, _named_files(options, scene).values())]
         for scene in published_scenes(f"{self.name}-reconstruction"):
             site = _site_folder(home, scene)
             if site is not None and options.prior == "metadata":
-                parts = (site, _surface(home, site), _given_cloud(options, scene))
+                parts = (site, _surface(home, site), _named_cloud(options, scene))
                 found[scene] = [part for part in parts if part is not None]
         return found
 
@@ -144,15 +144,15 @@ def _home(options: _AirZooRealOptions) -> Path:
     return find_home(options.source, lambda f: any(sub_path(f, part) for part in parts), _LAYOUT)
 
 
-def _given_files(options: _AirZooRealOptions, scene: str) -> dict[str, Path]:
+def _named_files(options: _AirZooRealOptions, scene: str) -> dict[str, Path]:
     """Return the files that the user names for a region, by option."""
     names = ("dom", "dsm", "satellite", "priors")
     given = {n: values_by_scene(getattr(options, n), n, list(_REGIONS)).get(scene) for n in names}
     return {name: Path(file) for name, file in given.items() if file is not None}
 
 
-def _given_cloud(options: _AirZooRealOptions, scene: str) -> Path | None:
-    """Return the true cloud that was given for a scene."""
+def _named_cloud(options: _AirZooRealOptions, scene: str) -> Path | None:
+    """Return the true cloud that the user names for a scene."""
     known = published_scenes("airzoo-real-reconstruction")
     file = values_by_scene(options.cloud, "cloud", known).get(scene)
     return None if file is None else Path(file)
@@ -161,7 +161,7 @@ def _given_cloud(options: _AirZooRealOptions, scene: str) -> Path | None:
 def _maps(options: _AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
     """Return DOM, surface model and retrieval's map, each with its georeference, and notes."""
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
-    given, made = _given_files(options, scene), data_root() / "made" / "airzoo-real" / scene
+    given, made = _named_files(options, scene), data_root() / "made" / "airzoo-real" / scene
     maps, surfaces = find_maps(home)
     protocol = protocol_of_track("airzoo-real-retrieval", data_root(), RetrievalProtocol)
     gallery = protocol.map_rules()[0]
@@ -197,7 +197,7 @@ def _read_region(options: _AirZooRealOptions, scene: str, progress: Progress) ->
     """Read photos, cameras and true positions of a region."""
     maps, notes = _maps(options, scene)
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
-    given = _given_files(options, scene)
+    given = _named_files(options, scene)
     every = sorted(p for p in home.rglob("*") if p.suffix.lower() in (".jpg", ".jpeg"))
     photos = [path.relative_to(home).as_posix() for path in every if path.name[0] != "."]
     if not photos:
@@ -287,7 +287,7 @@ def _read_site(options: _AirZooRealOptions, scene: str, progress: Progress) -> N
         # Lines of the other renderings, <name>_1 and <name>_2.
         is_other=lambda key, known: key[:-2] in known and key[-2:] in ("_1", "_2"),
     )
-    cloud, notes = _given_cloud(options, scene), list(posed.notes)
+    cloud, notes = _named_cloud(options, scene), list(posed.notes)
     dsm = _surface(home, site)
     if dsm is not None:
         dsm, said = with_georeference(dsm, data_root() / "made" / "airzoo-real", heights=True)

@@ -61,7 +61,7 @@ class _UavVisLoc(Dataset[UavVisLocOptions]):
     options = UavVisLocOptions
 
     def benchmark_protocols(self, options: UavVisLocOptions, root: Path) -> BenchmarkProtocols:
-        return BenchmarkProtocols.named((options.protocol,), root)
+        return BenchmarkProtocols.find((options.protocol,), root)
 
     def scenes(self, options: UavVisLocOptions) -> Mapping[str, Sequence[Path]]:
         root = find_home(options.source, lambda folder: bool(_flights(folder)), _LAYOUT)
