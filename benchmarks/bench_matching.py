@@ -21,8 +21,7 @@ from scipy.ndimage import map_coordinates
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.lifting import lift
-from airzoo_bench.matching.solving import solve_queries
+from airzoo_bench.matching.solving import lift, solve_queries
 
 sys.path.insert(0, str(ROOT))
 

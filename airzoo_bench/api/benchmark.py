@@ -25,7 +25,7 @@ from airzoo_bench.benchmark.queries import (
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
-from airzoo_bench.matching.lifting import lift
+from airzoo_bench.matching.solving import lift
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
 from airzoo_bench.storage.urls import is_url

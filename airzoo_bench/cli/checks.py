@@ -12,7 +12,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.geometry_checks.scenes import PosedScene, SceneGeometry
+    from airzoo_bench.datasets.geometry_checks import PosedScene, SceneGeometry
 _MOST_M = 2000.0  # rays to the ground are cut here
 
 
@@ -92,27 +92,25 @@ def check_geometry(
 
     Example: airzoo-bench check-geometry airzoo-mini --format json
     """
-    from airzoo_bench.datasets.geometry_checks import scenes
+    from airzoo_bench.datasets import geometry_checks
 
     if data is not None and (poses, images, crs) == (None, None, None):
-        found = scenes.scenes_of_benchmark(data, scene)
+        found = geometry_checks.scenes_of_benchmark(data, scene)
     elif data is None and scene is None and poses is not None and images is not None:
-        found = [scenes.scene_from_poses(poses, images, crs, cli.progress)]
+        found = [geometry_checks.scene_from_poses(poses, images, crs, cli.progress)]
     else:
         expected = "DATA, perhaps with --scene; or --poses and --images, perhaps with --crs"
         raise UsageError("what is to be checked is not clear", expected=expected)
     sampling = {"kind": depth_kind, "scale_m": depth_scale, "median_below": median_below}
     checked = [_check_scene(one, depth, sampling) for one in found]
-    cli.show(scenes.geometry_table(checked), form)
+    cli.show(geometry_checks.geometry_table(checked), form)
     if any(one.failures for one in checked):
         raise typer.Exit(1)
 
 
 def _check_scene(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]) -> SceneGeometry:
-    from airzoo_bench.datasets.depth_maps import find_depths
-    from airzoo_bench.datasets.geometry_checks.depth import check_depth_consistency
-    from airzoo_bench.datasets.geometry_checks.frame_chain import check_frame_chain
-    from airzoo_bench.datasets.geometry_checks.scenes import SceneGeometry
+    from airzoo_bench.datasets.depth_maps import check_depth_consistency, find_depths
+    from airzoo_bench.datasets.geometry_checks import SceneGeometry, check_frame_chain
 
     folder = depth or scene.folder.resolve().parent / "depth"
     folder = folder / scene.name if (folder / scene.name).is_dir() else folder
@@ -140,12 +138,12 @@ def check_split(
 
     Example: airzoo-bench check-split training-set airzoo-mini --out overlaps.csv
     """
-    from airzoo_bench.datasets.geometry_checks import splits
+    from airzoo_bench.datasets import geometry_checks
 
-    sets = [splits.read_footprints(place, _MOST_M) for place in (train, test)]
-    pairs = splits.compare_splits(*sets)
+    sets = [geometry_checks.read_footprints(place, _MOST_M) for place in (train, test)]
+    pairs = geometry_checks.compare_splits(*sets)
     unknown = [name for one in sets for name in one.index[one.isna().any(axis=1)]]
-    cli.show(splits.split_table(pairs, unknown), form)
+    cli.show(geometry_checks.split_table(pairs, unknown), form)
     if out is not None:
         with atomic_write(out, "w") as stream:
             pairs.to_csv(stream, index=False, lineterminator="\n")

@@ -54,7 +54,7 @@ def download(
         cli.say(f"{about.title} is not on Hugging Face: fetch it by hand, {how}")
         cli.say(f"next: unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER")
         return
-    from airzoo_bench.datasets.downloads import HubDataset, others_patterns
+    from airzoo_bench.datasets.about import HubDataset, others_patterns
 
     left_out = others_patterns(about.scene_files, scene or [])
     source = HubDataset(about.repository, left_out, folder)
@@ -80,7 +80,7 @@ def manifest(
     Example: airzoo-bench manifest mine
     """
     from airzoo_bench.benchmark.folder import Benchmark
-    from airzoo_bench.datasets.handmade import complete_manifest
+    from airzoo_bench.datasets.folder import complete_manifest
 
     written = complete_manifest(folder, replace=force)
     Benchmark.open(folder)

@@ -11,10 +11,14 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
+from airzoo_bench.datasets.cameras import (
+    Convention,
+    attitudes_to_rotations,
+    cameras_of_lenses,
+    lens_of,
+)
 from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.lenses import cameras_of_lenses, lens_of
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import SourceOptions

@@ -24,8 +24,8 @@ from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
+from airzoo_bench.geometry.crs import height_unit_m
 from airzoo_bench.geometry.rasters import open_info, opened, pixel_to_world, world_to_pixel
-from airzoo_bench.geometry.vertical import height_unit_m
 
 Heights = NDArray[np.float32] | NDArray[np.float64]
 

@@ -45,7 +45,7 @@ from airzoo_bench.core.files import (
 )
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.validation import Strict
-from airzoo_bench.geometry.raster_files import raster_files
+from airzoo_bench.geometry.rasters import raster_files
 from airzoo_bench.matching.truth import photo_maps
 from airzoo_bench.retrieval.truth import IMAGE_COLUMNS
 

@@ -21,10 +21,10 @@ from airzoo_bench.geometry.poses import (
     world_to_camera,
 )
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m
-from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.metrics import count_near
 from airzoo_bench.matching.predictions import Correspondences, PredictedPoses
 from airzoo_bench.matching.protocol import MatchingProtocol
+from airzoo_bench.matching.solving import lift
 from airzoo_bench.matching.truth import MatchingTruth
 
 NEAR_M, NEAR_DEG = 0.05, 0.1

@@ -20,7 +20,6 @@ from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, check_scene
 from airzoo_bench.matching.info import INFO
-from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
 from airzoo_bench.matching.metrics import count_near, matching_scores, pose_columns, pose_errors
 from airzoo_bench.matching.predictions import (
     Correspondences,
@@ -29,7 +28,7 @@ from airzoo_bench.matching.predictions import (
     read_matching,
 )
 from airzoo_bench.matching.protocol import Lift, MatchingProtocol, MatchingScores
-from airzoo_bench.matching.solving import Status, solve_queries
+from airzoo_bench.matching.solving import Lifted, LiftStatus, Status, lift, solve_queries
 from airzoo_bench.matching.truth import MatchingTruth, read_truth
 from airzoo_bench.results.result import Reference, ScoreColumn, summarise
 

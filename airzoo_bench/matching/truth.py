@@ -38,12 +38,12 @@ from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import change_of_plane, check_same_crs
 from airzoo_bench.geometry.heightfield import HeightField, blocked_heights
 from airzoo_bench.geometry.poses import Poses, rays_to_world
-from airzoo_bench.geometry.raster_files import raster_sha256
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     open_info,
     opened,
     pixel_to_world,
+    raster_sha256,
     to_map_pixels,
     world_to_pixel,
 )

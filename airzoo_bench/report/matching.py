@@ -16,8 +16,8 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.matching.lifting import lift
 from airzoo_bench.matching.predictions import Correspondences
+from airzoo_bench.matching.solving import lift
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.report.figures import (
     COLOURS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.datasets.angles import attitudes_to_rotations
+from airzoo_bench.datasets.cameras import attitudes_to_rotations
 
 NADIR = [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)]
 # Right, down and forward of the camera, in east, north, up; worked by hand.

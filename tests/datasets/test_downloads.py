@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.about import About
-from airzoo_bench.datasets.downloads import others_patterns
+from airzoo_bench.datasets.about import About, others_patterns
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.support import run_main
 

@@ -15,7 +15,7 @@ from rasterio import Affine
 
 from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.content import make_content
-from airzoo_bench.datasets.geometry_checks.scenes import scenes_of_benchmark
+from airzoo_bench.datasets.geometry_checks import scenes_of_benchmark
 from airzoo_bench.datasets.scene_warnings import CHECKS, scene_warnings
 from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
 from tests.datasets import documented

@@ -13,7 +13,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.folder import copy_map
-from airzoo_bench.geometry.raster_files import raster_sha256
+from airzoo_bench.geometry.rasters import raster_sha256
 from airzoo_bench.matching.truth import check_dsm
 from tests.support import write_raster
 

@@ -17,7 +17,7 @@ from airzoo_bench.geometry.heightfield import (
     survey_heights,
 )
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.matching.lifting import lift
+from airzoo_bench.matching.solving import lift
 from tests.geometry.support import write_tif
 
 FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937

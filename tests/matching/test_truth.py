@@ -28,9 +28,9 @@ from airzoo_bench.geometry.poses import (
     rotations_to_angles,
 )
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, pixel_to_world, world_to_pixel
-from airzoo_bench.matching import lifting
-from airzoo_bench.matching.lifting import LiftStatus, lift
+from airzoo_bench.matching import solving
 from airzoo_bench.matching.protocol import Crop, Prior
+from airzoo_bench.matching.solving import LiftStatus, lift
 from airzoo_bench.matching.truth import (
     CropStatus,
     MatchingTruth,
@@ -333,8 +333,8 @@ def test_blocks_threads_and_order_do_not_matter(
     whole, order = lift(xy, dom, path, jobs=1), rng.permutation(len(xy))
     assert {0, 1, 2} <= {*np.unique(whole.status, return_inverse=True)[1].tolist()}
     for pixels, points, jobs in ((1000, 77, 1), (256, 5000, 3), (1, 64, 2)):
-        monkeypatch.setattr(lifting, "_BLOCK_PIXELS", pixels)
-        monkeypatch.setattr(lifting, "_POINTS", points)
+        monkeypatch.setattr(solving, "_BLOCK_PIXELS", pixels)
+        monkeypatch.setattr(solving, "_POINTS", points)
         again = lift(xy[order], dom, path, jobs=jobs)
         assert again.points.tobytes() == whole.points[order].tobytes()
         assert again.status.tobytes() == whole.status[order].tobytes()

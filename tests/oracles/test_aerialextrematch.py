@@ -19,10 +19,9 @@ from rasterio import Affine
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from airzoo_bench.geometry.rasters import RasterInfo, open_info
-from airzoo_bench.matching.lifting import Lifted, LiftStatus, lift
 from airzoo_bench.matching.metrics import within
 from airzoo_bench.matching.protocol import MatchingProtocol
-from airzoo_bench.matching.solving import solve_pose
+from airzoo_bench.matching.solving import Lifted, LiftStatus, lift, solve_pose
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.support import write_raster
 

@@ -14,8 +14,7 @@ from pyproj import CRS
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of, readable
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
-from airzoo_bench.datasets.content import photo_sizes, utm_zone
-from airzoo_bench.datasets.lenses import (
+from airzoo_bench.datasets.cameras import (
     are_alike,
     cameras_of_lenses,
     film_focal_px,
@@ -23,6 +22,7 @@ from airzoo_bench.datasets.lenses import (
     read_camera_file,
     stated_cameras,
 )
+from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.metadata import (
     PhotoPrior,
     metadata_priors,

@@ -32,8 +32,8 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.cameras import Lens, cameras_of_lenses
 from airzoo_bench.datasets.content import photo_sizes
-from airzoo_bench.datasets.lenses import Lens, cameras_of_lenses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, posed_scene
 from airzoo_bench.datasets.tables import match_names

@@ -14,9 +14,13 @@ from pyproj import CRS
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import about_of
-from airzoo_bench.datasets.angles import Convention, attitudes_to_rotations
+from airzoo_bench.datasets.cameras import (
+    Convention,
+    attitudes_to_rotations,
+    read_camera_file,
+    stated_cameras,
+)
 from airzoo_bench.datasets.content import photo_sizes
-from airzoo_bench.datasets.lenses import read_camera_file, stated_cameras
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.surveys.survey import (
     Survey,

@@ -21,9 +21,8 @@ from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
-from airzoo_bench.geometry.crs import describe_crs, horizontal_crs
+from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, vertical_m
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.geometry.vertical import vertical_m
 from airzoo_bench.protocol.model import find_protocol, protocol_for
 
 _LONGEST_NAME = 48  # of which more names are made

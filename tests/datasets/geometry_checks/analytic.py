@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import photo_table, write_queries
-from airzoo_bench.datasets.geometry_checks.scenes import PosedScene
+from airzoo_bench.datasets.geometry_checks import PosedScene
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 

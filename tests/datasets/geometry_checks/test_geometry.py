@@ -14,18 +14,23 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
-from airzoo_bench.datasets.depth_maps import find_depths, read_depth
-from airzoo_bench.datasets.geometry_checks import frame_chain
-from airzoo_bench.datasets.geometry_checks.depth import (
+from airzoo_bench.datasets import geometry_checks
+from airzoo_bench.datasets.depth_maps import (
     OCCLUSION,
     DepthConsistency,
     Frame,
     check_depth_consistency,
     compare_depths,
+    find_depths,
+    read_depth,
     sampled_frame,
 )
-from airzoo_bench.datasets.geometry_checks.frame_chain import CLOSES_M, CLOSES_PX, check_frame_chain
-from airzoo_bench.datasets.geometry_checks.scenes import SceneGeometry
+from airzoo_bench.datasets.geometry_checks import (
+    CLOSES_M,
+    CLOSES_PX,
+    SceneGeometry,
+    check_frame_chain,
+)
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from tests.support import run_main
@@ -184,13 +189,13 @@ class TestFrameChain:
 
     def test_a_link_that_is_broken_shows(self, monkeypatch: pytest.MonkeyPatch) -> None:
         one = (cameras(LENSES[0]), poses((401_000.0, 3_120_000.0, 50.0)), "EPSG:4547")
-        back, project = frame_chain.ecef_to_geodetic, frame_chain.project
+        back, project = geometry_checks.ecef_to_geodetic, geometry_checks.project
         with monkeypatch.context() as patch:
             patch.setattr(
-                frame_chain, "ecef_to_geodetic", lambda p: back(p) + np.array((2e-11, 0, 0))
+                geometry_checks, "ecef_to_geodetic", lambda p: back(p) + np.array((2e-11, 0, 0))
             )
             assert check_frame_chain(*one)[0][0] > CLOSES_M
-        monkeypatch.setattr(frame_chain, "project", lambda c, p: project(c, p) + 0.5)
+        monkeypatch.setattr(geometry_checks, "project", lambda c, p: project(c, p) + 0.5)
         assert check_frame_chain(*one)[1][0] > CLOSES_PX
 
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.datasets.geometry_checks.splits import (
+from airzoo_bench.datasets.geometry_checks import (
     cast_corners,
     compare_splits,
     read_footprints,

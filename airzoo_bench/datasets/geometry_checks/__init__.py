@@ -1,1 +1,0 @@
-"""Checks of a dataset's geometry: frames, depth against poses, splits against each other."""
