@@ -1,4 +1,4 @@
-"""``airzoo-bench leaderboard``: a board of one's own, and the steps of its CI."""
+"""``airzoo-bench leaderboard`` and ``seal``: a board, the steps of its CI, its sealed truth."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Text, examples, option, put, say, working
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.cli.common import Text, examples, option, progress, put, say, working
+from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.files import atomic_write, data_root
 from airzoo_bench.core.sandbox import Limits, check_limits
 from airzoo_bench.evaluation.track import Run
@@ -26,7 +26,8 @@ from airzoo_bench.leaderboard.scoring import (
     score_merged,
     score_pull_request,
 )
-from airzoo_bench.leaderboard.sealing import read_key
+from airzoo_bench.leaderboard.sealing import read_key, recipient
+from airzoo_bench.leaderboard.sealing import seal as seal_folder
 
 app = typer.Typer(
     help="A board in your own repository: its files, CI and pages.", no_args_is_help=True
@@ -79,10 +80,7 @@ def score(
     ] = None,
     sealed: Annotated[
         Path | None,
-        option(
-            "Findings on a sealed submission, to be scored with the key in $AIRZOO_BENCH_KEY, "
-            "without network."
-        ),
+        option("Findings on a sealed submission, to be scored with the key in $AIRZOO_BENCH_KEY."),
     ] = None,
     work: Annotated[Path, option("A folder to work in.")] = Path("work"),
     root: RootOption = Path(),
@@ -95,20 +93,20 @@ def score(
     check_limits()
     run = Run(_MEMORY_BYTES, jobs=os.cpu_count() or 1, limits=Limits(_MEMORY_BYTES))
     rules = Rules(read_board(root / BOARD_FILE), root, data_root(), run)
-    folder = out if event is None else work
-    if sealed is None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
     if sealed is not None:
-        found = score_against_truth(read_found(sealed), work.resolve(), rules, read_key())
-    elif event is not None:
-        found = score_pull_request(read_event(event), remote, rules, work.resolve())
-    else:
-        faults = 0
-        for place, said in score_merged(remote, rules, out):
-            faults += not isinstance(said, str)
-            _say(f"{place.path}: {said}")
-        raise typer.Exit(min(faults, 1))
-    _finish(found, out)
+        _finish(score_against_truth(read_found(sealed), work.resolve(), rules, read_key()), out)
+        return
+    folder = out if event is None else work
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
+    if event is not None:
+        _finish(score_pull_request(read_event(event), remote, rules, work.resolve()), out)
+        return
+    faults = 0
+    for place, said in score_merged(remote, rules, out):
+        faults += not isinstance(said, str)
+        _say(f"{place.path}: {said}")
+    raise typer.Exit(min(faults, 1))
 
 
 @app.command(epilog=examples("leaderboard comment found.json -o comment.md"))
@@ -197,6 +195,28 @@ def serve(
 ) -> None:
     """Serve a built site to this machine only, until Ctrl-C."""
     serve_folder(site, port, put)
+
+
+def seal(
+    folder: Annotated[Path, typer.Argument(help="Benchmark folder, with all its data in it.")],
+    out: Annotated[Path, option("The public folder to write.", "--out", "-o")],
+    archive: Annotated[Path, option("The archive of the truth.")],
+    to: Annotated[str, option("The host's public key, age1...")],
+    force: Annotated[bool, option("Replace what is there.", "--force")] = False,
+) -> None:
+    """Split a benchmark folder into a public one without the truth, and an archive with it.
+
+    Methods get photos without metadata, cameras, priors, tiles, crops and maps;
+    docs/leaderboard.md says what else to consider. Only the key opens the archive.
+
+    Example: airzoo-bench seal mine --out public/mine --archive public/mine.age --to age1...
+    """
+    to_key = recipient(to)
+    committed, counts = seal_folder(folder, out, archive, to_key, replace=force, progress=progress)
+    put(f"{out}\n{archive}\n")
+    files = counted(counts["public"], "file"), counted(counts["cut"], "photo")
+    say(f"{files[0]} public, {counts['sealed']:,} in the archive, {files[1]} freed of metadata")
+    say(f"commitment {committed}")
 
 
 def _finish(found: Found, out: Path | None) -> None:

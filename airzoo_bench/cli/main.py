@@ -52,7 +52,7 @@ _COMMANDS: dict[str, dict[str, tuple[str, str]]] = {
         "submit": ("submit:submit", "Submit predictions to a board."),
         "submission": ("submit:app", "Check a submission before it is sent."),
         "leaderboard": ("leaderboard:app", "A board of your own: files, CI, pages."),
-        "seal": ("seal:seal", "Split a benchmark from its truth."),
+        "seal": ("leaderboard:seal", "Split a benchmark from its truth."),
     },
     "AirZoo-Mini, which needs no data": {
         "demo": ("methods:demo", "Run a plain method on every track of a demo."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -67,8 +68,12 @@ def submit(
     rules = read_board(root / BOARD_FILE)
     if not predictions.exists():
         raise UsageError("no such file or folder", where=predictions)
+    if protocol is None:
+        with suppress(UserError):  # it is asked for
+            read_by = ReadBy(reader)
+            protocol = open_predictions(predictions, data=data, read_by=read_by).protocol.name
     given = {
-        "protocol": protocol or _protocol_of(predictions, ReadBy(reader), data),
+        "protocol": protocol,
         "method": method,
         "team": team,
         "contact": contact,
@@ -94,14 +99,6 @@ def submit(
             put(f"{step}\n")
 
 
-def _protocol_of(predictions: Path, read_by: ReadBy, data: Path) -> str | None:
-    """Return the protocol that predictions name, None where they name none."""
-    try:
-        return open_predictions(predictions, data=data, read_by=read_by).protocol.name
-    except UserError:
-        return None
-
-
 @app.callback()
 def _group() -> None:
     """Check a submission to a board."""
@@ -115,11 +112,8 @@ def check(
     """Check a submission as CI will, without using a try.
 
     It is scored too if the benchmark is in the data root. Exit code 0 if nothing is wrong, 1 if
-    something is, 2 if there is nothing to check: no such folder, no board.
+    something is, 2 if there is no board.
     """
-    if not (folder / SUBMISSION_FILE).exists():
-        fix = "`airzoo-bench submit` makes one"
-        raise UsageError(f"no {SUBMISSION_FILE} here", where=folder, fix=fix)
     if not _passes(folder, board_root(folder), fetch=fetch):
         raise typer.Exit(1)
 

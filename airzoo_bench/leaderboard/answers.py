@@ -11,7 +11,7 @@ import base64
 import datetime
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -21,30 +21,25 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.files import atomic_write, read_text
+from airzoo_bench.leaderboard import submission
 from airzoo_bench.leaderboard.board import Place
-from airzoo_bench.leaderboard.submission import (
-    SUBMISSION_FILE,
-    Submission,
-    read_submission,
-    submission_text,
-)
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.results.comparison import make_sample, score_intervals
 from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables.breakdown import (
-    condition_names,
-    condition_title,
-    group_averages,
-    group_records,
-)
+from airzoo_bench.tables import breakdown
 from airzoo_bench.tables.intervals import intervals_made, resampled
 
 RUN_FILE, RESULT_FILE = "run.json", "result.json"
 FAULT_FILE = "fault.txt"
 """Why CI could not score the files of a submission that were merged last."""
 
+TIME = "%Y-%m-%dT%H:%M:%SZ"
+"""The form of times, in UTC."""
+
 Number = float | None
+Limits = tuple[Number, Number, Number]  # a value, and the ends of its interval
 Hash = Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
 
 _RESAMPLING = ResamplingConfig()
@@ -82,8 +77,8 @@ class Version(Model):
 class Row(Model):
     """A method scored here, reported by a paper or not scored, or a floor such as chance.
 
-    Scores are by key, `scenes` by scene, then key: value, low and high; `conditions` by condition,
-    then key: a value a group. The newest version comes first in `history`.
+    Scores are by key, `scenes` by scene, then key; `conditions` by condition, then key: a value a
+    group. The newest version comes first in `history`.
     """
 
     id: str = ""
@@ -106,7 +101,7 @@ class Row(Model):
     uses: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     scores: dict[str, Score] = {}
-    scenes: dict[str, dict[str, tuple[Number, Number, Number]]] = {}
+    scenes: dict[str, dict[str, Limits]] = {}
     conditions: dict[str, dict[str, tuple[Number, ...]]] = {}
     history: tuple[Version, ...] = ()
 
@@ -166,7 +161,7 @@ class Answer(Model):
 
 def now() -> str:
     """Return the time in UTC, to the second."""
-    return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return f"{datetime.datetime.now(datetime.UTC):{TIME}}"
 
 
 def pack(values: NDArray[Any], kind: str) -> str:
@@ -192,19 +187,11 @@ def measure(run: Path, tree: str) -> Answer:
         for scene, part in parts.items()
         for column, one in zip(headline, part, strict=False)
     }
-
-    def estimates(scene: str, values: dict[str, float]) -> dict[str, tuple[Number, Number, Number]]:
-        return {k: (v, *limits.get((scene, k), (None, None))) for k, v in values.items()}
-
-    overall = estimates("", result.overall)
     conditions, by_condition = _by_condition(method, headline)
-    row = Row(
-        kind="re-scored",
-        method=method.name,
-        notes=result.notes,
-        scores={k: Score(value=v, low=low, high=high) for k, (v, low, high) in overall.items()},
-        scenes={scene: estimates(scene, part) for scene, part in result.scenes.items()},
-        conditions=by_condition,
+    row = _row(result.overall, result.scenes, limits, kind="re-scored", method=method.name)
+    floors = (
+        _row(part.overall, part.scenes, {}, kind="floor", method=name, source=part.meaning)
+        for name, part in result.references.items()
     )
     return Answer(
         tree=tree,
@@ -212,25 +199,30 @@ def measure(run: Path, tree: str) -> Answer:
         version=result.versions["airzoo-bench"],
         head=head_of(result),
         columns=result.columns,
-        row=row,
-        floors=tuple(
-            Row(
-                kind="floor",
-                method=name,
-                source=part.meaning,
-                scores={key: Score(value=value) for key, value in part.overall.items()},
-                scenes={
-                    scene: {k: (v, None, None) for k, v in one.items()}
-                    for scene, one in part.scenes.items()
-                },
-            )
-            for name, part in result.references.items()
-        ),
+        row=row.model_copy(update={"notes": result.notes, "conditions": by_condition}),
+        floors=tuple(floors),
         about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
         conditions=conditions,
         groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
         values=pack(np.concatenate(sample.values, axis=1), "<f8"),
     )
+
+
+def _row(
+    overall: Mapping[str, float],
+    scenes: Mapping[str, Mapping[str, float]],
+    limits: Mapping[tuple[str, str], tuple[Number, Number]],
+    **facts: Any,
+) -> Row:
+    """Return a row with scores over all scenes and by scene, and the ends of their intervals."""
+
+    def estimates(scene: str, values: Mapping[str, float]) -> dict[str, Limits]:
+        return {k: (v, *limits.get((scene, k), (None, None))) for k, v in values.items()}
+
+    every = estimates("", overall).items()
+    scores = {key: Score(value=v, low=low, high=high) for key, (v, low, high) in every}
+    of_scenes = {scene: estimates(scene, part) for scene, part in scenes.items()}
+    return Row(scores=scores, scenes=of_scenes, **facts)
 
 
 def head_of(result: Result) -> Head:
@@ -261,10 +253,10 @@ def _by_condition(
         return (), {}
     values = np.array([method.records[score.key].to_numpy(np.float64) for score in scores])
     medians = np.array([score.average == "median" for score in scores])
-    for by in condition_names(method):
-        groups = group_records(method.records, by)
-        means = group_averages(values, medians, groups.codes, len(groups.labels)).tolist()
-        title, counts = condition_title(by), tuple(groups.counts.tolist())
+    for by in breakdown.condition_names(method):
+        groups = breakdown.group_records(method.records, by)
+        means = breakdown.group_averages(values, medians, groups.codes, len(groups.labels)).tolist()
+        title, counts = breakdown.condition_title(by), tuple(groups.counts.tolist())
         conditions.append(Conditions(by=by, title=title, labels=groups.labels, counts=counts))
         found[by] = {
             score.key: tuple(None if np.isnan(one) else one for one in row)
@@ -290,7 +282,7 @@ def next_run(folder: Path) -> Path:
 
 def write_run(run: Path, given: Submission, answer: Answer) -> None:
     """Write the submission and the answer of a run."""
-    texts = {SUBMISSION_FILE: submission_text(given.public())}
+    texts = {SUBMISSION_FILE: submission.submission_text(given, public=True)}
     for name, text in (texts | {RUN_FILE: answer.model_dump_json(indent=1) + "\n"}).items():
         with atomic_write(run / name, "w") as stream:
             stream.write(text)
@@ -322,10 +314,7 @@ class Entry(NamedTuple):
 
 def read_entries(runs: Path, submissions: Path) -> list[Entry]:
     """Read the submissions below a folder of runs, and those that have no run yet."""
-    folders = [
-        *runs.glob("*/*/*"),
-        *(p.parent for p in submissions.glob(f"*/*/*/{SUBMISSION_FILE}")),
-    ]
+    folders = [*runs.glob("*/*/*"), *submissions.glob("*/*/*")]
     places = sorted({Place.of_folder(path) for path in folders if path.is_dir()})
     plain = (place for place in places if place.is_plain)
     return [one for place in plain if (one := _read_entry(place, runs, submissions))]
@@ -334,45 +323,41 @@ def read_entries(runs: Path, submissions: Path) -> list[Entry]:
 def _read_entry(place: Place, runs: Path, submissions: Path) -> Entry | None:
     """Return the newest version that can be shown, else the reason why none can."""
     folder, file = runs.joinpath(*place), submissions.joinpath(*place, SUBMISSION_FILE)
-    fault, versions = folder / FAULT_FILE, list[tuple[str, Submission, Answer]]()
+    fault, versions = folder / FAULT_FILE, list[tuple[Submission, Answer]]()
     reason = fault.read_text(encoding="utf-8").strip() if fault.is_file() else ""
+    history = list[Version]()
     for run in run_folders(folder):
         try:
             stated = read_submission(run / SUBMISSION_FILE, public=True)
-            versions.append((run.name, stated, read_answer(run / RUN_FILE)))
+            versions.append((stated, answer := read_answer(run / RUN_FILE)))
         except UserError as error:
             if not versions:  # older ones are left out
                 reason = reason or f"version {run.name}: {_reason(error)}"
+            continue
+        scores = {key: score.value for key, score in answer.row.scores.items()}
+        number, date, files = int(run.name), answer.scored[:10], f"{place.runs}/{run.name}"
+        history.append(Version(number=number, date=date, scores=scores, files=files))
     if versions:
-        number, stated, answer = versions[0]
-        history = tuple(
-            Version(
-                number=int(name),
-                date=one.scored[:10],
-                scores={key: score.value for key, score in one.row.scores.items()},
-                files=f"{place.runs}/{name}",
-            )
-            for name, _, one in versions
-        )
-        facts = {"history": history, "version": int(number), "rescored": answer.scored[:10]}
-        if reason:
-            facts["notes"] = (*answer.row.notes, f"a later version is not shown: {reason}")
-        row = answer.row.model_copy(update=_stated(stated, place) | facts)
-        return Entry(place, row, stated.protocol, answer)
+        stated, answer = versions[0]
+        facts = {"version": history[0].number, "rescored": history[0].date}
+        notes = (f"a later version is not shown: {reason}",) if reason else ()
+        facts |= {"history": tuple(history), "notes": answer.row.notes + notes}
+        return Entry(place, _with_facts(answer.row, stated, place, facts), stated.protocol, answer)
     row = Row(id=place.folder, kind="failed", method=place.folder, reason=reason)
     try:
         stated = read_submission(file)
-        facts = _stated(stated, place) | {"reason": reason or "not scored yet"}
-        return Entry(place, row.model_copy(update=facts), stated.protocol)
+        facts = {"reason": reason or "not scored yet"}
+        return Entry(place, _with_facts(row, stated, place, facts), stated.protocol)
     except UserError as error:
         reason = reason or (_reason(error) if file.exists() else "")  # or it is withdrawn
         return Entry(place, row.model_copy(update={"reason": reason})) if reason else None
 
 
-def _stated(given: Submission, place: Place) -> dict[str, Any]:
-    """Return what a row says of a submission in its authors' words."""
+def _with_facts(row: Row, given: Submission, place: Place, facts: Mapping[str, Any]) -> Row:
+    """Return a row with what the authors of its submission say, and further facts."""
     said = {name: getattr(given, name) for name in Row.model_fields if hasattr(given, name)}
-    return said | {"id": place.folder, "date": given.date.isoformat(), **dict(given.pipeline)}
+    said |= {"id": place.folder, "date": given.date.isoformat(), **dict(given.pipeline)}
+    return row.model_copy(update=said | dict(facts))
 
 
 def _reason(error: UserError) -> str:

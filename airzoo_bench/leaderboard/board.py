@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -13,12 +14,8 @@ from airzoo_bench.core.errors import SubmissionError, UsageError, first_of
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.core.validation import Count, Name, Strict, read_toml, validated
 from airzoo_bench.core.version import __version__
-from airzoo_bench.leaderboard.submission import (
-    SUBMISSION_FILE,
-    Account,
-    Submission,
-    read_submission,
-)
+from airzoo_bench.leaderboard import submission
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Account
 
 BOARD_FILE = "leaderboard.toml"
 
@@ -90,6 +87,11 @@ def board_root(start: Path) -> Path:
     raise UsageError(f"no {BOARD_FILE} here or above", where=start, fix=fix)
 
 
+def plain_name(name: str) -> bool:
+    """Whether every disk takes a name for a file, and no program for an option."""
+    return bool(_PLAIN_NAME.fullmatch(name))
+
+
 class Place(NamedTuple):
     """The place of a submission: ``submissions/<benchmark>/<track>/<folder>``."""
 
@@ -118,21 +120,14 @@ class Place(NamedTuple):
         return all(map(plain_name, self))
 
 
-def plain_name(name: str) -> bool:
-    """Whether every disk takes a name for a file, and no program for an option."""
-    return bool(_PLAIN_NAME.fullmatch(name))
-
-
-def known_submissions(root: Path) -> dict[Place, Submission]:
+def known_submissions(root: Path) -> dict[Place, submission.Submission]:
     """Return the submissions below a board's root that can be read, in the order of their paths."""
     found = {}
     for path in sorted(root.glob(f"submissions/*/*/*/{SUBMISSION_FILE}")):
         place = Place.of_folder(path.parent)
-        if place.is_plain:
-            try:
-                found[place] = read_submission(path)
-            except SubmissionError:  # its own check says so
-                continue
+        with suppress(SubmissionError):  # its own check says so
+            if place.is_plain:
+                found[place] = submission.read_submission(path)
     return found
 
 
@@ -145,15 +140,16 @@ def write_starter(folder: Path, repository: str | None) -> list[Path]:
     owner, _, name = (repository or "OWNER/REPOSITORY").partition("/")
     off = "# " if repository is None else ""
     host = f'{off}url = "https://{owner}.github.io/{name}/"\n{off}repository = "{owner}/{name}"'
-    # "_ci" is ".ci": packages leave hidden files out.
-    found = {path: re.sub("(^|/)_", r"\1.", path.relative_to(home).as_posix())
-             for path in sorted(home.rglob("*")) if path.is_file()}  # fmt: skip
-    if there := [path for path in found.values() if (folder / path).exists()]:
+    found = {}
+    for path in sorted(path for path in home.rglob("*") if path.is_file()):
+        hidden = re.sub("(^|/)_", r"\1.", path.relative_to(home).as_posix())  # ".ci" of "_ci"
+        text = path.read_text("utf-8").replace("@VERSION@", __version__)
+        found[folder / hidden] = text.replace("@HOST@", host)
+    if there := [path.relative_to(folder) for path in found if path.exists()]:
         what = f"these files are there already, and none is replaced: {first_of(there)}"
         raise UsageError(what, where=folder, fix="name another folder, or move them away")
-    for path, name in found.items():
-        text = path.read_text("utf-8").replace("@HOST@", host).replace("@VERSION@", __version__)
-        with atomic_write(folder / name, "w") as stream:
+    for path, text in found.items():
+        with atomic_write(path, "w") as stream:
             stream.write(text)
     (folder / ".ci/get-data").chmod(0o755)
-    return [folder / name for name in found.values()]
+    return [*found]

@@ -82,19 +82,18 @@ def check_submission(
 
     Predictions at an address are fetched within `seconds`, and not where these are 0.
     """
-    found = CheckedSubmission(folder)
-    place = Place.of_folder(folder)
+    found, place = CheckedSubmission(folder), Place.of_folder(folder)
     try:
         refuse_files(folder, board.limits)
         found.submission = given = read_submission(folder / SUBMISSION_FILE)
-        said = [*_check_names(given, place, known), *_told(given, place, known)]
-        found.errors += [one for one in said if isinstance(one, UserError)]
-        found.warnings += [one for one in said if isinstance(one, str)]
+        for said in _check_claims(given, place, known):
+            if isinstance(said, str):
+                found.warnings.append(said)
+            else:
+                found.errors.append(said)
         _check_place(place, given, board, data)
-        path = _find_predictions(folder, given, board.limits, data, seconds)
-        if path is not None:
-            _check_announced(path, given)
-            found.predictions = path
+        found.predictions = _find_predictions(folder, given, board.limits, data, seconds)
+        if (path := found.predictions) is not None:
             read_by = ReadBy(given.predictions.reader)
             checked = check(path, data=data, protocol=given.protocol, run=run, read_by=read_by)
             found.errors += checked.errors
@@ -120,34 +119,29 @@ def check_listing(listing: Iterable[tuple[str, int, int]], where: object, limits
     names: set[str] = set()
     total = 0
     for path, mode, size in listing:
-        total += size * stat.S_ISREG(mode)
-        fault = _fault_of_file(path, mode)
-        fault = "differs from another name only in case" if path.casefold() in names else fault
-        if fault:
+        is_file, parts = stat.S_ISREG(mode), path.split("/")
+        total += size * is_file
+        faults = {
+            "the name is not plain": not all(map(plain_name, parts)),
+            f"lies in more than {_DEPTH} folders": len(parts) > _DEPTH,
+            "is no file: a link, a submodule, a pipe or a device": not is_file
+            and not stat.S_ISDIR(mode),
+            "is an executable file": is_file and bool(mode & stat.S_IXUSR),
+            "differs from another name only in case": path.casefold() in names,
+        }
+        if fault := next((what for what, holds in faults.items() if holds), ""):
             fix = "copy there the file itself, with a name of A-Z, a-z, 0-9, _, . and -"
             raise SubmissionError(fault, where=f"{where}/{printable(path)}", fix=fix)
         names.add(path.casefold())
         if len(names) > MOST_FILES:
+            what = f"more than {MOST_FILES:,} files and folders"
             fix = "put the predictions into one archive, such as predictions.zip"
-            raise SubmissionError(
-                f"more than {MOST_FILES:,} files and folders", where=where, fix=fix
-            )
+            raise SubmissionError(what, where=where, fix=fix)
     if total > limits.committed_bytes:
         expected = f"at most {limits.committed_bytes:,} bytes in the repository of this board"
         fix = "publish the predictions, such as on Zenodo, and name them by `submit --url`"
         what = f"its files take {total:,} bytes"
         raise SubmissionError(what, where=where, expected=expected, fix=fix)
-
-
-def _fault_of_file(path: str, mode: int) -> str:
-    parts = path.split("/")
-    if not all(map(plain_name, parts)):
-        return "the name is not plain"
-    if len(parts) > _DEPTH:
-        return f"lies in more than {_DEPTH} folders"
-    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        return "is no file: a link, a submodule, a pipe or a device"
-    return "is an executable file" if stat.S_ISREG(mode) and mode & stat.S_IXUSR else ""
 
 
 def size_of_tree(path: Path) -> int:
@@ -163,39 +157,31 @@ def _wrong(what: str, fix: str) -> SubmissionError:
     return SubmissionError(what, where=SUBMISSION_FILE, fix=fix)
 
 
-def _check_names(
+def _check_claims(
     given: Submission, place: Place, known: Mapping[Place, Submission]
 ) -> Iterator[UserError | str]:
-    """Yield names that readers would take for another's; look-alikes are told to the reviewer."""
-    for at, one in known.items():
-        if at == place:
-            continue
-        whose = f"of team {one.team!r}, in {at.path}"
-        for key in ("team", "method"):
-            name, other = getattr(given, key), getattr(one, key)
+    """Yield names that readers would take for another's, and notes on claims for the reviewer."""
+    yield from (f"key '{key}' is ignored" for key in EARLIER_KEYS if key in given.model_fields_set)
+    others = {at: one for at, one in known.items() if at != place}
+    for at, one in others.items():
+        is_rival, whose = at[:2] == place[:2], f"of team {one.team!r}, in {at.path}"
+        names = {"team": (given.team, one.team), "method": (given.method, one.method)}
+        names |= {"folder": (place.folder, at.folder)} if is_rival else {}
+        for key, (name, other) in names.items():
             if name != other and name.casefold() == other.casefold():
-                what = f"key '{key}' is {name!r}, which differs from {other!r} only in case"
-                yield _wrong(what, f"{key} = {other!r} if it is the same, else another name")
+                what = f"{key} {name!r} differs from {other!r} only in case"
+                yield _wrong(what, f"write {other!r} if it is the same, else another name")
             elif name != other and skeleton(name) == skeleton(other):
                 yield f"{key} {name!r} looks like {other!r} {whose}"
-        if at[:2] == place[:2]:
-            if at.folder.casefold() == place.folder.casefold():
-                what = f"differs from the folder {at.folder} of the board only in case"
-                yield SubmissionError(what, where=place.path, fix="choose another name")
-            if one.method == given.method:
-                yield f"{one.method!r} is on this board already, {whose}"
-            if one.team != given.team and one.predictions.sha256 == given.predictions.sha256:
-                yield f"the predictions are to the last byte those of {one.method!r} {whose}"
-
-
-def _told(given: Submission, place: Place, known: Mapping[Place, Submission]) -> Iterator[str]:
-    """Yield notes on what anybody can write, and on keys of earlier submissions."""
-    yield from (f"key '{key}' is ignored" for key in EARLIER_KEYS if key in given.model_fields_set)
-    others = [one for at, one in known.items() if at != place]
-    accounts = {one.account for one in others if one.team == given.team}
+        if is_rival and one.method == given.method:
+            yield f"{one.method!r} is on this board already, {whose}"
+        is_copy = one.predictions.sha256 == given.predictions.sha256 and one.team != given.team
+        if is_rival and is_copy:
+            yield f"the predictions are to the last byte those of {one.method!r} {whose}"
+    accounts = {one.account for one in others.values() if one.team == given.team}
     if accounts and given.account not in accounts:
         yield f"team {given.team!r} is on the board already, by another account"
-    if "official" in given.method.casefold() and {one.team for one in others} - {given.team}:
+    if "official" in given.method.casefold() and {o.team for o in others.values()} - {given.team}:
         yield f"method {given.method!r} says that it is official: see whether it is"
 
 
@@ -216,31 +202,29 @@ def _check_place(place: Place, given: Submission, board: Board, data: Path) -> N
 def _find_predictions(
     folder: Path, given: Submission, limits: Limits, data: Path, seconds: float
 ) -> Path | None:
-    """Return where the predictions lie, once they are fetched if they are to be."""
+    """Return where the announced predictions lie, once they are fetched if they are to be."""
     stated = given.predictions
-    if stated.url is None and not (folder / str(stated.file)).exists():
+    path: Path | None = folder / str(stated.file)
+    if stated.url is not None:
+        parse_address(stated.url)  # which is refused without a network too
+        if stated.size > limits.url_bytes:
+            fix = f"at most {limits.url_bytes:,}, the limit of this board"
+            raise _wrong(f"key 'predictions.bytes' is {stated.size:,}", fix)
+        home = data / FETCHED / stated.sha256
+        if seconds:
+            return fetch(stated.url, home, size=stated.size, sha256=stated.sha256, seconds=seconds)
+        # A name that begins with a dot is of a file that is being fetched.
+        path = next(iter(sorted(home.glob("[!.]*"))), None)
+    elif path is not None and not path.exists():
         raise _wrong(f"key 'predictions.file' is {stated.file!r}, which is not there", "copy it")
-    if stated.url is None:
-        return folder / str(stated.file)
-    parse_address(stated.url)  # which is refused without a network too
-    if stated.size > limits.url_bytes:
-        fix = f"at most {limits.url_bytes:,}, the limit of this board"
-        raise _wrong(f"key 'predictions.bytes' is {stated.size:,}", fix)
-    home = data / FETCHED / stated.sha256
-    if seconds:
-        return fetch(stated.url, home, size=stated.size, sha256=stated.sha256, seconds=seconds)
-    # A name that begins with a dot is of a file that is being fetched.
-    return next(iter(sorted(home.glob("[!.]*"))), None)
-
-
-def _check_announced(path: Path, given: Submission) -> None:
-    """Refuse predictions that are not the announced ones."""
-    stated = given.predictions
-    sizes, sums = (stated.size, size_of_tree(path)), (stated.sha256, sha256_of_tree(path))
-    for key, (announced, there) in (("bytes", sizes), ("sha256", sums)):
-        if there != announced:
-            what = f"key 'predictions.{key}' is {announced}, but that of {path.name} is {there}"
-            raise _wrong(what, f"write {key} = {there}, or put the right predictions there")
+    if path is not None:
+        there = {"bytes": size_of_tree(path), "sha256": sha256_of_tree(path)}
+        announced = {"bytes": stated.size, "sha256": stated.sha256}
+        for key in (key for key in there if there[key] != announced[key]):
+            what = f"key 'predictions.{key}' is {announced[key]}, but that of {path.name} is "
+            fix = f"write {key} = {there[key]}, or put the right predictions there"
+            raise _wrong(f"{what}{there[key]}", fix)
+    return path
 
 
 def check_pipeline(given: Submission, result: Result) -> None:

@@ -6,7 +6,7 @@ renders no link, no image, no mention and no reference.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -35,7 +35,7 @@ _SAID = {
     "was not approved, or failed by no fault of the submission. This does not count as a try.\n",
     "sealed": "Rounded to half a standard error, so that no try tells the answer of one query.\n",
     "withdrawn": "Its rows leave the board when this is merged; its scores stay in its history.\n",
-    "refused": "`airzoo-bench submission check FOLDER` finds faults on your machine. ",
+    "refused": "`airzoo-bench submission check FOLDER` finds faults on your machine.\n",
 }
 
 
@@ -78,10 +78,10 @@ def comment_on(found: Found) -> str:
         merge = f"gh pr merge {found.pull_request} --squash --match-head-commit {found.head}"
         last += f"Maintainers: `{merge}` merges it and nothing that was pushed later.\n"
     room = MOST_BYTES - len(last.encode()) - len(_CUT.encode())
-    parts: list[str] = []
-    for part in (f"{MARK}\n", *_parts(found)):
+    parts = [f"{MARK}\n"]
+    for part in _parts(found):
         room -= len(part.encode()) + 1
-        if room < 0:
+        if room < len(MARK):
             return "\n".join([*parts, _CUT, last])
         parts.append(part)
     return "\n".join([*parts, last])
@@ -97,51 +97,47 @@ def _parts(found: Found) -> Iterator[str]:
     yield from map(_block, found.problems)
     if answer is not None:
         yield from _scores(answer, found.ranked)
-    said = _SAID.get("not opened" if kind == "sealed" and answer is None else kind)
-    tried = "The truth was opened: this is a try.\n" if found.opened else "This is no try.\n"
-    if said:
-        yield said + (tried if kind == "refused" else "")
+    if said := _SAID.get("not opened" if kind == "sealed" and answer is None else kind):
+        yield said
+    if kind == "refused" and found.opened:
+        yield "The truth was opened: this is a try.\n"
     for title, lines in (("Warnings", found.warnings), ("Notes", answer and answer.row.notes)):
         if lines:
             yield f"{title}:\n\n" + _block("\n".join(lines))
 
 
 def _scores(answer: Answer, ranked: int) -> Iterator[str]:
+    """Yield the rank, and the scores by scene, over all scenes, and of the last version."""
     columns, row = [column for column in answer.columns if column.headline], answer.row
     overall = [row.scores.get(column.key, Score()) for column in columns]
     if columns and overall[0].rank is not None:
         ranks = " to ".join(map(str, dict.fromkeys(overall[0].rank)))
         yield f"Rank **{ranks}** of {ranked} by {code(columns[0].title)}.\n"
     scenes = answer.head.scenes
-    lines = [
+    titles = ["Scene", "Queries"]
+    titles += [
+        f"{code(c.title)} {UNITS[c.unit]} {'↑' if c.higher_is_better else '↓'}" for c in columns
+    ]
+    lines = [titles, ["---", *["---:"] * (len(titles) - 1)]]
+    lines += [
         [code(scene.title), f"{scene.queries or 0:,}"]
         + [_text(c, *row.scenes[scene.id].get(c.key, (None,))) for c in columns]
         for scene in scenes[:_MOST_SCENES]
         if scene.id in row.scenes
     ]
-    every = ["`average`", f"{sum(scene.queries or 0 for scene in scenes):,}"]
+    every = f"{sum(scene.queries or 0 for scene in scenes):,}"
     average = [_text(c, s.value, s.low, s.high) for c, s in zip(columns, overall, strict=True)]
-    yield _table(columns, [*lines, every + average])
+    lines.append(["`average`", every, *average])
     if len(row.history) > 1:
-        before = row.history[1].scores
-        changes = [(c, before.get(c.key), s.value) for c, s in zip(columns, overall, strict=True)]
-        changed = [f"{_text(c, old)} → {_text(c, new)}" for c, old, new in changes]
-        yield f"Changed since the last version:\n\n{_table(columns, [every + changed])}"
+        before = [_text(column, row.history[1].scores.get(column.key)) for column in columns]
+        lines.append(["the last version", every, *before])
+    yield "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def _text(column: ScoreColumn, value: Number, *limits: Number) -> str:
     """Write a value and its interval."""
     shown, *ends = score_texts(column, (value, *limits))
     return f"{shown} [{', '.join(ends)}]" if {*limits} - {None} else shown
-
-
-def _table(columns: Sequence[ScoreColumn], rows: Sequence[Sequence[str]]) -> str:
-    titles = ["Scene", "Queries"]
-    titles += [
-        f"{code(c.title)} {UNITS[c.unit]} {'↑' if c.higher_is_better else '↓'}" for c in columns
-    ]
-    rules = ["---", *["---:"] * (len(titles) - 1)]
-    return "".join(f"| {' | '.join(row)} |\n" for row in [titles, rules, *rows])
 
 
 def code(text: str) -> str:

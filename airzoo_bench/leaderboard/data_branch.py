@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from airzoo_bench.core.errors import counted
-from airzoo_bench.leaderboard.answers import FAULT_FILE, Answer
+from airzoo_bench.leaderboard.answers import FAULT_FILE, TIME, Answer
 from airzoo_bench.leaderboard.board import Limits, Place
 from airzoo_bench.leaderboard.pull_request import BoardError, RefusedError, Repository
 
@@ -38,22 +38,13 @@ class Try(NamedTuple):
 
 def check_tries(tries: Sequence[Try], new: Try, limits: Limits) -> None:
     """Refuse one more try than an account has on a sealed benchmark; a commit counts once."""
-    begun: dict[str, datetime.datetime] = {}
-    for one in tries:
-        if one[:2] == new[:2] and one.outcome != "failed":
-            begun.setdefault(one.head, datetime.datetime.fromisoformat(one.time))
-        elif one[:2] == new[:2]:
-            begun.pop(one.head, None)
-    begun.pop(new.head, None)
+    last = {one.head: one for one in tries if one[:2] == new[:2] and one.head != new.head}
     since = datetime.datetime.fromisoformat(new.time) - datetime.timedelta(days=limits.days)
-    counting = sum(when > since for when in begun.values())
-    if counting >= limits.tries:
-        raise RefusedError(
-            f"this account has had {counted(counting, 'try', 'tries')} on {new.benchmark} "
-            f"within {counted(limits.days, 'day')}",
-            expected=f"at most {limits.tries}",
-            fix="push again later",
-        )
+    counting = [t for t in last.values() if t.outcome != "failed" and t.time > f"{since:{TIME}}"]
+    if len(counting) >= limits.tries:
+        had, days = counted(len(counting), "try", "tries"), counted(limits.days, "day")
+        what = f"this account has had {had} on {new.benchmark} within {days}"
+        raise RefusedError(what, expected=f"at most {limits.tries}", fix="push again later")
 
 
 def answer_path(tree: str) -> str:
@@ -98,10 +89,9 @@ class DataBranch:
 
     def add_runs(self, root: Path) -> None:
         """Add the runs below a folder, in place of runs of the same number."""
-        fault = shutil.ignore_patterns(FAULT_FILE)
-        source, target = root / "runs", self.folder / "runs"
+        fault, target = shutil.ignore_patterns(FAULT_FILE), self.folder / "runs"
         self._write(
-            lambda: shutil.copytree(source, target, dirs_exist_ok=True, ignore=fault), "runs"
+            lambda: shutil.copytree(root / "runs", target, dirs_exist_ok=True, ignore=fault), "runs"
         )
 
     def _write(self, change: Callable[[], object], message: str) -> None:
@@ -122,6 +112,7 @@ class DataBranch:
         raise BoardError(f"git push failed: {said}", where=git.remote, fix="run the job again")
 
     def _update(self) -> None:
+        """Bring the work tree to the branch, which may not be there yet."""
         git = self._repository
         if git.run("ls-remote", "origin", _BRANCH).strip():
             git.fetch({_BRANCH: _COPY}, "--depth=1")

@@ -36,9 +36,6 @@ from airzoo_bench.tables.model import show_number
 
 Json = Mapping[str, Any]
 
-FEW = 20
-"""Groups of fewer queries are greyed."""
-
 BOARD_JSON = "board.json"
 """The file by which the folder of a site is known."""
 
@@ -47,7 +44,7 @@ _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored"
 _PARTS = ("value", "low", "high", "standard_error")
 _SCORED = ("re-scored", "sealed")
 _LEADING = 3
-_UNITS = {"share": "%", "m": "m", "deg": "°"}
+_IN_PAGE = ("scores", "scenes", "conditions", "rows", "pairs")  # of a table, for its scripts
 
 
 def build_board(runs: Path, submissions: Path, board: Board, data: Path, out: Path) -> list[str]:
@@ -152,13 +149,12 @@ def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
 
 def render_pages(board: Json) -> dict[str, str]:
     """Return the HTML of every page by its path from the site's root."""
-    tables = list(board["tables"].values())
     found = {}
     env = jinja2.Environment(
         loader=jinja2.FunctionLoader(_read),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
-        finalize=_visible,
+        finalize=_show_visible,
         trim_blocks=True,
         lstrip_blocks=True,
         auto_reload=False,
@@ -180,19 +176,17 @@ def render_pages(board: Json) -> dict[str, str]:
         )
 
     page("index.html", "front.html")
-    page("about.html", "about.html", tables=tables)
-    for table in tables:
+    page("about.html", "about.html", tables=[*board["tables"].values()])
+    for table in board["tables"].values():
         home, lead = f"tables/{table['id']}", _lead(table)
         values = [*_values(table["rows"], lead, "value", "low", "high")] or [0.0]
-        parts, ends = _parts(table), (min(values), max(values))
-        views = {"views": parts, "ends": ends if ends[0] < ends[1] else None}
-        views["curve"] = _timeline(table, lead)
-        data = {"parts": [numbers for _, group in parts for *_, numbers in group]}
-        page(f"{home}/index.html", "table.html", "board.js", data, table=table, lead=lead, **views)
-        ranked: list[str] = next(iter(table["pairs"].values()), {"ids": []})["ids"]
+        ends = (min(values), max(values)) if min(values) < max(values) else None
+        views = {"table": table, "lead": lead, "ends": ends, "curve": _timeline(table, lead)}
+        data = {name: table[name] for name in _IN_PAGE}
+        page(f"{home}/index.html", "table.html", "board.js", data, **views)
+        ranked = next(iter(table["pairs"].values()), {"ids": ()})["ids"]
         if ranked:
-            compared = _compared(table, ranked)
-            page(f"{home}/compare.html", "compare.html", "compare.js", compared, table=table)
+            page(f"{home}/compare.html", "compare.html", "compare.js", data, table=table)
         for row in table["rows"]:
             if row["kind"] != "floor":
                 path, comparable = f"{home}/{row['id']}.html", row["id"] in ranked
@@ -205,16 +199,12 @@ def _read(name: str, package: str = "airzoo_bench.leaderboard") -> str:
     return (resources.files(package) / "html" / name).read_text(encoding="utf-8")
 
 
-def _visible(value: Any) -> Any:
-    """Return what a page is about to print, without letters that are not seen but line breaks."""
-    if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable():
+def _show_visible(value: Any) -> Any:
+    """Return a value of a page without letters that are not seen, except line breaks."""
+    if not isinstance(value, str) or hasattr(value, "__html__"):
         return value
-    return "".join(
-        c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in value
-    )
-
-
-# --- numbers ---
+    return re.sub(r"[^\n]", lambda c: c[0] if c[0].isprintable() else "\N{REPLACEMENT CHARACTER}",
+                  value)  # fmt: skip
 
 
 def _number(value: Any) -> float | None:
@@ -224,10 +214,9 @@ def _number(value: Any) -> float | None:
 
 def _text(column: Json, value: Any) -> str:
     """Write a number as tables show it: shares in percent."""
-    found = _number(value)
-    if found is None:
+    if value is None:
         return "–"
-    return show_number(100 * found if column["unit"] == "share" else found, 2)
+    return show_number(float(value) * (100 if column["unit"] == "share" else 1), 2)
 
 
 def _values(rows: Sequence[Json], lead: Json, *keys: str) -> Iterator[float]:
@@ -273,82 +262,3 @@ def _timeline(table: Json, lead: Json) -> list[tuple[Any, ...]]:
         across = (day - days[0]) / (days[-1] - days[0])
         found.append((date, across, *up, name, _text(lead, value)))
     return found
-
-
-# --- parts of a benchmark, and two methods ---
-
-
-def _parts(table: Json) -> list[tuple[str, list[tuple[str, bool, list[list[list[Any]]]]]]]:
-    """Return the scenes and the groups of conditions that a table can show, by kind.
-
-    Each has a title, whether it has few queries, and numbers: a list a row, in it one a score.
-    """
-    factors = {c["key"]: 100 if c["unit"] == "share" else 1 for c in table["scores"]}
-
-    def part(label: str, count: int | None, values: Sequence[Json]) -> tuple[str, bool, Any]:
-        said = "" if count is None else f" ({count:,} {'query' if count == 1 else 'queries'})"
-        few = count is not None and count < FEW and table["unit"] == "query"
-        rows = [
-            [_rounded(row.get(key, ()), factor) for key, factor in factors.items()]
-            for row in values
-        ]
-        return f"{label}{said}", few, rows
-
-    scenes = [
-        part(s["title"], s["queries"], [row["scenes"].get(s["id"], {}) for row in table["rows"]])
-        for s in table["scenes"]
-    ]
-    found = [("Scenes", scenes)]
-    for one in table["conditions"]:
-        rows = [row["conditions"].get(one["by"], {}) for row in table["rows"]]
-        groups = enumerate(zip(one["labels"], one["counts"], strict=True))
-        parts = [
-            part(label, count, [{key: v[n : n + 1] for key, v in row.items()} for row in rows])
-            for n, (label, count) in groups
-        ]
-        found.append((one["title"].capitalize(), parts))
-    return found
-
-
-def _rounded(numbers: Sequence[Any], factor: int) -> list[float | None]:
-    found = map(_number, numbers)
-    return [n if n is None or math.isinf(n) else round(n * factor, 2) for n in found]
-
-
-def _compared(table: Json, ids: Sequence[str]) -> dict[str, Any]:
-    """Return the data of the page that compares two methods, the best first in its lists."""
-    order = {row["id"]: place for place, row in enumerate(table["rows"])}
-    rows = [table["rows"][order[name]] for name in ids]
-    names = [row["method"] for row in rows]
-
-    def of_scene(row: Json, scene: Json, key: str) -> float | None:
-        return _number(row["scenes"].get(scene["id"], {}).get(key, [None])[0])
-
-    return {
-        "methods": [
-            {
-                "id": row["id"],
-                "name": f"{name} ({row['team']})" if names.count(name) > 1 else name,
-                "run": row["history"][0]["files"],
-            }
-            for row, name in zip(rows, names, strict=True)
-        ],
-        "order": sorted(range(len(rows)), key=lambda n: order[rows[n]["id"]]),
-        "scene": table["scenes"][0]["id"],
-        "scenes": [scene["title"] for scene in table["scenes"]],
-        "scores": [
-            {
-                "title": column["title"],
-                "unit": _UNITS[column["unit"]],
-                "share": column["unit"] == "share",
-                "higher": column["higher_is_better"],
-                "values": [_number(row["scores"][key]["value"]) for row in rows],
-                "scenes": [
-                    [of_scene(row, scene, key) for row in rows] for scene in table["scenes"]
-                ],
-                **{k: table["pairs"][key][k] for k in ("low", "high", "p", "p_holm")},
-            }
-            for column in table["scores"]
-            if (key := column["key"]) in table["pairs"]
-        ],
-    }

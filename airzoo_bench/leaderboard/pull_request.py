@@ -12,13 +12,13 @@ import re
 import stat
 import subprocess
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 from airzoo_bench.core.errors import SubmissionError, first_of, printable
 from airzoo_bench.core.files import read_text
-from airzoo_bench.leaderboard.board import Board, Place, plain_name
+from airzoo_bench.leaderboard.board import Board, Place
 from airzoo_bench.leaderboard.checks import MOST_FILES, check_listing
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 
@@ -40,7 +40,6 @@ _SAFE = ("-c", "core.hooksPath=/dev/null", "-c", "transfer.fsckObjects=true")
 _FETCH = ("fetch", "--quiet", "--no-tags", "--no-recurse-submodules", "--no-write-fetch-head")
 _LISTING_BYTES = (MOST_FILES + 1) * 512  # of an entry's line; paths are some thousand bytes at most
 _EMPTY_TREE = "4b825dc642cb6eb9a060e54bf8d69288fbee4904"
-_MOST_CHANGES, _DEPTH = 100, 4
 _HEAD, _BASE = "refs/heads/head", "refs/heads/base"
 _BATCH = 64
 
@@ -95,45 +94,16 @@ class Repository:
         done = self.call("rev-parse", "--verify", "--quiet", "--end-of-options", name)
         return None if done.returncode else done.stdout.decode("ascii").strip()
 
-    def changes(self, old: str, new: str) -> list[tuple[str, bool]]:
-        """Return which files and folders differ between two commits, and whether each is a folder.
+    def changes(self, old: str, new: str, folder: str) -> dict[str, bool]:
+        """Return which names in a folder differ between commits, and whether each is a folder."""
+        trees = [self.resolve(f"{commit}:{folder}") or _EMPTY_TREE for commit in (old, new)]
+        listed = self.read_listing("diff-tree", "-z", "--no-renames", *trees).split(b"\0")
+        return {
+            os.fsdecode(name): {*about[1:].split(b" ")[:2]} <= {b"040000", b"000000"}
+            for about, name in zip(listed[::2], listed[1::2], strict=False)
+        }
 
-        Folders that do are looked into down to a submission's: git gathers a whole tree first.
-        """
-        found, pending = [], [""]
-        while pending:
-            above = pending.pop()
-            trees = [self.resolve(f"{at}:{above}") or _EMPTY_TREE for at in (old, new)]
-            listed = self._listed("diff-tree", "-z", "--no-renames", *trees).split(b"\0")
-            for about, name in zip(listed[::2], listed[1::2], strict=False):
-                path, modes = f"{above}/{os.fsdecode(name)}".lstrip("/"), about[1:].split(b" ")[:2]
-                is_folder = {*modes} <= {b"040000", b"000000"}
-                if is_folder and path.count("/") < _DEPTH - 1:
-                    pending.append(path)
-                else:
-                    found.append((path, is_folder))
-            if len(found) + len(pending) > _MOST_CHANGES:
-                what = f"changes more than {_MOST_CHANGES} folders, or files outside of them"
-                raise RefusedError(what, fix="make a pull request for each submission")
-        return found
-
-    def entries(self, commit: str, folder: str) -> list[tuple[str, int, str]]:
-        """Return path, mode and id of all files and folders below a folder of a commit."""
-        text = self._listed("ls-tree", "-r", "-t", "-z", "--full-tree", f"{commit}:{folder}")
-        heads = (line.split(b"\t", 1) for line in text.split(b"\0")[:-1])
-        lines = ((os.fsdecode(path), head.decode("ascii").split(" ")) for head, path in heads)
-        return [(path, int(mode, 8), object_id) for path, (mode, _, object_id) in lines]
-
-    def fetch_sizes(self, object_ids: Sequence[str]) -> list[int]:
-        """Fetch the content of files, and return how large they are."""
-        lines = "".join(f"{one}\n" for one in object_ids).encode()
-        # Git itself fetches one by one, when asked, what this cannot bring.
-        noop = ("-c", "fetch.negotiationAlgorithm=noop")
-        self.call(*noop, *_FETCH, "--filter=blob:none", "--stdin", "origin", stdin=lines)
-        found = self.run("cat-file", "--batch-check=%(objectsize)", stdin=lines)
-        return [*map(int, found.split())]
-
-    def _listed(self, *arguments: str) -> bytes:
+    def read_listing(self, *arguments: str) -> bytes:
         """Return a listing of a stranger's trees, bounded in bytes."""
         line = ["git", *_SAFE, "-C", str(self.folder), *arguments]
         with subprocess.Popen(
@@ -210,7 +180,7 @@ def fetch_changed(
     [base] = bases
     if len({repository.resolve(f"{commit}:submissions") for commit in (pull.head, base)}) == 1:
         return None  # its other changes are none of a board's business
-    place = _find_place(repository.changes(base, pull.head))
+    place = _find_place(repository, base, pull.head)
     then, at_head, at_base = (
         repository.resolve(f"{at}:{place.path}") for at in (base, pull.head, _BASE)
     )
@@ -225,24 +195,25 @@ def fetch_changed(
     return place, at_head is not None
 
 
-def _find_place(changes: Sequence[tuple[str, bool]]) -> Place:
-    """Return the one folder that holds all changes."""
-    folders = {}
-    for path, is_folder in changes:
-        parts = path.split("/")
-        if parts[0] != "submissions":
+def _find_place(repository: Repository, base: str, head: str) -> Place:
+    """Return the one folder that holds all changes, which is found level by level."""
+    fix, parts = "make a pull request for each submission; a rename counts as two", list[str]()
+    while len(parts) < 4:
+        changed = repository.changes(base, head, "/".join(parts))
+        names = sorted(changed, key=lambda name: name == "submissions")
+        if not parts and names != ["submissions"]:
             what = "changes other files than those of a submission"
-            fix = "put the other changes into a pull request of their own"
-            raise RefusedError(what, where=printable(path), fix=fix)
-        if not is_folder or len(parts) != _DEPTH or not all(map(plain_name, parts)):
+            raise RefusedError(what, where=printable(names[0]), fix=fix)
+        if len(names) != 1:
+            raise RefusedError(
+                f"changes more than one folder: {first_of(map(printable, names))}", fix=fix
+            )
+        parts += names
+        if not changed[names[0]] or not Place("a", "a", names[0]).is_plain:
             expected = "submissions/<benchmark>/<track>/<folder>/..., with plain names"
-            what = "not the folder of a submission"
-            raise RefusedError(what, where=printable(path), expected=expected)
-        folders[path] = Place(*parts[1:])
-    if len(folders) != 1:
-        what = f"changes more than one folder: {first_of(folders)}"
-        raise RefusedError(what, fix="make a pull request for each; a rename counts as two")
-    return next(iter(folders.values()))
+            what, where = "not the folder of a submission", printable("/".join(parts))
+            raise RefusedError(what, where=where, expected=expected)
+    return Place(*parts[1:])
 
 
 def _find_owner(repository: Repository, place: Place) -> int | None:
@@ -259,12 +230,25 @@ def write_files(
     repository: Repository, commit: str, place: Place, board: Board, into: Path
 ) -> None:
     """Write the files of a submission into a fresh folder, if names, kinds and sizes are right."""
-    entries, total = repository.entries(commit, place.path), 0
-    check_listing([(path, mode, 0) for path, mode, _ in entries], place.path, board.limits)
+    text = repository.read_listing(
+        "ls-tree", "-r", "-t", "-z", "--full-tree", f"{commit}:{place.path}"
+    )
+    entries = [line.split(b"\t", 1) for line in text.split(b"\0")[:-1]]
+    files, listing = list[tuple[str, str]](), list[tuple[str, int, int]]()
+    for head, name in entries:
+        mode, _, object_id = head.decode("ascii").split(" ")
+        listing.append((os.fsdecode(name), int(mode, 8), 0))
+        files += [(os.fsdecode(name), object_id)] * stat.S_ISREG(int(mode, 8))
+    check_listing(listing, place.path, board.limits)
     (into / place.path).mkdir(parents=True)
-    files = [(path, of) for path, mode, of in entries if stat.S_ISREG(mode)]
+    total = 0
     for start in range(0, len(files), _BATCH):  # the rest is not fetched where this is too much
-        total += sum(repository.fetch_sizes([of for _, of in files[start : start + _BATCH]]))
+        lines = "".join(f"{of}\n" for _, of in files[start : start + _BATCH]).encode()
+        # Git itself fetches one by one, when asked, what this cannot bring.
+        noop = ("-c", "fetch.negotiationAlgorithm=noop")
+        repository.call(*noop, *_FETCH, "--filter=blob:none", "--stdin", "origin", stdin=lines)
+        sizes = repository.run("cat-file", "--batch-check=%(objectsize)", stdin=lines)
+        total += sum(map(int, sizes.split()))
         check_listing([("all", stat.S_IFREG, total)], place.path, board.limits)
     for path, of in files:
         target = into / place.path / path

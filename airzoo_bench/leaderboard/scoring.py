@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import socket
 import tempfile
@@ -12,28 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from airzoo_bench.benchmark.folder import find_benchmark
-from airzoo_bench.core.errors import (
-    BenchmarkError,
-    ProtocolError,
-    SubmissionError,
-    UsageError,
-    UserError,
-)
+from airzoo_bench.core import errors
+from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.evaluate import read_truths, truth_fingerprint
 from airzoo_bench.evaluation.run_files import save
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard.answers import (
-    FAULT_FILE,
-    RUN_FILE,
-    Head,
-    measure,
-    next_run,
-    read_answer,
-    read_entries,
-    run_folders,
-    write_run,
-)
+from airzoo_bench.leaderboard import answers, pull_request
+from airzoo_bench.leaderboard.answers import Answer, run_folders
 from airzoo_bench.leaderboard.board import Board, Place, known_submissions
 from airzoo_bench.leaderboard.checks import (
     FETCHED,
@@ -44,21 +31,14 @@ from airzoo_bench.leaderboard.checks import (
 )
 from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.data_branch import DataBranch, answer_path
-from airzoo_bench.leaderboard.pull_request import (
-    BoardError,
-    PullRequest,
-    RefusedError,
-    Repository,
-    fetch_changed,
-    write_files,
-)
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
 from airzoo_bench.leaderboard.sealing import commitment_of
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
 
-_OF_BOARD = (BoardError, BenchmarkError, ProtocolError)  # no submitter can put these right
+# No submitter can put these right.
+_OF_BOARD = (pull_request.BoardError, errors.BenchmarkError, errors.ProtocolError)
 _SAME = 0.99  # of all records: few methods agree in so many
 
 
@@ -75,67 +55,90 @@ class Rules:
     run: Run
     truths: dict[str, str] = field(default_factory=dict)
 
-    def is_current(self, head: Head) -> bool:
+    def is_current(self, head: answers.Head) -> bool:
         """Whether an answer is by the present protocol and truth."""
-        protocol, name = find_protocol(head.protocol, self.data), head.protocol
+        protocol, is_sealed = find_protocol(head.protocol, self.data), self.is_sealed(head)
         stated = (head.protocol_version, head.protocol_fingerprint, head.sealed)
-        is_sealed = self.board.archive(head.benchmark) is not None
         if stated != (protocol.version, protocol.fingerprint, is_sealed):
             return False
-        if name not in self.truths:
-            self.truths[name] = (
+        if head.protocol not in self.truths:
+            self.truths[head.protocol] = (
                 commitment_of(find_benchmark(head.benchmark, self.data, sealed=True))
                 if is_sealed
                 else truth_fingerprint(read_truths(protocol, self.data)[1])
             )
-        return head.truth == self.truths[name]
+        return head.truth == self.truths[head.protocol]
+
+    def is_sealed(self, of: answers.Head | Place) -> bool:
+        """Whether the truth of a benchmark is sealed."""
+        return self.board.archive(of.benchmark) is not None
 
     def check(
         self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
     ) -> CheckedSubmission:
         """Check a submission as the command line does."""
-        return check_submission(
-            folder, self.board, self.data, known=known, seconds=seconds, run=self.run
-        )
+        options: Any = {"known": known, "seconds": seconds, "run": self.run}
+        return check_submission(folder, self.board, self.data, **options)
+
+    def check_sound(
+        self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
+    ) -> tuple[CheckedSubmission, Submission]:
+        """Return a submission without errors, or raise its first one."""
+        checked = self.check(folder, known, seconds)
+        for error in checked.errors:
+            raise type(error)(error.what, where=Place.of_folder(folder).path, fix=error.fix)
+        assert checked.submission is not None  # without errors it was read
+        return checked, checked.submission
+
+    def score(self, checked: CheckedSubmission, tree: str, run: Path) -> Answer:
+        """Score a sound submission into the folder of a run."""
+        save(checked.score(self.data, self.run), run)
+        answer = answers.measure(run, tree)
+        if checked.submission is not None:
+            answers.write_run(run, checked.submission, answer)
+        return answer
 
 
 # --- a pull request ---
 
 
-def score_pull_request(pull: PullRequest, remote: str, rules: Rules, work: Path) -> Found:
+def score_pull_request(
+    pull: pull_request.PullRequest, remote: str, rules: Rules, work: Path
+) -> Found:
     """Check a pull request, and score it where the truth is public."""
     found = Found(pull_request=pull.number, account=pull.account, head=pull.head)
     about: dict[str, Any] = {}
     if pull.base != rules.board.branch:
         return found
-    repository, branch = Repository(work / "pull", remote), DataBranch(work / "data", remote)
+    repository = pull_request.Repository(work / "pull", remote)
+    branch = DataBranch(work / "data", remote)
 
     def former_owner(place: Place) -> int | None:
-        runs = run_folders(branch.folder / place.runs)
-        if not runs:
-            return None
-        return read_submission(runs[0] / SUBMISSION_FILE, public=True).account or 0
+        runs = run_folders(branch.folder / place.runs)[:1]
+        files = (run / SUBMISSION_FILE for run in runs)
+        return next((read_submission(file, public=True).account or 0 for file in files), None)
 
     try:
-        changed = fetch_changed(repository, pull, rules.board, former_owner)
+        changed = pull_request.fetch_changed(repository, pull, rules.board, former_owner)
         if changed is None:
             return found
         about = {"place": changed[0], "kind": "withdrawn"}
         if changed[1]:
-            write_files(repository, pull.head, changed[0], rules.board, work)
+            pull_request.write_files(repository, pull.head, changed[0], rules.board, work)
             about |= _score_written(changed[0], pull, branch, rules, work)
     except _OF_BOARD:
         raise
     except UserError as error:
         about |= {"kind": "refused", "problems": [error]}
     for key in ("problems", "warnings"):  # no path of the folder that CI works in
-        texts = [str(text).replace(f"{work}/", "") for text in about.get(key, ())]
-        about[key] = tuple(text.replace(str(work), "") for text in texts)
+        about[key] = tuple(
+            re.sub(f"{re.escape(str(work))}/?", "", str(text)) for text in about.get(key, ())
+        )
     return found.model_copy(update=about)
 
 
 def _score_written(
-    place: Place, pull: PullRequest, branch: DataBranch, rules: Rules, work: Path
+    place: Place, pull: pull_request.PullRequest, branch: DataBranch, rules: Rules, work: Path
 ) -> dict[str, Any]:
     """Check and score the one submission that a pull request changes; return its findings."""
     known, folder = known_submissions(rules.root), work / place.path
@@ -145,7 +148,9 @@ def _score_written(
     if pull.account not in (own, *rules.board.maintainers):
         what = f"key 'account' is {own or 'missing'}, but that of the pull request is "
         fix = f"write account = {pull.account}"
-        checked.errors.append(RefusedError(f"{what}{pull.account}", where=place.path, fix=fix))
+        checked.errors.append(
+            pull_request.RefusedError(f"{what}{pull.account}", where=place.path, fix=fix)
+        )
     for error in checked.errors:
         if isinstance(error, _OF_BOARD):
             raise error
@@ -153,27 +158,26 @@ def _score_written(
         return {"kind": "refused", "problems": checked.errors}
     tree = sha256_of_tree(folder)
     facts: dict[str, Any] = {"method": given.method, "team": given.team, "tree": tree}
-    if rules.board.archive(place.benchmark):
+    if rules.is_sealed(place):
         if predictions.is_relative_to(rules.data / FETCHED):
             # The job that has no network finds them here.
             shutil.copytree(predictions.parent, work / FETCHED / predictions.parent.name)
         return facts | {"kind": "sealed", "warnings": checked.warnings}
     home = work / "board"
     branch.copy_runs({place, *known}, home)
-    run = next_run(home / place.runs)  # among the runs of the others, as a merge would place it
-    save(checked.score(rules.data, rules.run), run)
-    answer = measure(run, tree)
-    write_run(run, given, answer)
-    protocol = find_protocol(given.protocol, rules.data)
-    table = make_table(protocol, "", read_entries(home / "runs", home / "none"), work / "cache")
-    update = {"row": next(row for row in table.rows if row.id == place.folder), "values": ""}
+    run = answers.next_run(home / place.runs)  # among the runs of the others, as after a merge
+    answer = rules.score(checked, tree, run)
+    entries = answers.read_entries(home / "runs", home / "none")
+    table = make_table(find_protocol(given.protocol, rules.data), "", entries, work / "cache")
+    row = next(row for row in table.rows if row.id == place.folder)
     # Warnings about others come first: a comment may be cut at its end.
-    facts["warnings"] = [*_copies(run, given, place, known, home), *checked.warnings]
+    facts["warnings"] = [*_find_copies(run, given, place, known, home), *checked.warnings]
     facts["ranked"] = sum(bool(row.history) for row in table.rows)
-    return facts | {"kind": "scored", "answer": answer.model_copy(update=update)}
+    answer = answer.model_copy(update={"row": row, "values": ""})
+    return facts | {"kind": "scored", "answer": answer}
 
 
-def _copies(
+def _find_copies(
     run: Path, given: Submission, place: Place, known: Mapping[Place, Submission], home: Path
 ) -> Iterator[str]:
     """Warn of answers that are nearly another team's, whatever file they came in."""
@@ -204,7 +208,7 @@ def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Fou
         raise SubmissionError("the truth of this benchmark is not sealed")
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
-    checked = _sound(rules.check(work / place.path, {}))
+    checked, _ = rules.check_sound(work / place.path, {})
     if sha256_of_tree(checked.folder) != found.tree:
         raise SubmissionError("not the files that the first job has checked", where=place.path)
     try:
@@ -213,13 +217,6 @@ def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Fou
         update = {"kind": "refused", "problems": (str(error.inside(place.path)),), "opened": True}
         return found.model_copy(update=update)
     return found.model_copy(update={"answer": opened, "opened": True})
-
-
-def _sound(checked: CheckedSubmission) -> CheckedSubmission:
-    """Return a checked submission, or raise its first error."""
-    for error in checked.errors:
-        raise type(error)(error.what, where=Place.of_folder(checked.folder).path, fix=error.fix)
-    return checked
 
 
 # --- the board's branch ---
@@ -232,13 +229,11 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
     sealed truth nothing is scored here: the answer from before the merge is the run. The error of a
     submission without a score is yielded, and left for the board to show.
     """
-    folders = sorted(rules.root.resolve().glob("submissions/*/*/*"))
     names = {one.name for one in rules.board.benchmarks}
-    places = [
-        place
-        for place, path in ((Place.of_folder(path), path) for path in folders)
-        if place.benchmark in names and place.is_plain and path.is_dir() and path.resolve() == path
-    ]
+    found = sorted(rules.root.resolve().glob("submissions/*/*/*"))
+    folders = (path for path in found if path.is_dir() and path.resolve() == path)
+    every = (Place.of_folder(path) for path in folders)
+    places = [place for place in every if place.benchmark in names and place.is_plain]
     with tempfile.TemporaryDirectory() as folder:
         branch = DataBranch(Path(folder), remote)
         (out / "runs").mkdir(parents=True, exist_ok=True)
@@ -252,7 +247,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
             except UserError as fault:
                 (out / place.runs).mkdir(parents=True, exist_ok=True)
                 why = str(fault).replace("\n", " ")
-                (out / place.runs / FAULT_FILE).write_text(f"{why}\n", encoding="utf-8")
+                (out / place.runs / answers.FAULT_FILE).write_text(f"{why}\n", encoding="utf-8")
                 yield place, fault
 
 
@@ -261,10 +256,10 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     folder, last = rules.root / place.path, next(iter(run_folders(out / place.runs)), None)
     before = None
     with suppress(UserError):  # an answer that cannot be read does not count
-        before = None if last is None else read_answer(last / RUN_FILE)
+        before = None if last is None else answers.read_answer(last / answers.RUN_FILE)
     refuse_files(folder, rules.board.limits)  # or a hash would follow its links
-    sealed = rules.board.archive(place.benchmark) is not None
-    tree, counts = sha256_of_tree(folder), before is not None and rules.is_current(before.head)
+    tree, sealed = sha256_of_tree(folder), rules.is_sealed(place)
+    counts = before is not None and rules.is_current(before.head)
     if before is not None and before.tree == tree and (sealed or counts):
         return "" if counts else "not scored again by another truth: commit it again to try"
     # Which of two alike came first: the one that has a run.
@@ -273,34 +268,28 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
         for at, one in known_submissions(rules.root).items()
         if at == place or run_folders(out / at.runs)
     }
-    checked = _sound(rules.check(folder, known))
-    given, run = checked.submission, next_run(out / place.runs)
-    assert given is not None  # without errors it was read
+    checked, given = rules.check_sound(folder, known)
+    run = answers.next_run(out / place.runs)
     if sealed:
         path = branch.folder / answer_path(tree)
-        if not path.is_file():
+        answer = answers.read_answer(path) if path.is_file() else None
+        if answer is None or not rules.is_current(answer.head):
             what = "these files were not scored against the sealed truth before they were merged"
             fix = "revert the merge, and merge as the comment says once it has the scores"
             raise SubmissionError(what, where=place.path, fix=fix)
-        answer = read_answer(path)
-        if not rules.is_current(answer.head):
-            what = "these files were scored against an earlier truth, not the one sealed now"
-            raise SubmissionError(what, where=place.path, fix="let a new commit of it be scored")
+        answers.write_run(run, given, answer)
     elif last and before and counts and _has_same_predictions(last, given):
-        write_run(last, given, before.model_copy(update={"tree": tree}))
+        answers.write_run(last, given, before.model_copy(update={"tree": tree}))
         return "new words, the same scores"
     else:
-        checked = checked if checked.predictions else _sound(rules.check(folder, known, FETCHING_S))
-        save(checked.score(rules.data, rules.run), run)
-        answer = measure(run, tree)
-    write_run(run, given, answer)
+        if checked.predictions is None:
+            checked, _ = rules.check_sound(folder, known, FETCHING_S)
+        rules.score(checked, tree, run)
     return "scored" if before is None or counts else "scored again: another protocol or truth"
 
 
 def _has_same_predictions(run: Path, given: Submission) -> bool:
     """Whether a run has the scores of a submission: the same predictions, read alike."""
-    both = (read_submission(run / SUBMISSION_FILE, public=True), given)
-    one, other = (
-        (s.protocol, s.predictions.sha256, s.predictions.reader, s.pipeline) for s in both
-    )
-    return one == other
+    both = read_submission(run / SUBMISSION_FILE, public=True), given
+    read = [(s.protocol, s.predictions.sha256, s.predictions.reader, s.pipeline) for s in both]
+    return read[0] == read[1]

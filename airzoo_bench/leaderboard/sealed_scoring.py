@@ -28,7 +28,6 @@ import numpy as np
 
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.leaderboard.answers import Answer, Row, Score, head_of, now
@@ -41,7 +40,6 @@ FLIPS = 4
 
 _Z95 = 1.959964
 _LEAST_SHARE_OF_VALUE = 0.01
-_ONE_UP, _TWO_UP = (Context(prec=digits, rounding=ROUND_CEILING) for digits in (1, 2))
 
 
 class OpenedTruthError(SubmissionError):
@@ -58,15 +56,22 @@ def score_sealed(
             evaluation = checked.score(truth, run)
         except SubmissionError as error:  # of its pipeline
             raise OpenedTruthError(error.what, fix=error.fix) from None
-        except UserError:
-            # What it says may come from the truth.
-            raise OpenedTruthError(
-                "cannot be scored, for a reason that only the truth shows, and that is not told",
-                fix="ask the host, who has the truth and can score it by `airzoo-bench eval`",
-            ) from None
-    result = evaluation.result
-    columns = tuple(column for column in result.columns if column.headline)
-    scores = {column.key: _round_column(evaluation, column) for column in columns}
+        except UserError:  # its message may come from the truth
+            what = "cannot be scored, for a reason that only the truth shows, and that is not told"
+            fix = "ask the host, who has the truth and can score it by `airzoo-bench eval`"
+            raise OpenedTruthError(what, fix=fix) from None
+    result, records = evaluation.result, evaluation.records
+    of_scene = records["scene"].to_numpy(str)
+    columns, scores = tuple(column for column in result.columns if column.headline), {}
+    for column in columns:
+        values = records[column.key].to_numpy(np.float64)
+        scenes = [values[of_scene == scene] for scene in result.scenes]
+        value, spread, _ = round_score(result.overall[column.key], scenes, column, result.unit)
+        low = high = None
+        if spread is not None and math.isfinite(value):
+            most = 1.0 if column.unit == "share" else math.inf
+            low, high = max(0.0, value - _Z95 * spread), min(most, value + _Z95 * spread)
+        scores[column.key] = Score(value=value, low=low, high=high, standard_error=spread)
     truth_of = {"benchmark_version": None, "truth": commitment_of(public), "sealed": True}
     return Answer(
         tree=tree,
@@ -77,22 +82,6 @@ def score_sealed(
         row=Row(kind="sealed", method=result.predictions.method, scores=scores),
         about_intervals="95 % intervals: the rounded score and 1.96 rounded standard errors.",
     )
-
-
-# --- how coarse ---
-
-
-def _round_column(evaluation: Evaluation, column: ScoreColumn) -> Score:
-    """Return a rounded score over all scenes, with the interval of its standard error."""
-    records, result = evaluation.records, evaluation.result
-    values, of_scene = records[column.key].to_numpy(np.float64), records["scene"].to_numpy(str)
-    scenes = [values[of_scene == scene] for scene in result.scenes]
-    value, error, _ = round_score(result.overall[column.key], scenes, column, result.unit)
-    if error is None or math.isinf(value):
-        return Score(value=value, standard_error=error)
-    most = 1.0 if column.unit == "share" else math.inf
-    low, high = max(0.0, value - _Z95 * error), min(most, value + _Z95 * error)
-    return Score(value=value, low=low, high=high, standard_error=error)
 
 
 def round_score(
@@ -113,21 +102,21 @@ def round_score(
         if count > 1 and np.isfinite(values).all():
             error = float(values.std(ddof=1)) / math.sqrt(count)
     elif column.unit == "share" and column.average == "mean":
-        width = _up(math.hypot(*(0.5 / np.sqrt(sizes))) / count, _ONE_UP)
-        step = max(width / 2, _up(FLIPS / float(sizes.min()) / count, _TWO_UP))
+        width = _up(math.hypot(*(0.5 / np.sqrt(sizes))) / count)
+        step = max(width / 2, _up(FLIPS / float(sizes.min()) / count, 2))
         shown = min(_nearest(value, step), 1.0)
         rates = (shown * sizes + 2) / (sizes + 4)
         error = math.hypot(*np.sqrt(rates * (1 - rates) / sizes)) / count
     else:
         spreads = [_spread(values, column) for values in scenes]
-        width = _up(math.hypot(*(wide for _, wide in spreads)) / count, _ONE_UP)
+        width = _up(math.hypot(*(wide for _, wide in spreads)) / count)
         unit_of = Decimal(1).scaleb(width.adjusted())
         # 1, 2, 5 or 10: steps are mostly those of a similar sample.
         step = next(unit_of * digit for digit in (1, 2, 5, 10) if width <= unit_of * digit) / 2
         shown = _nearest(value, step)
         known = [error for error, _ in spreads if error is not None]
         error = math.hypot(*known) / count if len(known) == count else None
-    return shown, None if error is None else float(_up(error, _ONE_UP)), float(step)
+    return shown, None if error is None else float(_up(error)), float(step)
 
 
 def _spread(values: Floats, column: ScoreColumn) -> tuple[float | None, float]:
@@ -149,8 +138,8 @@ def _spread(values: Floats, column: ScoreColumn) -> tuple[float | None, float]:
     return error, error
 
 
-def _up(number: float, context: Context) -> Decimal:
-    return context.create_decimal(repr(float(number)))
+def _up(number: float, digits: int = 1) -> Decimal:
+    return Context(digits, ROUND_CEILING).create_decimal(repr(float(number)))
 
 
 def _nearest(value: float, step: Decimal) -> float:

@@ -49,9 +49,9 @@ _DRAWN_ALIKE = str.maketrans(
 
 def plain_line(text: str) -> str:
     """Refuse a text with invisible characters, or ones that are shown out of order."""
-    hidden = [one for one in text if not one.isprintable() or _BLANK.match(one)]
-    if hidden:
-        raise ValueError(f"has {_named(hidden[0])}, which is not shown")
+    for letter in text:
+        if not letter.isprintable() or _BLANK.match(letter):
+            raise ValueError(f"has {_named(letter)}, which is not shown")
     if unicodedata.normalize("NFC", text) != text:
         raise ValueError("is not in Unicode's normal form NFC: type its letters anew")
     if text != " ".join(text.split()):
@@ -71,15 +71,12 @@ def board_name(text: str) -> str:
     scripts = {letter: _script_of(letter) for letter in shown_line(text)}
     for letter, script in scripts.items():
         if not (script or letter.isascii() or letter in _EXTRA):
-            raise ValueError(
-                f"has {_named(letter)}: names have Latin, Greek, Cyrillic, Chinese, Japanese or "
-                "Korean letters, digits and plain punctuation"
-            )
+            known = "Latin, Greek, Cyrillic, Chinese, Japanese or Korean letters"
+            raise ValueError(f"has {_named(letter)}: names have {known}, digits and punctuation")
     # Greek letters stand in formulas.
-    used = {scripts[letter]: letter for letter in scripts if letter not in "πΔλ"}
-    mixed = [_named(used[script]) for script in _ALPHABETS if script in used]
-    if len(mixed) > 1:
-        raise ValueError(f"has letters of two alphabets, {' and '.join(mixed)}")
+    used = {script for letter, script in scripts.items() if letter not in "πΔλ"} & {*_ALPHABETS}
+    if len(used) > 1:
+        raise ValueError(f"has letters of two alphabets, {' and '.join(sorted(used))}")
     if not any(letter.isalnum() for letter in text):
         raise ValueError("has neither letter nor digit")
     return text
@@ -186,8 +183,7 @@ class Submission(Strict):
     pipeline: Pipeline
     predictions: PredictionsGiven
     contact: Contact | None = _question(
-        "Where the maintainers reach you; it is shown on no page, but this file is as public as "
-        "its repository.",
+        "Where the maintainers reach you; no page shows it, but this file is public.",
         "first.last@example.org",
         None,
     )
@@ -195,10 +191,6 @@ class Submission(Strict):
     cost: Any = Field(None, exclude=True)
     baseline: Any = Field(None, exclude=True)
     bibtex: Any = Field(None, exclude=True)
-
-    def public(self) -> Submission:
-        """Return the same without the contact."""
-        return self.model_copy(update={"contact": None})
 
 
 def read_submission(path: Path, *, public: bool = False) -> Submission:
@@ -211,8 +203,9 @@ def read_submission(path: Path, *, public: bool = False) -> Submission:
     return found
 
 
-def submission_text(submission: Submission) -> str:
-    """Return the file that states a submission."""
-    values: dict[str, Any] = submission.model_dump(by_alias=True, exclude_none=True)
+def submission_text(submission: Submission, *, public: bool = False) -> str:
+    """Return the file that states a submission; one that a board keeps has no contact."""
+    left_out = {"contact"} if public else set[str]()
+    values = submission.model_dump(by_alias=True, exclude_none=True, exclude=left_out)
     # Keys after the head of a table would belong to that table.
     return tomli_w.dumps(dict(sorted(values.items(), key=lambda item: isinstance(item[1], dict))))

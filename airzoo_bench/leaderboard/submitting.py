@@ -46,20 +46,16 @@ def ask_missing(given: Mapping[str, Any], more: Sequence[str]) -> dict[str, Any]
         raise UsageError(f"missing: {', '.join(names)}", fix=fix)
     values = dict(given) | {key: _ask(key) for key in missing}
     for key in _LISTS:
-        values[key] = [] if list(values[key]) == ["none"] else list(values[key])
+        values[key] = [] if [*values[key]] == ["none"] else [*values[key]]
     values["pipeline"] = {"stages": values.pop("stages")}
     values["date"] = datetime.datetime.now(datetime.UTC).date()
     for text in more:
-        name, equals, value = text.partition("=")
-        if not equals:
-            what = f"--set {text!r} is no key with a value"
-            raise UsageError(what, expected="such as code=https://...")
-        table, _, key = name.rpartition(".")
-        within = values.setdefault(table, {}) if table else values
+        name, _, value = text.partition("=")
         try:
-            within[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            within[key] = value
+            [(name, found)] = tomllib.loads(text).items()
+        except tomllib.TOMLDecodeError:  # a text without quotes
+            found = value
+        values[name] = values.get(name, {}) | found if isinstance(found, dict) else found
     return values
 
 
@@ -109,16 +105,10 @@ def write_submission(
     if not re.match(SAFE_NAME, name) or name == SUBMISSION_FILE:
         name = f"predictions{re.sub('[^A-Za-z0-9.]', '', predictions.suffix)}"
     check_listing([(name, stat.S_IFREG, 0 if url else size)], "here", limits)
-    given: dict[str, Any] = {"sha256": sha256_of_tree(predictions), "bytes": size}
+    given = {"sha256": sha256_of_tree(predictions), "bytes": size, "reader": reader}
     given |= {"url": url} if url else {"file": name}
-    given |= {"reader": reader} if reader else {}
-    stated = validated(
-        {**values, "schema": 1, "predictions": given},
-        Submission,
-        SubmissionError,
-        folder / SUBMISSION_FILE,
-        "option of that name",
-    )
+    keys, path = {**values, "schema": 1, "predictions": given}, folder / SUBMISSION_FILE
+    stated = validated(keys, Submission, SubmissionError, path, "option of that name")
     with atomic_folder(folder, replace=replace, mark=SUBMISSION_FILE) as staged:
         if url is None and predictions.is_dir():
             # Modes stay behind: on some disks every file is executable, which no board takes.
@@ -134,27 +124,29 @@ def write_submission(
 def gh_account() -> int | None:
     """Return the id of the account that GitHub's command line is logged in with, if any is."""
     said = _run(Path(), "gh", "api", "user", "--jq", ".id")
-    return int(said) if said and said.strip().isdecimal() else None
+    return int(said) if said.isdecimal() else None
 
 
 def open_pull_request(root: Path, place: Place, title: str) -> list[str]:
     """Commit the folder on a branch of its own and open a pull request; return the steps left."""
-    branch = f"submit-{place.folder}"
-    steps = [f"git push -u origin {branch}", "gh pr create --fill"]
-    switch, add = ("switch", "--quiet", "-C", branch), ("add", "--", place.path)
-    commit = ("commit", "--quiet", "-m", title, "--", place.path)
-    if any(_run(root, "git", *words) is None for words in (switch, add, commit)):
+    branch, push = f"submit-{place.folder}", ["gh", "pr", "create", "--fill"]
+    steps = [f"git push -u origin {branch}", " ".join(push)]
+    _run(root, "git", "switch", "--quiet", "-C", branch)
+    _run(root, "git", "add", "--", place.path)
+    _run(root, "git", "commit", "--quiet", "-m", title, "--", place.path)
+    if _run(root, "git", "log", "-1", "--format=%s", branch, "--", place.path) != title:
         return [f"git switch -C {branch}", f"git add {place.path}", "git commit", *steps]
     if shutil.which("gh") is None or not sys.stdin.isatty():
         return steps
-    done = subprocess.run(["gh", "pr", "create", "--fill", "--title", title], cwd=root, check=False)
+    done = subprocess.run([*push, "--title", title], cwd=root, check=False)
     return steps if done.returncode else []
 
 
-def _run(folder: Path, *command: str) -> str | None:
-    """Return the output of a command, None where it failed or is not installed."""
+def _run(folder: Path, *command: str) -> str:
+    """Return the output of a command, nothing where it failed or is not installed."""
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    except FileNotFoundError:
-        return None
-    return done.stdout if done.returncode == 0 else None
+        return subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, check=True
+        ).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""

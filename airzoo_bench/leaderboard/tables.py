@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import re
-import unicodedata
 import zlib
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
-from airzoo_bench.core.files import atomic_write, write_npz
+from airzoo_bench.core.files import atomic_write, fingerprint, write_npz
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.about import about_file, about_of
@@ -81,11 +78,11 @@ def make_table(
     """
     place = protocol.benchmark, protocol.track
     mine = [e for e in entries if e.place[:2] == place and e.protocol in ("", protocol.name)]
-    answers = [entry.answer for entry in mine if entry.answer is not None]
-    newest = _basis(max(answers, key=_age)) if answers else ()
-    members = [e for e in mine if e.answer is not None and _basis(e.answer) == newest]
-    answers = [answer for answer in answers if _basis(answer) == newest]
-    ranked = {entry.place for entry in members}
+    scored = [(entry, entry.answer) for entry in mine if entry.answer is not None]
+    newest = _basis(max((answer for _, answer in scored), key=_age)) if scored else ()
+    ranked = [(entry, answer) for entry, answer in scored if _basis(answer) == newest]
+    members, answers = [entry for entry, _ in ranked], [answer for _, answer in ranked]
+    places = {entry.place for entry in members}
     first = answers[0] if answers else None
     head = first.head if first else _head_of(protocol)
     columns = _columns(answers, protocol)
@@ -94,17 +91,20 @@ def make_table(
     if not members:
         printed = {key for row in reported for key in row.scores}
         columns = [column for column in columns if column.headline or column.key in printed]
-    shown_rows = [*(entry.row for entry in members), *reported]
-    known = {key for row in shown_rows for key in row.scores}
+    shown = [*(entry.row for entry in members), *reported]
+    known = {key for row in shown for key in row.scores}
     lead = next((column for column in columns if column.key in known), columns[0])
     floors = {row.method: row for answer in reversed(answers) for row in answer.floors}
     unscored: dict[str, Any] = {"kind": "failed", "scores": {}, "scenes": {}, "conditions": {}}
+    unscored["history"] = ()
     failed = [
-        entry.row.model_copy(update=unscored | {"reason": entry.row.reason or _OLD, "history": ()})
+        entry.row.model_copy(update=unscored | {"reason": entry.row.reason or _OLD})
         for entry in mine
-        if entry.place not in ranked
+        if entry.place not in places
     ]
-    versions = sorted({answer.version for answer in answers})
+    rows = [*sorted(shown, key=lambda row: _order(lead, row)), *floors.values(), *failed]
+    name, sources = head.benchmark, map(read_source_file, published_sources().values())
+    versions = ", ".join(sorted({answer.version for answer in answers}))
     return Table(
         **dict(head),
         id=protocol.name,
@@ -113,16 +113,12 @@ def make_table(
         benchmark_title=benchmark_title,
         scores=tuple(columns),
         conditions=first.conditions if first else (),
-        rows=_with_ids(
-            [*sorted(shown_rows, key=lambda r: _order(lead, r)), *floors.values(), *failed]
-        ),
+        rows=_with_ids(rows),
         pairs={key: one for key, one in pairs.items() if one},
         about_intervals=first.about_intervals if first else "",
-        notes=(f"scored by airzoo-bench {', '.join(versions)}",) if versions else (),
-        data=about_of(head.benchmark).page or None
-        if about_file(head.benchmark).is_file()
-        else None,
-        paper=_paper(head.benchmark),
+        notes=(f"scored by airzoo-bench {versions}",) if versions else (),
+        data=(about_of(name).page or None) if about_file(name).is_file() else None,
+        paper=next((one.url for one in sources if name in one.benchmarks.values()), None),
     )
 
 
@@ -203,17 +199,10 @@ def _with_ids(rows: Sequence[Row]) -> tuple[Row, ...]:
     """Give each row without a folder a name for its page, which no folder can have."""
     found = dict[str, Row]()
     for row in rows:
-        letters = unicodedata.normalize("NFKD", row.method).encode("ascii", "ignore").decode()
-        name = row.id or f"{row.kind}~{re.sub(r'[^a-z0-9]+', '-', letters.lower()).strip('-')}"
+        name = row.id or f"{row.kind}~{re.sub(r'[^a-z0-9]+', '-', row.method.lower()).strip('-')}"
         name = name if name not in found else f"{name}~{len(found)}"
         found[name] = row.model_copy(update={"id": name})
     return tuple(found.values())
-
-
-def _paper(benchmark: str) -> str | None:
-    """Return the page of the paper with published numbers on a benchmark."""
-    sources = map(read_source_file, published_sources().values())
-    return next((one.url for one in sources if benchmark in one.benchmarks.values()), None)
 
 
 # --- ranks ---
@@ -274,16 +263,14 @@ def _compare_pairs(
 ) -> Floats:
     """Return low, high and p of every two methods (3, V, V), and store them for the next build."""
     resampling = ResamplingConfig()
-    mark = repr((*_basis(answers[0]), column.key, resampling.resamples, __version__))
-    path = cache / f"pairs-{hashlib.sha256(mark.encode()).hexdigest()}.npz"
-    hashes = (hashlib.sha256(answer.values.encode()).hexdigest() for answer in answers)
-    names = [f"{one} {content}" for one, content in zip(ids, hashes, strict=True)]
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            before, matrices = stored["names"].tolist(), stored["pairs"]
-    except (OSError, EOFError, ValueError, KeyError, BadZipFile):  # there is none, or it is damaged
-        before, matrices = [], np.zeros((3, 0, 0))
-    then = {name: place for place, name in enumerate(before)}
+    mark = [*_basis(answers[0]), column.key, resampling.resamples, __version__]
+    path = cache / f"pairs-{fingerprint(mark)}.npz"
+    names = [fingerprint([one, answer.values]) for one, answer in zip(ids, answers, strict=True)]
+    then, matrices = dict[str, int](), np.zeros((3, 0, 0))
+    if path.is_file():
+        with np.load(path, allow_pickle=False) as stored:
+            then = {name: n for n, name in enumerate(stored["names"].tolist())}
+            matrices = stored["pairs"]
     known = [n for n, name in enumerate(names) if name in then]
     old = [then[names[n]] for n in known]
     wanted: Bools = np.ones((len(names),) * 2, np.bool_)

@@ -34,7 +34,7 @@ NO_GROUND_POINT = "no ray meets the ground"
 UNANSWERED = "positives.npz gives it no tile"
 TOO_EMPTY = "without valid pixels, or with too few"
 
-_TILE_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share")
+TILE_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share")
 _PAIRS = ("offsets", "tiles")
 _EARTH_RADIUS_M = 6_371_000.0
 _AGAIN = "prepare the benchmark again"
@@ -266,7 +266,7 @@ def _read_tile_table(path: Path) -> pd.DataFrame:
     found = read_table(path, ("id",))
     if "image" in found:
         return require_columns(path, found, IMAGE_COLUMNS, _position_columns(found))
-    return require_columns(path, found, ("id", *_TILE_COLUMNS), _TILE_COLUMNS)
+    return require_columns(path, found, ("id", *TILE_COLUMNS), TILE_COLUMNS)
 
 
 def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:

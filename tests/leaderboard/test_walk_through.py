@@ -58,8 +58,7 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     head = board.propose(fork, 2)
     assert "belongs to another account" in board.ci(2, head, BOB, code=1)
     comment = board.ci(2, head)
-    assert "Changed since the last version" in comment
-    assert "→ 100.00" in comment
+    assert "| the last version | 10 |" in comment
     board.merge(2, head)
     board.step("keep", board.rescore())
     assert json.loads(board.data_file(f"{SALAD}/2/run.json"))["tree"]
@@ -150,7 +149,7 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
     (board.main / HOME / "whole").symlink_to("salad")
     board.submit(board.main, worse(perfect), "Sound", "--team", "Team S", account=4)
     board.push_main("By hand")
-    data = board.rescore(code=1, said="which differs from 'Salad' only in case")
+    data = board.rescore(code=1, said="differs from 'Salad' only in case")
     runs = sorted(path.parent.name for path in data.glob("runs/made/retrieval/*/1"))
     assert runs == ["salad", "sound"]
     faults = {p.parent.name: p.read_text() for p in data.glob("runs/made/retrieval/*/fault.txt")}

@@ -2,7 +2,7 @@
 const table = document.getElementById("results");
 const form = document.getElementById("filters");
 const tray = document.querySelector(".tray");
-const { parts } = JSON.parse(document.getElementById("data").textContent);
+const board = JSON.parse(document.getElementById("data").textContent);
 const FEW = 20;
 
 if (table) {
@@ -38,29 +38,37 @@ if (table) {
 
   // --- scenes and conditions ---
 
-  const written = (value) => (value === "inf" ? "inf" : value.toFixed(2));
+  const written = (value, share) => (Number.isFinite(Number(value)) ? (share ? 100 * value : Number(value)).toFixed(2) : "inf");
 
-  function fill(cell, numbers) {
-    const [value, low, high] = numbers;
+  // The numbers of a row in a scene or a group of a condition, by the key of a score.
+  function numbersOf(row, part, key) {
+    const [, kind, group, name] = part.match(/^(\w+)\/(\d*)\/(.*)$/s);
+    const found = row[kind][name]?.[key] ?? [];
+    return group === "" ? found : [found[group]];
+  }
+
+  function fill(cell, [value, low, high], share) {
     cell.dataset.v = value ?? "";
     cell.className = cell.className.replace(/ ?tied/, "");
-    cell.replaceChildren(value === undefined || value === null ? "–" : written(value));
+    cell.replaceChildren(value === undefined || value === null ? "–" : written(value, share));
     if (low === undefined || low === null || high === null) return;
     const span = document.createElement("span");
     span.className = "interval";
-    span.textContent = `${written(low)} to ${written(high)}`;
+    span.textContent = `${written(low, share)} to ${written(high, share)}`;
     cell.append(span);
   }
 
   function showPart(field) {
     const option = field.selectedOptions[0];
-    const of = field.value === "" ? null : parts[Number(field.value)];
-    table.classList.toggle("of-part", of !== null);
+    const isPart = field.value !== "";
+    table.classList.toggle("of-part", isPart);
     table.classList.toggle("few", option.className === "few");
-    caption.textContent = of === null ? usual : `${option.parentNode.label}: ${option.textContent}${option.className === "few" ? ` (fewer than ${FEW} queries say little)` : ""}`;
+    caption.textContent = !isPart ? usual : `${option.parentNode.label}: ${option.textContent}${option.className === "few" ? ` (fewer than ${FEW} queries say little)` : ""}`;
     for (const [cell, [first, kind]] of averages) {
-      if (of !== null) fill(cell, of[Number(cell.closest("tr").dataset.at)][Number(cell.dataset.at)]);
-      else {
+      if (isPart) {
+        const score = board.scores[cell.dataset.at];
+        fill(cell, numbersOf(board.rows[cell.closest("tr").dataset.at], field.value, score.key), score.unit === "share");
+      } else {
         cell.className = kind;
         cell.dataset.v = first.dataset.v;
         cell.replaceChildren(...first.cloneNode(true).childNodes);
@@ -76,7 +84,7 @@ if (table) {
     const found = row.cells[at]?.dataset.v ?? row.cells[at]?.textContent.trim() ?? "";
     if (found === "" || row.dataset.kind === "failed") return { last: 2, value: 0 };
     if (kind !== "number") return { last: 0, value: found };
-    const value = Number(found.replace("inf", "Infinity"));
+    const value = Number(found.replace(/^inf$/, "Infinity"));
     return { last: Number.isFinite(value) ? 0 : Number.isNaN(value) ? 2 : 1, value };
   }
 

@@ -1,5 +1,11 @@
 // Compares two methods by what was computed when the page was made; the address names them.
-const data = JSON.parse(document.getElementById("data").textContent);
+const board = JSON.parse(document.getElementById("data").textContent);
+const scores = board.scores.filter((score) => score.key in board.pairs);
+const { ids } = board.pairs[scores[0].key];
+const units = { share: "%", m: "m", deg: "°" };
+// The rows that were ranked, the best first; a name that is there twice is told apart by its team.
+const methods = board.rows.filter((row) => ids.includes(row.id)).map((row) => ({ ...row, at: ids.indexOf(row.id) }));
+const nameOf = (row) => (methods.filter((other) => other.method === row.method).length > 1 ? `${row.method} (${row.team})` : row.method);
 const [first, second, byScore] = ["a", "b", "score"].map((id) => document.getElementById(id));
 
 // Makes an element. Texts become text nodes: nothing in the data is ever read as HTML.
@@ -23,8 +29,8 @@ async function unpacked(text) {
   return new Float32Array(await new Response(stream).arrayBuffer());
 }
 
-// JSON has no infinite numbers: they are texts, and what is missing is null.
-const number = (value) => (value === null || value === undefined ? NaN : value === "inf" ? Infinity : value);
+// JSON has no infinite numbers: they are texts, and a missing one is null.
+const number = (value) => (value === null || value === undefined ? NaN : Number(value));
 
 function shown(value, share, signed = false) {
   if (Number.isNaN(value)) return "–";
@@ -37,20 +43,21 @@ function shown(value, share, signed = false) {
 const shownP = (p) => (Number.isNaN(p) ? "–" : p < 0.00005 ? "< 0.0001" : p.toFixed(4));
 
 // What is known of two methods by one score, as the difference of the first to the second.
-async function pairOf(score, i, j) {
-  score.unpacked ??= Promise.all(["low", "high", "p", "p_holm"].map((key) => unpacked(score[key])));
-  const [less, more] = [Math.min(i, j), Math.max(i, j)];
-  const place = less * (2 * data.methods.length - less - 1) / 2 + more - less - 1;
-  let [low, high, p, holm] = (await score.unpacked).map((values) => values[place]);
-  if (i > j) [low, high] = [-high, -low];
-  const [one, other] = [number(score.values[i]), number(score.values[j])];
+async function pairOf(score, a, b) {
+  const pairs = board.pairs[score.key];
+  pairs.unpacked ??= Promise.all(["low", "high", "p", "p_holm"].map((key) => unpacked(pairs[key])));
+  const [less, more] = [Math.min(a.at, b.at), Math.max(a.at, b.at)];
+  const place = less * (2 * ids.length - less - 1) / 2 + more - less - 1;
+  let [low, high, p, holm] = (await pairs.unpacked).map((values) => values[place]);
+  if (a.at > b.at) [low, high] = [-high, -low];
+  const [one, other] = [a, b].map((row) => number(row.scores[score.key].value));
   return { low, high, p, holm, one, other, difference: one - other };
 }
 
 function verdict(score, pair) {
   if (Number.isNaN(pair.holm)) return "no test";
   if (pair.holm > 0.05 || pair.difference === 0) return "cannot be told apart";
-  return (pair.difference > 0) === score.higher ? "A is better" : "B is better";
+  return (pair.difference > 0) === score.higher_is_better ? "A is better" : "B is better";
 }
 
 // The interval of a difference on a line with zero in its middle.
@@ -66,64 +73,64 @@ function picture(pair) {
 const cell = (content, kind = "num") => el("td", { class: kind }, content);
 const head = (text) => el("th", { scope: "row" }, text);
 
-async function overall(i, j) {
-  return Promise.all(data.scores.map(async (score) => {
-    const pair = await pairOf(score, i, j);
-    const limits = Number.isNaN(pair.low) ? "–" : `${shown(pair.low, score.share, true)} to ${shown(pair.high, score.share, true)}`;
-    return el("tr", {}, head(`${score.title} [${score.unit}]`), cell(shown(pair.one, score.share)), cell(shown(pair.other, score.share)),
-      cell(shown(pair.difference, score.share, true)), cell(limits), cell(picture(pair), "text"),
+async function overall(a, b) {
+  return Promise.all(scores.map(async (score) => {
+    const pair = await pairOf(score, a, b);
+    const share = score.unit === "share";
+    const limits = Number.isNaN(pair.low) ? "–" : `${shown(pair.low, share, true)} to ${shown(pair.high, share, true)}`;
+    return el("tr", {}, head(`${score.title} [${units[score.unit]}]`), cell(shown(pair.one, share)), cell(shown(pair.other, share)),
+      cell(shown(pair.difference, share, true)), cell(limits), cell(picture(pair), "text"),
       cell(shownP(pair.p)), cell(shownP(pair.holm)), cell(verdict(score, pair), "text"));
   }));
 }
 
-function byScene(score, i, j) {
-  return data.scenes.map((title, place) => {
-    const [one, other] = [i, j].map((at) => number(score.scenes[place][at]));
-    return el("tr", {}, head(title), cell(shown(one, score.share)), cell(shown(other, score.share)), cell(shown(one - other, score.share, true)));
+function byScene(score, a, b) {
+  const share = score.unit === "share";
+  return board.scenes.map((scene) => {
+    const [one, other] = [a, b].map((row) => number(row.scenes[scene.id]?.[score.key]?.[0]));
+    return el("tr", {}, head(scene.title), cell(shown(one, share)), cell(shown(other, share)), cell(shown(one - other, share, true)));
   });
 }
 
 async function draw() {
-  const [i, j] = [Number(first.value), Number(second.value)];
-  const [a, b] = [data.methods[i], data.methods[j]];
-  document.getElementById("found").hidden = i === j;
+  const [a, b] = [methods[first.value], methods[second.value]];
+  document.getElementById("found").hidden = a === b;
   const said = document.getElementById("said");
-  if (i === j) {
+  if (a === b) {
     said.textContent = "Choose two different methods.";
     return;
   }
-  for (const [id, method] of [["name-a", a], ["name-b", b]]) document.getElementById(id).setAttribute("href", `${method.id}.html`);
+  for (const [id, row] of [["name-a", a], ["name-b", b]]) document.getElementById(id).setAttribute("href", `${row.id}.html`);
   const command = document.getElementById("command");
-  command.hidden = !a.run || !b.run;
-  command.lastElementChild.textContent = `airzoo-bench compare ${a.run} ${b.run} --scene ${data.scene}`;
-  document.querySelector("#overall tbody").replaceChildren(...await overall(i, j));
-  const pair = await pairOf(data.scores[0], i, j);
-  said.textContent = `${data.scores[0].title}: ${a.name} − ${b.name} is ${shown(pair.difference, data.scores[0].share, true)} ${data.scores[0].unit}; ${verdict(data.scores[0], pair)}.`;
-  const score = data.scores[byScore.selectedIndex];
-  document.querySelector("#scenes caption span").textContent = `${score.title} in ${score.unit}, and the difference A − B`;
-  document.querySelector("#scenes tbody").replaceChildren(...byScene(score, i, j));
+  command.hidden = false;
+  command.lastElementChild.textContent = `airzoo-bench compare ${a.history[0].files} ${b.history[0].files} --scene ${board.scenes[0].id}`;
+  document.querySelector("#overall tbody").replaceChildren(...await overall(a, b));
+  const pair = await pairOf(scores[0], a, b);
+  said.textContent = `${scores[0].title}: ${nameOf(a)} − ${nameOf(b)} is ${shown(pair.difference, scores[0].unit === "share", true)} ${units[scores[0].unit]}; ${verdict(scores[0], pair)}.`;
+  const score = scores[byScore.selectedIndex];
+  document.querySelector("#scenes caption span").textContent = `${score.title} in ${units[score.unit]}, and the difference A − B`;
+  document.querySelector("#scenes tbody").replaceChildren(...byScene(score, a, b));
 }
 
 function start() {
   const asked = new URLSearchParams(location.hash.slice(1));
   for (const [select, key, place] of [[first, "a", 0], [second, "b", 1]]) {
-    const found = data.methods.findIndex((method) => method.id === asked.get(key));
-    if (found < 0) select.selectedIndex = place;
-    else select.value = found;
+    const found = methods.findIndex((row) => row.id === asked.get(key));
+    select.selectedIndex = found < 0 ? place : found;
   }
   if (!asked.has("b") && first.selectedIndex === second.selectedIndex) second.selectedIndex = first.selectedIndex ? 0 : 1;
   draw();
 }
 
 for (const select of [first, second]) {
-  select.append(...data.order.map((at) => el("option", { value: at }, data.methods[at].name)));
+  select.append(...methods.map((row, at) => el("option", { value: at }, nameOf(row))));
   select.addEventListener("change", () => {
-    const asked = new URLSearchParams({ a: data.methods[first.value].id, b: data.methods[second.value].id });
+    const asked = new URLSearchParams({ a: methods[first.value].id, b: methods[second.value].id });
     history.replaceState(null, "", `#${asked}`);
     draw();
   });
 }
-byScore.append(...data.scores.map((score) => el("option", {}, score.title)));
+byScore.append(...scores.map((score) => el("option", {}, score.title)));
 byScore.addEventListener("change", draw);
 document.getElementById("swap").addEventListener("click", () => {
   [first.selectedIndex, second.selectedIndex] = [second.selectedIndex, first.selectedIndex];
