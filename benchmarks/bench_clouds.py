@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from airzoo_bench.core.optional_imports import load_open3d
-from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.cloud import open_cloud
 from airzoo_bench.reconstruction.distances import mutual_distances
 
 sys.path.insert(0, str(ROOT))

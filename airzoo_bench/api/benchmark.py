@@ -28,7 +28,6 @@ from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
 from airzoo_bench.matching.solving import lift
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
-from airzoo_bench.storage.urls import is_url
 
 __all__ = ["BlindBenchmark", "load_benchmark"]
 
@@ -57,7 +56,7 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
         It is not there, or a file of it is missing or was changed.
     """
     folder = data_here(name_or_path)
-    if is_url(name_or_path) or (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
+    if (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
         source = Benchmark.open(folder, sealed=True)
     else:
         source = find_benchmark(str(name_or_path), data_here(data), sealed=True)

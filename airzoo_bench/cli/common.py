@@ -19,7 +19,7 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import data_location, data_root
 from airzoo_bench.core.progress import report_progress
-from airzoo_bench.storage.urls import is_url, local_path
+from airzoo_bench.storage.urls import local_path, url_of
 
 if TYPE_CHECKING:
     from airzoo_bench.tables.model import Table
@@ -210,7 +210,7 @@ def examples(*calls: str) -> str:
 
 def resolve_data(data: str | None) -> Path:
     """Return the named folder, else the configured data root; URLs are copied."""
-    if is_url(data_location() if data is None else data):
+    if url_of(data_location() if data is None else data) is not None:
         from airzoo_bench.benchmark.folder import data_here
 
         with working("fetching the benchmark"):
@@ -224,7 +224,7 @@ def resolve_data(data: str | None) -> Path:
 
 def predictions_here(location: str) -> Path:
     """Return predictions as a path of this machine; URLs are copied."""
-    if not is_url(location):
+    if url_of(location) is None:
         return Path(location)
     with working("fetching the predictions"):
         return local_path(location)

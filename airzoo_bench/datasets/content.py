@@ -33,7 +33,7 @@ from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.facts import SceneFacts, measure_facts, measure_heights
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
-from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.cloud import open_cloud
 from airzoo_bench.formats.clouds.las import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import project

@@ -37,10 +37,10 @@ LOCAL, DASK, _QUIET = "local", "dask", "ignore:resource_tracker"
 class Engine:
     """Does one block after the other in this process; a block itself may use threads."""
 
-    distributed: bool = False  # whether other processes work, so that work is cut
+    distributed = False  # whether other processes work, so that work is cut
 
-    def __init__(self, progress: Progress = silent) -> None:
-        self.progress = progress
+    def __init__(self) -> None:
+        self.progress: Progress = silent
 
     def cut(self, count: int, size: int) -> list[slice]:
         """Cut `count` elements into blocks of `size`, or into one where all is done here."""
@@ -61,23 +61,23 @@ class Engine:
         be mapped, and must not be written to. `stage` says what the items are, for progress, and
         `name` returns the name of an item in messages.
         """
-        if not len(items):
-            return
         with closing(self._results(work, items, shared, stage)) as results:
             shown = self.progress(results, stage, len(items)) if len(items) > 1 else results
-            for item, (result, error) in zip(items, shown, strict=True):
-                if error is not None:
-                    raise error if error.where is not None else error.inside(name(item))
+            for item in items:
+                try:
+                    result = next(shown)
+                except UserError as error:
+                    raise error if error.where is not None else error.inside(name(item)) from None
                 yield result
+            next(shown, None)  # so that progress ends
 
     def _results(
         self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
     ) -> Generator[Any, None, None]:
-        """Yield what `attempt` returns of each item, in their order."""
-        for item in items:
-            yield attempt(work, shared, item)
+        """Yield the result of each item, in their order."""
+        return (work(shared, item) for item in items)
 
-    def kill(self) -> None:
+    def close(self) -> None:
         """End the processes of this engine in the middle of their blocks."""
 
 
@@ -103,62 +103,46 @@ def read_ahead(
         yield waiting.popleft()()
 
 
-def attempt(work: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, UserError | None]:
-    """Return the result of a block, or the error that a user can mend; Dask cuts raised ones."""
-    try:
-        return work(shared, item), None
-    except UserError as error:
-        return None, error
-    except MemoryError:
-        return None, UserError("too little memory for it", fix=MORE_MEMORY)
-    except OSError as error:
-        return None, UserError(str(error) or type(error).__name__, fix="mend that, then run again")
-
-
 class Processes(Engine):
     """Does blocks in `jobs` processes of this machine: joblib's loky, started at the first `map`.
 
     With one job all is done in this process.
     """
 
-    def __init__(self, jobs: int, progress: Progress = silent) -> None:
-        super().__init__(progress)
-        self.distributed = jobs > 1
-        self._jobs = jobs
+    def __init__(self, jobs: int) -> None:
+        super().__init__()
+        self.distributed, self._jobs = jobs > 1, jobs
         self._pool: Any = None
 
     def _results(
         self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
     ) -> Generator[Any, None, None]:
-        if not self.distributed or len(items) == 1:
+        if not self.distributed or len(items) < 2:
             yield from super()._results(work, items, shared, stage)
             return
-        import joblib  # takes 50 ms, which commands that start no process do without
-
+        # joblib takes 50 ms to import, which commands that start no process do without.
         with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             file = str(Path(folder, "shared"))
-            joblib.dump((work, shared), file)
+            resolve("joblib:dump")((work, shared), file)
             try:
                 yield from read_ahead(partial(self._submit, file), items, self._jobs)
             except BaseException as error:
-                self.kill()
+                self.close()
                 if not isinstance(error, BrokenProcessPool):
                     raise
-                raise UserError(
-                    "a process was killed, perhaps for want of memory",
-                    where=stage,
-                    fix="lower --jobs, or add --engine dask, which does its work again",
-                ) from error
+                what = "a process was killed, perhaps for want of memory"
+                fix = "lower --jobs, or add --engine dask, which does its work again"
+                raise UserError(what, where=stage, fix=fix) from error
 
     def _submit(self, file: str, item: T) -> Callable[[], Any]:
         # joblib.Parallel would compute all items at once, however few are read.
-        from joblib.externals.loky import ProcessPoolExecutor
-
         with without_ctrl_c():
-            self._pool = self._pool or ProcessPoolExecutor(self._jobs, initializer=_start_worker)
-            return self._pool.submit(_attempt_dumped, file, item).result  # type: ignore[no-any-return]
+            if self._pool is None:
+                pool = resolve("joblib.externals.loky:ProcessPoolExecutor")
+                self._pool = pool(self._jobs, initializer=_start_worker)
+            return self._pool.submit(_work_on, file, item).result  # type: ignore[no-any-return]
 
-    def kill(self) -> None:
+    def close(self) -> None:
         """See `Engine`."""
         if self._pool is not None:
             pool, self._pool = self._pool, None
@@ -186,14 +170,12 @@ def _start_worker() -> None:
 
 @lru_cache(maxsize=1)
 def _load_shared(file: str) -> Any:
-    import joblib
-
-    return joblib.load(file, mmap_mode="r")  # written by this run, for its own processes
+    return resolve("joblib:load")(file, mmap_mode="r")  # written by this run for its own processes
 
 
-def _attempt_dumped(file: str, item: T) -> Any:
+def _work_on(file: str, item: T) -> Any:
     work, shared = _load_shared(file)
-    return attempt(work, shared, item)
+    return work(shared, item)
 
 
 @contextmanager
@@ -215,19 +197,14 @@ def without_ctrl_c() -> Iterator[None]:
 def open_engine(where: str, *, jobs: int, here: Engine | None = None) -> Iterator[Engine]:
     """Open the engine that --engine names: local, dask, or a scheduler's address; it ends after."""
     if where == LOCAL:
-        engine = here or Engine()
-        try:
+        with closing(here or Engine()) as engine:
             yield engine
-        finally:
-            engine.kill()
         return
     try:
         name = "local_cluster" if where == DASK else "connect"
         opener = resolve(f"airzoo_bench.engines.dask:{name}")
     except ModuleNotFoundError as error:  # Dask is an extra
-        raise UsageError(
-            f"--engine {where} needs {error.name}, which is not installed",
-            fix="pip install 'airzoo-bench[dask]'",
-        ) from error
+        what = f"--engine {where} needs {error.name}, which is not installed"
+        raise UsageError(what, fix="pip install 'airzoo-bench[dask]'") from error
     with opener(jobs if where == DASK else where) as engine:
         yield engine

@@ -18,11 +18,9 @@ from airzoo_bench.core.files import npz_fields
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.formats.arrays import as_floating, check_fields, texts
-from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
-from airzoo_bench.formats.mat5 import mat_names, read_mat
+from airzoo_bench.formats.arrays import as_floating, check_fields, gather, temporary_array, texts
+from airzoo_bench.formats.foreign_arrays import Hdf5File, dataset_names, mat_names, read_mat
 from airzoo_bench.formats.npz import NpzFile, map_numbers
-from airzoo_bench.readers.gather import gather, temporary_array
 from airzoo_bench.readers.names import ImageNames, folders_of, names_in, query_names, scene_finder
 from airzoo_bench.retrieval.predictions import Descriptors, RetrievalPredictions
 from airzoo_bench.retrieval.truth import RetrievalTruth

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of, readable
 from airzoo_bench.core.files import npz_fields
-from airzoo_bench.formats.clouds.cloud import FileCloud
-from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.arrays import gather
+from airzoo_bench.formats.clouds.cloud import FileCloud, open_cloud
 from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers import scenes
-from airzoo_bench.readers.gather import gather
 from airzoo_bench.readers.names import names_in, read_names
 from airzoo_bench.readers.pose_files import TUM, read_trajectory, trajectory_columns
 from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction, image_poses

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.formats.hdf5 import Hdf5File, dataset_names
+from airzoo_bench.formats.foreign_arrays import Hdf5File, dataset_names
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.pictures import (
     MatchRows,

@@ -20,10 +20,9 @@ from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.formats.arrays import texts
+from airzoo_bench.formats.arrays import gather, texts
 from airzoo_bench.formats.npz import Budget, NpzFile
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.readers.gather import gather
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
 from airzoo_bench.reconstruction.predictions import SceneEntries, ScenePrediction, maps_of
 from airzoo_bench.reconstruction.truth import ReconstructionTruth

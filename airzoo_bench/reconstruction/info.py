@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from airzoo_bench.evaluation.info import Baseline, TrackInfo
 from airzoo_bench.formats.archives import ARCHIVE_SUFFIXES
-from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
+from airzoo_bench.formats.clouds import KINDS, SUFFIXES
 
 
 @dataclass(frozen=True)

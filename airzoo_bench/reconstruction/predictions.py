@@ -24,10 +24,8 @@ from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.archives import Bundle, Member, open_bundle
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
-from airzoo_bench.formats.clouds.cloud import FileCloud
-from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.formats.clouds.meshes import MeshSampling
-from airzoo_bench.formats.clouds.suffixes import KINDS, SUFFIXES
+from airzoo_bench.formats.clouds import KINDS, SUFFIXES
+from airzoo_bench.formats.clouds.cloud import FileCloud, MeshSampling, open_cloud
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import FARTHEST, Poses, check_rotations

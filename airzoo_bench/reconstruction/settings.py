@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from airzoo_bench.core.validation import Count, Positive, Seed, Strict, Thresholds
-from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.formats.clouds.cloud import MeshSampling
 from airzoo_bench.protocol.model import Protocol
 
 Trials = Annotated[int, Field(ge=1, le=1_000_000)]

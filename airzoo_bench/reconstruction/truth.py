@@ -22,10 +22,8 @@ from airzoo_bench.benchmark.queries import (
 )
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.formats.clouds.cloud import CloudSource
-from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.cloud import CloudSource, MeshSampling, open_cloud
 from airzoo_bench.formats.clouds.las import open_shards, shards_in
-from airzoo_bench.formats.clouds.meshes import MeshSampling
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.alignment import PosedCameras

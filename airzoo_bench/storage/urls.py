@@ -25,8 +25,6 @@ from airzoo_bench.core.registry import resolve
 T = TypeVar("T")
 
 SCHEMES = ("s3", "gs", "hf", "https", "http")
-CACHE_VARIABLE = "AIRZOO_BENCH_CACHE"
-"""The variable of the environment that names the folder of copies."""
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 _CONNECT_S, _READ_S = 5, 60
 _CLIENTS = ("aiohttp", "botocore", "gcsfs", "google", "httpx", "huggingface_hub", "s3fs")
@@ -38,11 +36,6 @@ class AbsentError(StorageError):
     """Nothing lies at a URL."""
 
 
-def is_url(location: object) -> bool:
-    """Tell whether a location is written as a URL."""
-    return _URL.match(str(location)) is not None
-
-
 def url_of(location: str | Path) -> str | None:
     """Return the URL that a location is, or None where it is a path."""
     found = _URL.match(str(location))
@@ -52,19 +45,16 @@ def url_of(location: str | Path) -> str | None:
     names = rest.partition("?")[0].rstrip("/").split("/")
     is_odd = {"", ".", ".."} & set(names) or {"\\", "\0"} & set(rest) or "?versionId=" in rest
     if scheme not in SCHEMES or is_odd or "@" in names[0]:
-        raise UsageError(
-            "is no URL that is read here",
-            where=f"{scheme}://…",
-            expected=f"{', '.join(f'{one}://' for one in SCHEMES)}, then a bucket or host and a "
-            "folder or file, of which the newest version is read",
-            fix="put names and passwords into ~/.netrc" if "@" in names[0] else None,
-        )
+        expected = f"{', '.join(f'{one}://' for one in SCHEMES)}, then a bucket or host and names"
+        fix = "put names and passwords into ~/.netrc" if "@" in names[0] else None
+        what = "is no URL that is read here"
+        raise UsageError(what, where=f"{scheme}://…", expected=expected, fix=fix)
     return f"{scheme}://{rest}"
 
 
 def cache_folder() -> Path:
     """Return the folder of copies: AIRZOO_BENCH_CACHE, else one of the user's cache."""
-    named = os.environ.get(CACHE_VARIABLE)
+    named = os.environ.get("AIRZOO_BENCH_CACHE")
     return Path(named).expanduser().absolute() if named else user_cache_path("airzoo-bench/mirrors")
 
 
@@ -87,9 +77,8 @@ def url_at(path: Path) -> str | None:
 @contextmanager
 def client_of(url: str) -> Iterator[Any]:
     """Yield fsspec's file system of a URL, and turn what it raises into one message."""
-    scheme = url.partition("://")[0]
+    scheme, where = url.partition("://")[0], url.partition("?")[0]  # behind ? may be a signature
     settings: dict[str, Any] = {}
-    where = url.partition("?")[0]  # what follows may be a signature
     try:
         if scheme == "s3":
             waits = {"connect_timeout": _CONNECT_S, "read_timeout": _READ_S}
@@ -105,11 +94,9 @@ def client_of(url: str) -> Iterator[Any]:
         client.invalidate_cache()
         yield client
     except ImportError as error:
-        raise UsageError(
-            f"{scheme}:// needs packages that are not installed ({error})",
-            where=where,
-            fix="pip install 'airzoo-bench[storage,download]'",
-        ) from error
+        what = f"{scheme}:// needs packages that are not installed ({error})"
+        fix = "pip install 'airzoo-bench[storage,download]'"
+        raise UsageError(what, where=where, fix=fix) from error
     except Exception as error:
         is_client = isinstance(error, OSError) or type(error).__module__.startswith(_CLIENTS)
         if isinstance(error, UserError) or not is_client:
@@ -118,15 +105,12 @@ def client_of(url: str) -> Iterator[Any]:
         if status == 404 or (status is None and isinstance(error, FileNotFoundError)):
             fix = "check bucket, name, and the endpoint if any"
             raise AbsentError("no such file or folder", where=where, fix=fix) from error
-        is_denied = isinstance(error, PermissionError) or status in (401, 403)
         # A client's own words may hold passwords and signatures.
         why = getattr(error, "strerror", None) or f"{type(error).__name__} {status or ''}".strip()
-        raise StorageError(
-            "access is denied" if is_denied else f"cannot be read: {why}",
-            where=where,
-            fix="check the credentials of docs/scale.md, the network and AWS_ENDPOINT_URL, or run "
-            "this again later",
-        ) from error
+        is_denied = isinstance(error, PermissionError) or status in (401, 403)
+        what = "access is denied" if is_denied else f"cannot be read: {why}"
+        fix = "check credentials (docs/scale.md), network and AWS_ENDPOINT_URL, or try again later"
+        raise StorageError(what, where=where, fix=fix) from error
 
 
 def _status_of(error: BaseException | None) -> int | None:

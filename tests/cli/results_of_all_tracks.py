@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
-from airzoo_bench.formats.clouds.formats import open_cloud
+from airzoo_bench.formats.clouds.cloud import open_cloud
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 
 TRACKS = ("retrieval", "matching", "reconstruction")

@@ -20,7 +20,7 @@ from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import HERE, Engine, Processes
-from tests.engines.scattered import Scattered
+from tests.engines.work import Scattered
 from tests.goldens.run import CASES, run
 from tests.support import run_main
 

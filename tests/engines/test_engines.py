@@ -1,41 +1,56 @@
-"""What every engine does alike: order, bytes, faults, deaths and Ctrl-C."""
+"""What engines do alike (order, bytes, faults, deaths, Ctrl-C), and clusters that run already."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 import traceback
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
+from distributed import LocalCluster, versions
 
-from airzoo_bench.core.errors import UserError
-from airzoo_bench.engines.engine import UNREAD, Engine, Processes
+from airzoo_bench.core.errors import PredictionError, UsageError, UserError
+from airzoo_bench.engines import dask as clusters
+from airzoo_bench.engines.dask import connect
+from airzoo_bench.engines.engine import UNREAD, Engine, Processes, open_engine
 from tests.engines import work
 from tests.engines.work import named
 from tests.support import HANGS_S
 
 HOME = Path(__file__).resolve().parents[2]
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(HOME)}
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+nightly_dask = pytest.param("dask", marks=pytest.mark.slow)
 
 
-@pytest.fixture(params=["here", "processes", pytest.param("dask", marks=pytest.mark.slow)])
-def engine(request: pytest.FixtureRequest) -> Engine:
-    if request.param == "dask":
-        found: Engine = request.getfixturevalue("dask")
-        return found
-    return Engine() if request.param == "here" else Processes(2)
+@pytest.fixture(scope="module", params=["here", "processes", nightly_dask])
+def engine(request: pytest.FixtureRequest) -> Iterator[Engine]:
+    """Yield an engine whose processes all tests of a kind share."""
+    own = Processes(2) if request.param == "processes" else None
+    where = "dask" if request.param == "dask" else "local"
+    with open_engine(where, jobs=2, here=own) as found:
+        yield found
 
 
-def test_results_come_in_the_order_of_the_items(engine: Engine) -> None:
+def test_results_come_in_the_order_of_the_items(engine: Engine, tmp_path: Path) -> None:
     found = engine.map(work.square, range(300), shared=7, stage="squares", name=named)
-    assert [int(one["square"][0]) for one in found] == [n * n + 7 for n in range(300)]
+    assert list(found) == [n * n + 7 for n in range(300)]
     assert list(engine.map(work.square, [], shared=0, stage="squares", name=named)) == []
+    if engine.distributed:
+        workers = engine.map(work.meet, range(8), shared=tmp_path, stage="s", name=named)
+        assert len({*workers} - {os.getpid()}) == 2
 
 
 def test_sums_are_the_same_bytes(engine: Engine) -> None:
@@ -46,83 +61,62 @@ def test_sums_are_the_same_bytes(engine: Engine) -> None:
     assert list(engine.map(work.total, items, shared=shared, stage="sums", name=str)) == expected
 
 
-def test_work_is_done_by_two_others(engine: Engine, tmp_path: Path) -> None:
-    if not engine.distributed:
-        pytest.skip("all is done here")
-    found = engine.map(work.meet, range(8), shared=tmp_path, stage="s", name=named)
-    assert len({*found} - {os.getpid()}) == 2
-
-
-def test_few_blocks_wait_to_be_read(tmp_path: Path) -> None:
-    found = Processes(2).map(work.marking, range(100), shared=tmp_path, stage="s", name=named)
-    next(found)
-    time.sleep(1.0)
-    assert len(list(tmp_path.iterdir())) <= 2 * UNREAD
-    assert list(found) == list(range(1, 100))
-
-
-def test_blocks_do_not_depend_on_the_number_of_workers() -> None:
-    assert Processes(2).cut(10, 4) == Processes(8).cut(10, 4)
-    assert Processes(2).cut(10, 4) == [slice(0, 4), slice(4, 8), slice(8, 10)]
-    assert Engine().cut(10, 4) == [slice(0, 10)]
-    assert Engine().cut(0, 4) == []
-
-
 @pytest.mark.parametrize(
-    ("how", "what", "where", "fix"),
+    ("how", "kind", "where"),
     [
-        ("unreadable", "shard-3.npy", "shard 3", "mend"),
-        ("hungry", "memory", "shard 3", "lower --jobs"),
-        ("long", "x" * 20_000, "row 3", "cut it"),  # it has a place of its own
+        ("nameless", PredictionError, "shard 3"),
+        ("placed", PredictionError, "row 3"),
+        ("missing", FileNotFoundError, None),
+        ("buggy", KeyError, None),
     ],
 )
-def test_a_fault_comes_whole_and_names_its_block(
-    engine: Engine, how: str, what: str, where: str, fix: str
+def test_a_fault_comes_whole(
+    engine: Engine, how: str, kind: type[Exception], where: str | None
 ) -> None:
-    with pytest.raises(UserError) as caught:
-        list(engine.map(work.faulty, range(6), shared=Path(how), stage="shards", name=named))
-    assert what in caught.value.what
-    assert caught.value.where == where
-    assert fix in str(caught.value.fix)
-
-
-def test_a_bug_keeps_its_class_and_its_traceback(engine: Engine) -> None:
-    with pytest.raises(KeyError) as caught:
-        list(engine.map(work.faulty, range(9), shared=Path("buggy"), stage="s", name=named))
-    assert "in faulty" in "".join(traceback.format_exception(caught.value))
+    """A user's fault names its block, unless it has a place; others keep their traceback."""
+    with pytest.raises(kind) as caught:
+        list(engine.map(work.faulty, range(6), shared=how, stage="shards", name=named))
+    if isinstance(caught.value, UserError):
+        assert (caught.value.where, caught.value.fix) == (where, "cut it")
+        assert caught.value.what == "x" * 5000
+    else:
+        assert "in faulty" in "".join(traceback.format_exception(caught.value))
 
 
 def test_a_run_that_is_left_early_leaves_the_engine_usable(engine: Engine) -> None:
-    for made, shared in ((work.square, 0), (work.large, 3_000_000)):  # which fills pipes
-        found = engine.map(made, range(50), shared=shared, stage="s", name=named)
-        next(found)
-        found.close()  # type: ignore[attr-defined]
+    found = engine.map(work.large, range(50), shared=3_000_000, stage="s", name=named)
+    next(found)  # the others fill pipes
+    found.close()  # type: ignore[attr-defined]
     assert len(list(engine.map(work.square, range(9), shared=0, stage="s", name=named))) == 9
 
 
 @posix
-@pytest.mark.slow
-def test_a_worker_of_dask_killed_once_changes_nothing_and_always_is_an_error(
-    dask: Engine, tmp_path: Path
-) -> None:
-    found = dask.map(work.dying_once, range(20), shared=tmp_path, stage="shards", name=named)
-    assert list(found) == list(range(20))
-    assert (tmp_path / "died").exists()
-    check_deadly(dask)
-
-
-@posix
-def test_a_process_that_was_killed_is_one_message() -> None:
-    check_deadly(Processes(2))
-
-
-def check_deadly(engine: Engine) -> None:
+def test_a_worker_killed_every_time_is_one_message(engine: Engine, tmp_path: Path) -> None:
+    if not engine.distributed:
+        pytest.skip("blocks are done in this process")
     begin = time.monotonic()
     with pytest.raises(UserError, match=r"^shards: .*killed|^shards: 3 workers died") as caught:
         list(engine.map(work.deadly, range(30), shared=11, stage="shards", name=named))
     assert time.monotonic() - begin < HANGS_S
     assert "lower --jobs" in str(caught.value.fix)
     assert len(list(engine.map(work.deadly, range(9), shared=-1, stage="s", name=named))) == 9
+    if not isinstance(engine, Processes):  # Dask does it again where a worker is killed once
+        found = engine.map(work.dying_once, range(20), shared=tmp_path, stage="s", name=named)
+        assert list(found) == list(range(20))
+        assert (tmp_path / "died").exists()
+
+
+def test_few_blocks_wait_and_blocks_do_not_depend_on_workers(tmp_path: Path) -> None:
+    with open_engine("local", jobs=2, here=Processes(2)) as engine:
+        found = engine.map(work.marking, range(100), shared=tmp_path, stage="s", name=named)
+        next(found)
+        time.sleep(0.5)
+        assert len(list(tmp_path.iterdir())) <= 2 * UNREAD
+        assert list(found) == list(range(1, 100))
+    assert Processes(2).cut(10, 4) == Processes(8).cut(10, 4)
+    assert Processes(2).cut(10, 4) == [slice(0, 4), slice(4, 8), slice(8, 10)]
+    assert Engine().cut(10, 4) == [slice(0, 10)]
+    assert Engine().cut(0, 4) == []
 
 
 HOLDING = """
@@ -140,7 +134,7 @@ if __name__ == "__main__":
 
 
 @posix
-@pytest.mark.parametrize("kind", ["local", pytest.param("dask", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["local", nightly_dask])
 @pytest.mark.parametrize("by", ["SIGINT", pytest.param("SIGKILL", marks=pytest.mark.slow)])
 def test_no_worker_outlives_its_run(tmp_path: Path, kind: str, by: str) -> None:
     script = tmp_path / "script.py"
@@ -150,7 +144,7 @@ def test_no_worker_outlives_its_run(tmp_path: Path, kind: str, by: str) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env=os.environ | {"PYTHONPATH": str(HOME)},
+        env=ENVIRONMENT,
     )
     while len({path.name for path in tmp_path.glob("at-*")} - {"at-0", "at-1"}) < 2:
         assert process.poll() is None, process.communicate()
@@ -167,3 +161,144 @@ def test_no_worker_outlives_its_run(tmp_path: Path, kind: str, by: str) -> None:
     if by == "SIGINT":
         assert errors.splitlines()[-1] == "KeyboardInterrupt"
         assert errors.count("Traceback") == 1
+
+
+# --- clusters whose scheduler runs already ---
+
+
+@contextmanager
+def running(*arguments: object) -> Iterator[subprocess.Popen[bytes]]:
+    command = [sys.executable, "-m", *map(str, arguments)]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(command, env=ENVIRONMENT, **quiet)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def scheduler(folder: Path) -> Iterator[tuple[str, Any]]:
+    """Start a scheduler in a process of its own; yields its address and its process."""
+    file = folder / "scheduler.json"
+    place = ("--host", "127.0.0.1", "--port", 0, "--scheduler-file", file, "--no-dashboard")
+    with running("distributed.cli.dask_scheduler", *place) as process:
+        while not (file.exists() and file.read_text().endswith("}")):
+            assert process.poll() is None
+            time.sleep(0.05)
+        yield json.loads(file.read_text())["address"], process
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """Yield the address of a scheduler and a worker in threads of this process."""
+    options = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+    options |= {"n_workers": 1, "threads_per_worker": 1, "processes": False}
+    with LocalCluster(protocol="tcp://", host="127.0.0.1", **options) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_workers_of_a_scheduler_outlive_a_run(address: str) -> None:
+    for _ in range(2):
+        with connect(address) as place:
+            found = list(place.map(work.square, range(300), shared=1, stage="s", name=str))
+        assert found == [n * n + 1 for n in range(300)]
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        address, process = stack.enter_context(scheduler(tmp_path))
+        arguments = (address, "--no-nanny", "--nthreads", 1, "--no-dashboard")
+        stack.enter_context(running("distributed.cli.dask_worker", *arguments))
+
+        def kill_when_at_work() -> None:
+            while not list(tmp_path.glob("at-*")):
+                time.sleep(0.05)
+            process.kill()
+
+        killer = threading.Thread(target=kill_when_at_work)
+        killer.start()
+        with pytest.raises(UserError) as caught, connect(address) as place:
+            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=str))
+        killer.join()
+    assert address in str(caught.value.where)
+    assert "--resume" in str(caught.value.fix)
+
+
+NIGHTLY = [pytest.param(one, marks=pytest.mark.slow) for one in ("no workers", "paused workers")]
+
+
+@pytest.mark.parametrize("fault", [*NIGHTLY, "other versions"])
+def test_a_cluster_that_cannot_work_is_one_message(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    monkeypatch.setattr(clusters, "PATIENCE_S", 1.0)
+    if fault == "paused workers":
+        paused = {"workers": {"tcp://a": {"status": "paused"}}}
+        monkeypatch.setattr(clusters.Client, "scheduler_info", lambda client, n_workers: paused)
+    if fault == "other versions":
+        ask = versions.get_versions
+
+        def other(packages: Any = None) -> Any:
+            stated = ask(packages=packages)
+            return stated | {"packages": stated["packages"] | {"airzoo-bench": "0.0.1"}}
+
+        monkeypatch.setattr(versions, "get_versions", other)
+    with ExitStack() as stack:
+        if fault == "no workers":
+            address, _ = stack.enter_context(scheduler(tmp_path))
+        with pytest.raises(UserError) as caught, connect(address) as place:
+            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=str))
+    assert ("0.0.1" in caught.value.what) == (fault == "other versions")
+    assert address in str(caught.value)
+
+
+@pytest.mark.parametrize("place", ["silent", "tls://127.0.0.1:8786", "tpc://10.0.0.5:8786", "dsak"])
+def test_no_scheduler_is_one_message(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
+    monkeypatch.setattr(clusters, "CONNECT_S", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # as a dashboard is
+        place = place.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        with pytest.raises(UserError, match="tcp://HOST:PORT"), open_engine(place, jobs=1):
+            pass
+
+
+def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "airzoo_bench.engines.dask")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UsageError) as caught, open_engine("dask", jobs=1):
+        pass
+    assert caught.value.fix == "pip install 'airzoo-bench[dask]'"
+
+
+# Slurm's commands, played on this machine: the script of a job is the last argument, its number
+# that of the process that runs it.
+SLURM = {
+    "sbatch": """#!/bin/sh
+for last; do :; done
+cp "$last" "$0.$$.job"
+sh "$0.$$.job" > "$0.$$.out" 2>&1 &
+echo "Submitted batch job $!"
+""",
+    "scancel": '#!/bin/sh\nfor job; do kill "$job"; done\n',
+}
+
+
+@pytest.mark.slow
+def test_the_example_of_slurm_gives_the_same_bytes(tmp_path: Path) -> None:
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
+    for name, script in SLURM.items():
+        (tmp_path / name).write_text(script)
+        (tmp_path / name).chmod(0o755)
+    env = ENVIRONMENT | {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
+    matches = HOME / "submissions/airzoo-demo/matching/sift/sift-matches.npz"
+    suite = [sys.executable, "-m", "airzoo_bench", "eval", "matching", matches]
+    script = HOME / "examples" / "cluster" / "slurm.py"
+    slurm = [sys.executable, script, "--workers", "2", "--partition", "cpu", "--"]
+    for out, command in (("here", suite), ("there", [*slurm, *suite])):
+        run = [*command, "--out", tmp_path / out, "--method", "mine"]
+        subprocess.run(run, env=env, cwd=tmp_path, check=True)
+    assert len(list(tmp_path.glob("*.job"))) == 2
+    for name in ("records.csv", "result.json"):
+        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes()

@@ -11,7 +11,7 @@ import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.registry import load_track
-from airzoo_bench.engines.engine import Processes
+from airzoo_bench.engines.engine import Processes, open_engine
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.run_files import SceneStore, save
 from airzoo_bench.evaluation.track import Run, SceneScores
@@ -20,6 +20,7 @@ from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
 
 ALONE = Run()
+FILES = ("records.csv", "result.json")
 HOME = Path(__file__).resolve().parents[2]
 
 
@@ -49,16 +50,16 @@ def descriptors(benchmark: Benchmark, path: Path) -> Path:
     return path
 
 
-def saved(track: str, predictions: Path, out: Path, run: Run = ALONE) -> tuple[bytes, bytes]:
+def saved(track: str, predictions: Path, out: Path, run: Run = ALONE) -> tuple[bytes, ...]:
     """Return the bytes of the records and of the result."""
     save(evaluate(predictions, data=Path(), track=track, run=run, method="m"), out)
-    return (out / "records.csv").read_bytes(), (out / "result.json").read_bytes()
+    return tuple((out / name).read_bytes() for name in FILES)
 
 
 @pytest.fixture(scope="module")
 def here(
     predictions: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, tuple[bytes, bytes]]:
+) -> dict[str, tuple[bytes, ...]]:
     out = tmp_path_factory.mktemp("here")
     return {track: saved(track, predictions[track], out / track) for track in TRACKS}
 
@@ -68,12 +69,12 @@ def here(
     params=["threads", 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (8, "dask"))],
 )
 def run(request: pytest.FixtureRequest) -> Iterator[Run]:
-    if request.param == "dask":
-        yield Run(engine=request.getfixturevalue("dask"))
-    elif request.param == "threads":
+    if request.param == "threads":
         yield Run(jobs=2)
-    else:
-        yield Run(engine=Processes(request.param))
+        return
+    where, jobs = ("dask", 2) if request.param == "dask" else ("local", request.param)
+    with open_engine(where, jobs=jobs, here=Processes(jobs)) as engine:
+        yield Run(engine=engine)
 
 
 @pytest.mark.parametrize("track", TRACKS)
@@ -83,15 +84,13 @@ def test_any_engine_gives_the_same_bytes(
     assert saved(track, predictions[track], tmp_path / "out", run) == here[track]
 
 
-@pytest.mark.parametrize("track", ["matching"])
 def test_resume_goes_on_from_scored_scenes(
-    track: str,
     predictions: dict[str, Path],
-    here: dict[str, tuple[bytes, bytes]],
+    here: dict[str, tuple[bytes, ...]],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    out, kept = tmp_path / "out", tmp_path / "out.unfinished"
+    out, kept, track = tmp_path / "out", tmp_path / "out.unfinished", "matching"
     ask = ["eval", track, predictions[track], "--out", out, "--method", "m", "--resume"]
 
     def stop(*_: object, **__: object) -> None:
@@ -105,8 +104,7 @@ def test_resume_goes_on_from_scored_scenes(
     with monkeypatch.context() as resuming:
         resuming.setattr(type(load_track(track)), "score", stop)
         assert run_main(*ask) == 0
-    assert (out / "records.csv").read_bytes() == here[track][0]
-    assert (out / "result.json").read_bytes() == here[track][1]
+    assert tuple((out / name).read_bytes() for name in FILES) == here[track]
     assert not kept.exists()
 
 

@@ -1,27 +1,32 @@
-"""Tasks for tests of engines; workers import them by name."""
+"""Tasks for tests of engines, which workers import by name, and an engine made to find faults."""
 
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.engines.engine import Engine, split
 
-Arrays = dict[str, npt.NDArray[Any]]
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 def named(item: object) -> str:
     return f"shard {item}"
 
 
-def square(added: int, number: int) -> Arrays:
-    return {"square": np.array([number * number + added]), "who": np.array(os.getpid())}
+def square(added: int, number: int) -> int:
+    return number * number + added
 
 
 def meet(folder: Path, number: int) -> int:
@@ -33,7 +38,7 @@ def meet(folder: Path, number: int) -> int:
     return os.getpid()
 
 
-def total(shared: tuple[bytes, npt.NDArray[np.float64]], weights: npt.NDArray[np.float64]) -> str:
+def total(shared: tuple[bytes, NDArray[np.float64]], weights: NDArray[np.float64]) -> str:
     """Return a sum that rounds otherwise where arrays lie at odd addresses."""
     return float((shared[1][::3] * weights[::3]).sum()).hex()
 
@@ -53,17 +58,16 @@ def deadly(worst: int, number: int) -> int:
     return number
 
 
-def faulty(folder: Path, number: int) -> int:
-    """Fail at item 3, in the way that the folder's name says."""
-    if number < 3:
-        return number
-    if folder.name == "unreadable":
-        return len((folder / "shard-3.npy").read_bytes())
-    if folder.name == "hungry":
-        raise MemoryError
-    if folder.name == "buggy":
+def faulty(how: str, number: int) -> int:
+    """Fail at item 3."""
+    if number == 3 and how == "missing":
+        Path("shard-3.npy").read_bytes()
+    if number == 3 and how == "buggy":
         raise KeyError(number)
-    raise PredictionError("x" * 20_000, where=f"row {number}", expected="less", fix="cut it")
+    if number == 3:
+        where = "row 3" if how == "placed" else None
+        raise PredictionError("x" * 5000, where=where, expected="less", fix="cut it")
+    return number
 
 
 def marking(folder: Path, number: int) -> int:
@@ -80,3 +84,43 @@ def waiting(folder: Path, number: int) -> int:
 
 def large(size: int, _: int) -> bytes:
     return bytes(size)
+
+
+class Scattered(Engine):
+    """Treats tasks as a cluster may: pickles them, does them in another order, and each twice.
+
+    It cuts into blocks of `size`, whatever a track asks for.
+    """
+
+    def __init__(self, size: int | None = None) -> None:
+        super().__init__()
+        self._size = size
+        self.stages: dict[str, int] = {}
+
+    def cut(self, count: int, size: int) -> list[slice]:
+        return split(count, self._size or size)
+
+    def map(
+        self,
+        work: Callable[[S, T], R],
+        items: Sequence[T],
+        *,
+        shared: S,
+        stage: str,
+        name: Callable[[T], str],
+    ) -> Iterator[R]:
+        assert all(name(item) for item in items)
+        self.stages[stage] = self.stages.get(stage, 0) + len(items)
+        tasks = [pickle.dumps((work, shared, item)) for item in items]
+        results: dict[int, bytes] = {}
+        for number in np.random.default_rng(0).permutation(len(tasks)).tolist():
+            results[number] = _run(tasks[number])
+            assert _run(tasks[number]) == results[number], f"{name(items[number])} done twice"
+        for number in range(len(tasks)):
+            yield pickle.loads(results[number])  # noqa: S301 - its own
+
+
+def _run(task: bytes) -> bytes:
+    work, shared, item = pickle.loads(task)  # noqa: S301 - its own
+    result: Any = work(shared, item)
+    return pickle.dumps(result)

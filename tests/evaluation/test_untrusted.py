@@ -13,7 +13,7 @@ from airzoo_bench.core.sandbox import Limits
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from tests.matching.world import make_world as make_matching
-from tests.readers.scene_files import WRITERS
+from tests.readers.method_files import WRITERS
 from tests.reconstruction.world import PROTOCOL, make_world, predict_clouds, true_points
 from tests.support import run_main, write_predictions
 

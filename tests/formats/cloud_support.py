@@ -15,9 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud
-from airzoo_bench.formats.clouds.formats import open_cloud
-from airzoo_bench.formats.clouds.meshes import MeshSampling
+from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, MeshSampling, open_cloud
 
 LIMIT = 1 << 26
 SAMPLING = MeshSampling(seed=7, count=500, per_square_unit=None, max_points=100_000)

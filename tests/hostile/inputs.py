@@ -1,18 +1,23 @@
-"""What is spoilt: the inputs of the goldens, clouds of every format, results, published numbers.
+"""Inputs to spoil, and how: at their bytes, at their words, at their arrays.
 
-A kind of input is a folder and a command; a case spoils a copy of one file that the command reads.
+Inputs are those of the goldens, clouds of every format, results, published numbers. A kind of input
+is a folder and a command; a case spoils a copy of one file that the command reads.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import re
 import shlex
 import shutil
-from collections.abc import Iterator
+import struct
+import zipfile
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,8 +28,9 @@ from airzoo_bench.results.result import Result
 from tests.formats import cloud_support as clouds
 from tests.formats import test_meshes as meshes
 from tests.goldens.run import CASES, run, unpack
-from tests.hostile.mutations import Random, spoil_arrays, spoil_bytes, spoil_text
 from tests.support import PUBLISHED
+
+Random = np.random.Generator
 
 _TRACKS = ("retrieval", "matching", "reconstruction")
 _GOLDENS = [f"{kind}-{track}" for track in _TRACKS for kind in ("canonical", "readers")]
@@ -186,3 +192,200 @@ def _write_checksums(folder: Path, path: Path, before: str) -> None:
             values = json.loads(stated.read_bytes().replace(before.encode(), after.encode()))
             result = Result.model_validate_json(json.dumps(values)).with_checksum()
             stated.write_text(result.model_dump_json(by_alias=True))
+
+
+# --- how a file is spoilt ---
+
+WORDS = (
+    *("0", "-0.0", "-1", "1", "1.5", "5e-324", "1e308", "-1e308", "1e400", "nan", "inf", "-inf"),
+    "",
+    *(str(2**31), str(2**63), str(-(2**63) - 1), "9" * 400, "0x10", "1_000", "1,5", "٣", "½"),
+    *("true", "null", "None", "[]", "{}", "[[1]]", '"', "'", "[", "]", "#", "=", ",", "\t", "\r\n"),
+    *("=cmd|' /C calc'!A0", "+1+1", "@SUM(A1)", "-2+3", "<script>alert(1)</script>", "&amp;", "\\"),
+    *("\\input{/etc/passwd}", "$x_1^2$", "%", "{", "}", "~", "../../etc/passwd", "/dev/zero", "."),
+    *("\u202eabc", "\u200fשלום", "\u2066x\u2069", "\u0000", "\u001b[31m", "\u2028", "\ufeff", "é"),
+    *("a" * 300, "x" * 70_000, "City/DJI_0001.JPG", "east/q00000", "🙂", "\ud7ff", "\U0010ffff"),
+)
+NUMBERS = (
+    *(0.0, -0.0, 5e-324, -5e-324, 2.2e-308, 1e308, -1e308, np.inf, -np.inf, np.nan, 1e-300, 1e300),
+    *(1e9, -1e9, 1.0, -1.0, 0.5, 2.0**31, 2.0**63, 2.0**53 + 2, 1e18, 1e154, 1e155),
+    struct.unpack("<d", struct.pack("<Q", 0x7FF8DEADBEEF0001))[0],
+    struct.unpack("<d", struct.pack("<Q", 0xFFF0000000000001))[0],
+)
+_DTYPES = (
+    *("f2", "f4", "f8", ">f8", "i1", "i2", "i4", "i8", "u1", "u8", "?", "c16", "S8", "U8", "U1"),
+)
+_HEADERS = (
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (4611686018427387904,), }",
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }",
+    "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 9223372036854775807), }",
+    "{'descr': '|O', 'fortran_order': False, 'shape': (1,), }",
+    "{'descr': [('a', '<f8'), ('b', '|O')], 'fortran_order': True, 'shape': (), }",
+    "{'descr': '<U0', 'fortran_order': False, 'shape': (5,), }",
+    "{'descr': '<U1000000000', 'fortran_order': False, 'shape': (1,), }",
+    "{'descr': '<f16', 'fortran_order': 1, 'shape': (3, 3, 3, 3, 3, 3, 3, 3, 3), }",
+    "{" * 5000,
+    "[" * 300 + "]" * 300,
+)
+
+
+def spoil_bytes(random: Random, content: bytes) -> bytes:
+    """Flip, cut, repeat, drop, exchange or overwrite a few bytes."""
+    data = bytearray(content)
+    for _ in range(int(random.choice((1, 1, 1, 2, 4, 16)))):
+        if not data:
+            return bytes(random.integers(0, 256, 7, np.uint8))
+        place, other = (int(random.integers(len(data))) for _ in range(2))
+        end = place + int(random.choice((1, 2, 4, 8, 64)))
+        match int(random.integers(8)):
+            case 0:
+                data[place] ^= 1 << int(random.integers(8))
+            case 1:
+                del data[place:]
+            case 2:
+                del data[place:end]
+            case 3:
+                data[other:other] = data[place:end]
+            case 4:
+                data[place:end] = data[other : other + end - place]
+            case _:
+                part = _odd_bytes(random, end - place)
+                data[place : place + len(part)] = part
+    return bytes(data)
+
+
+def _odd_bytes(random: Random, count: int) -> bytes:
+    value = np.array([random.choice(NUMBERS)])
+    with np.errstate(all="ignore"):
+        kinds = [value.astype(kind).tobytes() for kind in ("<f4", "<f8", ">f8", "<i4", "<i8")]
+    noise = random.integers(0, 256, count, np.uint8).tobytes()
+    parts = [bytes(count), b"\xff" * count, noise, *kinds]
+    return parts[int(random.integers(len(parts)))]
+
+
+def spoil_text(random: Random, content: bytes) -> bytes:
+    """Replace, exchange, drop or repeat words and lines; sometimes spoil bytes."""
+    if random.random() < 0.15:
+        return spoil_bytes(random, content)
+    text = content.decode("utf-8", "surrogateescape")
+    for _ in range(int(random.choice((1, 1, 1, 2, 3)))):
+        parts = re.split(r"([\s,;:|&=\[\]{}\"]+)", text)
+        places = [i for i in range(0, len(parts), 2) if parts[i]] or [0]
+        place = int(random.choice(places))
+        lines = text.splitlines(keepends=True) or [""]
+        line = int(random.integers(len(lines)))
+        match int(random.integers(7)):
+            case 0 | 1 | 2:
+                parts[place] = str(random.choice(np.array(WORDS, object)))
+            case 3:
+                other = int(random.choice(places))
+                parts[place], parts[other] = parts[other], parts[place]
+            case 4:
+                parts = lines[:line] + lines[line + 1 :]
+            case 5:
+                parts = [*lines[:line], lines[int(random.integers(len(lines)))], *lines[line:]]
+            case _:
+                parts[place] = repr(float(random.choice(NUMBERS)))
+        text = "".join(parts)
+    return text.encode("utf-8", "surrogateescape")
+
+
+def spoil_arrays(random: Random, content: bytes) -> bytes:
+    """Change an npz by its arrays; sometimes spoil its bytes."""
+    if random.random() < 0.25:
+        return spoil_bytes(random, content)
+    with np.load(io.BytesIO(content)) as file:
+        fields = {name: file[name] for name in file.files}
+    raw: dict[str, bytes] = {}
+    for _ in range(int(random.choice((1, 1, 2)))):
+        if not fields:
+            break
+        name = str(random.choice(list(fields)))
+        with np.errstate(all="ignore"):
+            _spoil_field(random, fields, raw, name)
+    return packed(random, fields, raw)
+
+
+def packed(random: Random, fields: dict[str, Any], raw: dict[str, bytes]) -> bytes:
+    """Write an npz, of arrays and of members given as bytes."""
+    out = io.BytesIO()
+    method = zipfile.ZIP_STORED if random.random() < 0.7 else zipfile.ZIP_DEFLATED
+    with zipfile.ZipFile(out, "w", method) as archive:
+        for name, array in fields.items():
+            stream = io.BytesIO()
+            np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
+            archive.writestr(_member(name, method), stream.getvalue())
+        for name, body in raw.items():
+            archive.writestr(_member(name, method), body)
+    return out.getvalue()
+
+
+def _member(name: str, method: int) -> zipfile.ZipInfo:
+    """Name a member as it is asked for: zipfile would end the name at a NUL."""
+    member = zipfile.ZipInfo("x")
+    member.filename, member.compress_type = f"{name}.npy", method
+    return member
+
+
+def _spoil_field(random: Random, fields: dict[str, Any], raw: dict[str, bytes], name: str) -> None:
+    array = fields[name]
+    match int(random.integers(8)):
+        case 0:
+            fields[str(random.choice(list(fields)))] = array
+        case 1:
+            word = str(random.choice(np.array(WORDS, object)))[:40].replace("/", "_")
+            fields[word] = fields.pop(name)
+        case 2:
+            fields[name] = _as(array, str(random.choice(_DTYPES)))
+        case 3:
+            fields[name] = _reshaped(random, array)
+        case 4:
+            header = str(random.choice(np.array(_HEADERS, object))).encode() + b"\n"
+            raw[name] = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header) & 0xFFFF) + header
+            del fields[name]
+        case _:
+            fields[name] = _with_odd_values(random, array)
+
+
+def _as(array: Any, kind: str) -> Any:
+    try:
+        return array.astype(kind)
+    except (ValueError, TypeError, UnicodeError):
+        return np.zeros(array.shape, kind)
+
+
+def _reshaped(random: Random, array: Any) -> Any:
+    changes: tuple[Callable[[], Any], ...] = (
+        lambda: array[None],
+        lambda: array[..., None],
+        lambda: array.reshape(-1),
+        lambda: array.T,
+        lambda: array[:0],
+        lambda: np.concatenate([array, array]),
+        lambda: np.asfortranarray(array),
+        lambda: array[: int(random.integers(len(array) + 1))],
+        lambda: array[random.integers(0, len(array), len(array))],
+        lambda: array.reshape(-1)[0],
+    )
+    try:
+        return changes[int(random.integers(len(changes)))]()
+    except (ValueError, IndexError, TypeError):
+        return array
+
+
+def _with_odd_values(random: Random, array: Any) -> Any:
+    if not array.size:
+        return array
+    changed = array.copy()
+    rows = random.integers(0, array.size, int(random.choice((1, 1, 3, array.size))))
+    if array.dtype.kind == "U":
+        words = [str(random.choice(np.array(WORDS, object)))[:300] for _ in rows[:3]]
+        changed = changed.astype(f"U{max(int(array.dtype.itemsize // 4), *map(len, words))}")
+        changed.reshape(-1)[rows[:3]] = words
+    elif array.dtype.kind == "f":
+        changed.reshape(-1)[rows] = random.choice(NUMBERS, len(rows))
+    elif array.dtype.kind in "iu":
+        bounds = np.iinfo(array.dtype)
+        values = (0, 1, 2, bounds.max, bounds.min, bounds.max // 2)
+        changed.reshape(-1)[rows] = [values[int(random.integers(6))] for _ in rows]
+    return changed

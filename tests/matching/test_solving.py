@@ -14,7 +14,7 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.protocol import Solver
 from airzoo_bench.matching.solving import PoseEstimate, Status, solve_pose, solve_queries
-from tests.engines.scattered import Scattered
+from tests.engines.work import Scattered
 from tests.matching.pose_support import PROJECTED, SOLVER, Problem, errors, joined, make_scene
 from tests.support import HANGS_S
 

@@ -18,7 +18,7 @@ from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.reader import Reading, find_reader
 from tests.matching.world import SIZE
-from tests.readers.cases import Worlds
+from tests.readers.conftest import Worlds
 
 Score = Callable[..., Any]
 

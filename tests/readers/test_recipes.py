@@ -16,8 +16,8 @@ import pytest
 
 from airzoo_bench.core.registry import READERS
 from tests.packages import ROOT, add_package, listed_when_installed
-from tests.readers.cases import Worlds
-from tests.readers.retrieval_files import PROTOCOL, Place, tile_file
+from tests.readers.conftest import Worlds
+from tests.readers.method_files import PROTOCOL, Place, tile_file
 from tests.support import run_main
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -17,9 +17,9 @@ from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
 from airzoo_bench.retrieval.truth import read_truth
 from tests.goldens.run import unpack
-from tests.readers import retrieval_files as files
-from tests.readers.cases import Worlds
-from tests.readers.retrieval_files import Place, made_scenes, perfect, scored, tile_file
+from tests.readers import method_files as files
+from tests.readers.conftest import Worlds
+from tests.readers.method_files import Place, made_scenes, perfect, scored, tile_file
 from tests.support import MadeScene, run_main
 
 ONE = made_scenes()[:1]
@@ -147,10 +147,8 @@ class TestVpr:
     def test_listing(self, one: Path, log: Path) -> None:
         images = str(log / "images")
         files.write_images(images, ONE[0])
-        tiles = Path(tile_file(images, ONE[0], 0)).parent
-        for extra in ("tiles.csv", ".t00000.png", "t00000.tif", ".hidden/t.png"):
-            (tiles / extra).parent.mkdir(exist_ok=True)
-            (tiles / extra).touch()
+        for extra in ("tiles.csv", ".t00000.png", "t00000.tif"):
+            (Path(tile_file(images, ONE[0], 0)).parent / extra).touch()
         files.write_log(log, ONE[0], images)
         result = scored(log, one)
         assert perfect(result)
@@ -191,17 +189,6 @@ class TestVpr:
             with pytest.raises(UserError, match=words):
                 scored(log, one, names=names)
 
-    def test_numbers_that_fit_two_scenes(self, tmp_path: Path) -> None:
-        twins = [MadeScene(name, [[0], [1]], 3) for name in ("near", "far")]
-        data = Place(twins).prepare(tmp_path / "data")
-        files.write_log(tmp_path / "log", twins[0], **ELSEWHERE)
-        files.write_descriptors(tmp_path / "log", Place(twins), twins[0])
-        with pytest.raises(UserError, match="without names"):
-            scored(tmp_path / "log", data)
-        (tmp_path / "log").rename(tmp_path / "near")
-        with pytest.raises(UserError, match="lacks descriptors of tiles of scene far"):
-            scored(tmp_path / "near", data)
-
     def test_the_innermost_scene_of_a_path_counts(self, tmp_path: Path, retrieved: Score) -> None:
         """A run of all scenes below a folder that is called as one of them, and one of west."""
         whole, place = tmp_path / "east" / "all", Place()
@@ -219,24 +206,20 @@ class TestVpr:
         assert perfect(retrieved(files.write_vpr(tmp_path / "east", place)))
 
     @pytest.mark.parametrize("lists", [False, True])
-    def test_two_runs_of_one_scene(self, tmp_path: Path, retrieved: Score, lists: bool) -> None:
-        place = Place()
-        write = files.write_lists if lists else files.write_descriptors
+    def test_two_runs_of_one_scene_and_runs_that_are_not_whole(
+        self, tmp_path: Path, one: Path, lists: bool
+    ) -> None:
+        logs, lacking = tmp_path / "logs", "preds/002.txt" if lists else "database_descriptors.npy"
         for name in ("first", "second"):
-            files.write_log(tmp_path / "logs" / name, place.scenes[0])
-            write(tmp_path / "logs" / name, place, place.scenes[0])
+            files.write_log(logs / name, ONE[0])
+            write = files.write_lists if lists else files.write_descriptors
+            write(logs / name, Place(ONE), ONE[0])
         with pytest.raises(UserError, match=r"more than once|two runs of one query"):
-            retrieved(tmp_path / "logs")
-
-    def test_runs_that_are_not_whole(self, one: Path, log: Path) -> None:
-        np.save(log / "database_descriptors.npy", np.array([{}], dtype=object))
-        with pytest.raises(UserError, match="pickled Python objects, never loaded"):
-            scored(log, one)
-        (log / "database_descriptors.npy").unlink()
-        with pytest.raises(UserError, match=r"lacks database_descriptors.npy"):
-            scored(log, one)
-        (log / "queries_descriptors.npy").unlink()
-        files.write_lists(log, Place(ONE), ONE[0])
-        (log / "preds" / "002.txt").unlink()
-        with pytest.raises(UserError, match="lacks the lists of"):
-            scored(log, one)
+            scored(logs, one)
+        if not lists:
+            np.save(logs / "first" / lacking, np.array([{}], dtype=object))
+            with pytest.raises(UserError, match="pickled Python objects, never loaded"):
+                scored(logs / "first", one)
+        (logs / "first" / lacking).unlink()
+        with pytest.raises(UserError, match=f"lacks {'the lists of' if lists else lacking}"):
+            scored(logs / "first", one)

@@ -17,9 +17,9 @@ import pytest
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.reader import Reading, find_reader
 from airzoo_bench.readers.scenes import find_outputs
-from tests.readers import scene_files as files
-from tests.readers.cases import Worlds
-from tests.readers.scene_files import SCENES, WRITERS, true_views, write_yard
+from tests.readers import method_files as files
+from tests.readers.conftest import Worlds
+from tests.readers.method_files import SCENES, WRITERS, true_views, write_yard
 from tests.reconstruction.world import PHOTO_SIZE
 
 PHOTOS = {"yard": ["a/1.JPG", "a/2.JPG"], "lot": ["1.JPG", "3.JPG"]}

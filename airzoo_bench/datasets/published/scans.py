@@ -45,7 +45,7 @@ from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
 from airzoo_bench.datasets.settings import Files, SourceOptions
 from airzoo_bench.datasets.surveys.colmap import similarity_in
 from airzoo_bench.datasets.tables import values_by_scene
-from airzoo_bench.formats.torch_files import read_tensors
+from airzoo_bench.formats.foreign_arrays import read_tensors
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS

@@ -1,7 +1,8 @@
-"""Point clouds: the types that every reader yields and every step takes, and clouds in arrays."""
+"""Point clouds: types that readers yield and steps take, clouds in arrays, and files by kind."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,8 +12,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import PredictionError, counted
+from airzoo_bench.core.errors import FIX_COPY, PredictionError, counted
+from airzoo_bench.core.registry import resolve
 from airzoo_bench.formats.arrays import Arrays, check_fields, open_arrays, wrong_type
+from airzoo_bench.formats.clouds import KINDS, TEXT_SUFFIXES
 from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.geometry.arrays import Floats
 
@@ -21,6 +24,26 @@ _ALLOWED = ("protocol", "points", "colours", "colors", *_CONFIDENCE)
 _EXPECTED = "points (N, 3), and perhaps colours (N, 3) and confidence (N,)"
 _NUMBERS = "fiu"
 _STORED_POINTS = 1 << 20
+_HEAD_BYTES = 4096
+_BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
+_COMMENTS = rb"(#[^\n]*\n|\s)*"
+# What the first bytes of a file look like, what it is, its endings and its reader; the first that
+# fits is taken.
+_LOOKS: tuple[tuple[bytes, str, tuple[str, ...], str], ...] = (
+    (rb"ply[\r\n]", "PLY", (".ply",), "ply:open_ply"),
+    (rb"LASF", "LAS or LAZ", (".las", ".laz"), "las:open_las"),
+    (rb"\x93NUMPY", "npy", (".npy",), "cloud:open_npy"),
+    (rb"PK[\x03\x05][\x04\x06]", "npz or zip", (".npz",), "cloud:open_npz"),
+    (rb"glTF", "GLB", (".glb",), "mesh_files:open_gltf"),
+    (_COMMENTS + rb"(VERSION|FIELDS)\s", "PCD", (".pcd",), "pcd:open_pcd"),
+    (rb"version https://git-lfs", "a Git LFS pointer, not the file itself", (), ""),
+    (rb"\x1f\x8b", "a gzip file, which is to be unpacked", (), ""),
+    (rb"\s*<", "HTML or XML", (), ""),
+    (rb"\s*\{", "glTF or JSON", (".gltf",), "mesh_files:open_gltf"),
+    (rb"(\s*solid\s.*facet|C?N?OFF\s|\x89HDF|ASTM-E57)", "STL, OFF, HDF5 or E57", (), ""),
+    (_COMMENTS + rb"(v[nt]?|f|[og]|s|mtllib|usemtl)\s", "OBJ", (".obj",), "mesh_files:open_obj"),
+    (rb".*\d", "text", TEXT_SUFFIXES, "rows:open_text"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +98,16 @@ class FileCloud:
                 confidence[part] = piece.confidence
             done += len(piece)
         return replace(self, read=ArrayPieces(points, confidence))
+
+
+@dataclass(frozen=True)
+class MeshSampling:
+    """How a protocol samples meshes, by one of `count` and `per_square_unit`."""
+
+    seed: int  # from 0 up to 2^64 - 1
+    count: int | None  # points on the whole mesh
+    per_square_unit: float | None  # points per square unit of the scene (square metre)
+    max_points: int  # a mesh in millimetres would ask for a million times as many
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,3 +185,37 @@ def open_npy(path: Path) -> FileCloud:
     notes = (f"x y z from columns 1, 2, 3; {counted(passed, 'column')} passed over",)
     read = ArrayPieces(rows[:, :3])
     return FileCloud(path, "npy", len(rows), read, rows.dtype, notes if passed else ())
+
+
+def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -> FileCloud:
+    """Open a cloud, or a mesh as points on its surface; the ending and first bytes say which."""
+    reader = _reader_of(path)
+    limits = (limit_bytes,) if path.suffix.lower() == ".npz" else ()
+    opened = resolve(f"{__package__}.{reader}")(path, *limits)
+    if not isinstance(opened, FileCloud):
+        opened = resolve(f"{__package__}.meshes:cloud_of_mesh")(opened, sampling)
+    return opened
+
+
+def _reader_of(path: Path) -> str:
+    """Return the function that reads a file, after a check of its first bytes."""
+    if not path.is_file():
+        what = "a folder, not a file" if path.is_dir() else "no such file"
+        raise refusal(path, what, expected=f"one of {KINDS}")
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+    if not head:
+        raise refusal(path, "is empty", fix=FIX_COPY)
+    looks = [one[1:] for one in _LOOKS if re.match(one[0], head, re.DOTALL)]
+    if _BINARY.search(head):
+        looks = [one for one in looks[:1] if one[0] not in ("text", "OBJ")]
+    found, suffixes, reader = looks[0] if looks else ("", (), "")
+    if path.suffix.lower() not in suffixes:
+        unknown = f"no cloud: it begins with the bytes {head[:8].hex(' ')}"
+        raise refusal(
+            path,
+            f"is named {path.suffix[:20]!r}, and its content is that of {found or unknown}",
+            expected=f"the content of one of {KINDS}, named as what it is",
+            fix="give it the ending of what it is, or write the points as PLY, LAZ or npz",
+        )
+    return reader

@@ -17,7 +17,7 @@ import trimesh
 from airzoo_bench.core.errors import readable
 from airzoo_bench.formats.clouds.cloud import refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan
-from airzoo_bench.formats.clouds.rows import opened_lines, quoted
+from airzoo_bench.formats.clouds.rows import open_lines, quoted
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 _SINGLE = np.dtype(np.float32)
@@ -74,8 +74,8 @@ def _part(scene: Any, node: str) -> tuple[Floats, Ints]:
 
 def open_obj(path: Path) -> Mesh:
     """Read an OBJ file: ``v`` and ``f``; materials are never opened."""
-    vertices, triangles, notes = array("d"), array("q"), set[str]()
-    with opened_lines(path) as lines:
+    vertices, triangles = array("d"), array("q")
+    with open_lines(path) as lines:
         for line in lines:
             kind, *words = line.split()
             try:
@@ -85,15 +85,13 @@ def open_obj(path: Path) -> Mesh:
                 elif kind == "f":
                     count = len(vertices) // 3
                     add_fan(triangles, [_index(word.partition("/")[0], count) for word in words])
-                elif kind == "mtllib":
-                    notes.add("mtllib, usemtl and the textures they name are not read")
             except (ValueError, OverflowError) as error:
                 expected = "v x y z, or f and indices of vertices from 1 (below 0: from the end)"
                 raise refusal(path, f"a line is {quoted(line)}", expected=expected) from error
     if not vertices:
         raise refusal(path, "has no vertices", expected="an OBJ file with lines 'v x y z'")
     corners, faces = np.array(vertices).reshape(-1, 3), np.array(triangles).reshape(-1, 3)
-    return Mesh(path, "OBJ mesh", corners, faces, tuple(notes))
+    return Mesh(path, "OBJ mesh", corners, faces)
 
 
 def _index(word: str, count: int) -> int:

@@ -14,23 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import counted, first_of
-from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
+from airzoo_bench.formats.clouds.cloud import ArrayPieces, Cloud, FileCloud, MeshSampling, refusal
 from airzoo_bench.geometry.arrays import Floats, Ints
 
 _ENDLESS = 1e18
 _DOUBLE = np.dtype(np.float64)
 _WEYL = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-
-
-@dataclass(frozen=True)
-class MeshSampling:
-    """How a protocol samples meshes, by one of `count` and `per_square_unit`."""
-
-    seed: int  # from 0 up to 2^64 - 1
-    count: int | None  # points on the whole mesh
-    per_square_unit: float | None  # points per square unit of the scene (square metre)
-    max_points: int  # a mesh in millimetres would ask for a million times as many
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +51,16 @@ def add_fan(triangles: array[int], corners: Sequence[int]) -> None:
         triangles.extend((corners[0], second, third))
 
 
-def sampled(mesh: Mesh, sampling: MeshSampling) -> FileCloud:
-    """Sample a mesh's surface uniformly by area, piece by piece when points are asked for."""
+def cloud_of_mesh(mesh: Mesh, sampling: MeshSampling | None) -> FileCloud:
+    """Sample a mesh uniformly by area as its points are read; without faces, take its vertices."""
+    if not len(mesh.faces):
+        kind, count = mesh.kind.replace("mesh", "points"), len(mesh.vertices)
+        read = ArrayPieces(mesh.vertices)
+        return FileCloud(mesh.path, kind, count, read, mesh.precision, mesh.notes)
+    if sampling is None:
+        what = "is a mesh, and the protocol does not say how meshes are sampled"
+        fix = "sample the mesh and give the points"
+        raise refusal(mesh.path, what, expected="points", fix=fix)
     ends = _checked_ends(mesh)
     total = float(ends[-1])
     wanted = sampling.count

@@ -16,7 +16,7 @@ from airzoo_bench.core.errors import FIX_COPY, PredictionError, readable
 from airzoo_bench.core.files import atomic_write
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, refusal
 from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cut_fans
-from airzoo_bench.formats.clouds.rows import Rows, opened_lines, quoted
+from airzoo_bench.formats.clouds.rows import Rows, open_lines, quoted
 from airzoo_bench.geometry.arrays import Ints
 
 _SPLATS = {"f_dc_0", "opacity"}
@@ -154,7 +154,7 @@ def _read_text_faces(header: _Header, faces: _Element, name: str) -> Ints:
     with readable(header.path, f"its {name} are wrong"):
         if any(counter for _, counter in list(faces.columns.values())[:place]):
             raise ValueError("another list is before them, as text")
-        with opened_lines(header.path, header.size) as lines:
+        with open_lines(header.path, header.size) as lines:
             for line in islice(lines, skip, skip + faces.rows):
                 found += 1
                 words = line.split()[place:]

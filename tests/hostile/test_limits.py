@@ -1,7 +1,11 @@
-"""What small files make a run hold, measured in processes of their own."""
+"""The most memory that small files make a run take, and pipes and devices where files should be."""
 
 from __future__ import annotations
 
+import os
+import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,9 +15,39 @@ import pyarrow.parquet as pq
 import pytest
 
 from airzoo_bench.core.files import write_npz
-from tests.hostile.peak import run
 from tests.reconstruction import world as reconstruction
-from tests.support import MadeScene, made_protocol, write_benchmark
+from tests.support import HANGS_S, MadeScene, made_protocol, run_main, write_benchmark
+
+_DRIVER = """
+import re, sys
+from airzoo_bench.cli.main import main
+try:
+    main()
+except SystemExit as done:
+    code = int(done.code or 0)
+else:
+    code = 0
+status = open("/proc/self/status").read()
+sys.stderr.write("\\npeak " + re.search(r"VmHWM:\\s+(\\d+)", status)[1])
+sys.exit(code)
+"""
+"""Of a child, `ru_maxrss` counts what its parent held when it was forked; VmHWM does not."""
+
+
+def run(*arguments: object, data: Path) -> tuple[int, int, str]:
+    """Run the command line; return its exit code, the peak of its memory in bytes, its words."""
+    done = subprocess.run(
+        [sys.executable, "-c", _DRIVER, *map(str, arguments)],
+        env=os.environ | {"AIRZOO_BENCH_DATA": str(data), "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=HANGS_S,
+        check=False,
+    )
+    said, _, peak = done.stderr.rpartition("\npeak ")
+    assert peak, f"ended with {done.returncode}: {done.stderr[-2000:]}"
+    return done.returncode, int(peak) * 1024, said
+
 
 LIMIT = 48 << 20
 # Of the libraries that are loaded, and buffers of one size whatever the limit.
@@ -75,6 +109,35 @@ def test_small_files_stay_below_the_limit(
 ) -> None:
     track, protocol = of
     options = ("--protocol", protocol, "--max-memory", "48M", "--untrusted")
-    done = run("eval", track, make(tmp_path), *options, data=home)
-    assert done.code == 2, done.said
-    assert done.peak < LIMIT + ROOM, f"{done.peak / 1e6:.0f} MB: {done.said}"
+    code, peak, said = run("eval", track, make(tmp_path), *options, data=home)
+    assert code == 2, said
+    assert peak < LIMIT + ROOM, f"{peak / 1e6:.0f} MB: {said}"
+
+
+def special(kind: str, path: Path) -> None:
+    match kind:
+        case "pipe":
+            os.mkfifo(path)
+        case "socket":
+            with socket.socket(socket.AF_UNIX) as one:
+                one.bind(str(path))
+        case "device":
+            path.symlink_to("/dev/zero")
+        case _:
+            path.symlink_to(path.parent / "absent")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "link to nothing"])
+@pytest.mark.parametrize("command", ["eval retrieval", "eval matching", "eval reconstruction"])
+def test_special_files_are_refused_and_never_opened(
+    kind: str,
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    special(kind, Path("one.npz"))
+    for words in (command, "check"):
+        assert run_main(*words.split(), "one.npz") == 2
+        assert capsys.readouterr().err.startswith("airzoo-bench: one.npz: ")
