@@ -197,10 +197,6 @@ class Place:
         """Return the content of the pose file."""
         return json.loads(self.poses.read_text())
 
-    def change_poses(self, **changes: Any) -> None:
-        """Change keys of the pose file."""
-        self.poses.write_text(json.dumps(self.read_poses() | changes))
-
     def change_image(self, name: str, **changes: Any) -> None:
         """Change keys of one image of the pose file."""
         file = self.read_poses()

@@ -1,7 +1,8 @@
-"""Pages of the docs: every one is reached from the README, links lead somewhere, commands exist."""
+"""Pages: each is reached from the README; links, commands and tests that they name exist."""
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 import tomllib
@@ -140,3 +141,18 @@ def test_each_dependency_has_a_line_in_the_table() -> None:
     table = page.partition("| package | why it |")[2].partition("\n\n")[0]
     firsts = " ".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE))
     assert sorted(re.findall(r"[\w-]+", firsts)) == sorted(names - {"airzoo-bench"})
+
+
+def test_promises_of_security_name_tests_that_are_there() -> None:
+    text = (HOME / "SECURITY.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    promises = [row for row in rows if not row.startswith(("| promise", "| ---"))]
+    assert len(promises) > 15
+    assert all("`tests/" in row for row in promises)
+    for name in re.findall(r"`(tests/[^`]+)`", text):
+        file, _, test = name.partition("::")
+        tree = ast.parse((HOME / file).read_text(encoding="utf-8"))
+        kinds = ast.FunctionDef | ast.ClassDef
+        found = {one.name for one in ast.walk(tree) if isinstance(one, kinds)}
+        found = {one for one in found if one.startswith(("test_", "Test"))}
+        assert set(test.split("::") if test else ()) <= found != set(), name

@@ -1,4 +1,4 @@
-"""The house of docs/architecture.md: imports point one way, between rooms and between files."""
+"""The house of docs/architecture.md: imports point one way, and no room or run grows."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from tests.walk import walk_template
 
 HOME = Path(__file__).parent.parent
 PACKAGE = "airzoo_bench"
@@ -127,55 +129,42 @@ def test_no_room_exceeds_its_limit() -> None:
     assert over == {}
 
 
-def borrowed(folder: Path) -> list[str]:
-    """Return the imports of test files, whose helpers belong into files of their own."""
-    named = re.compile(r"^\s*from (tests(?:\.\w+)*\.test_\w+) import", re.MULTILINE)
-    return [
-        f"{path.relative_to(folder).as_posix()}: {module}"
-        for path in sorted(folder.rglob("*.py"))
-        for module in named.findall(path.read_text())
-    ]
-
-
 def test_no_test_imports_another_test_file() -> None:
-    assert borrowed(HOME / "tests") == []
+    """Helpers of tests belong into files of their own."""
+    named = re.compile(r"^\s*from tests(?:\.\w+)*\.test_\w+ import", re.MULTILINE)
+    tests = [*(HOME / "tests").rglob("*.py"), *(HOME / "benchmarks").rglob("*.py")]
+    assert [path for path in tests if named.search(path.read_text())] == []
 
 
-def test_imports_of_test_files_are_seen(tmp_path: Path) -> None:
-    (tmp_path / "test_a.py").write_text("from tests.core.test_b import x\n")
-    (tmp_path / "a.py").write_text("from tests.core.b import test_x\n")
-    assert borrowed(tmp_path) == ["test_a.py: tests.core.test_b"]
+# Files and functions; lower them with each room that is written anew (`python -m tests.walk`).
+MOST = {"retrieval": (41, 404), "matching": (46, 436), "reconstruction": (50, 575)}
 
 
-@pytest.fixture
-def house(tmp_path: Path) -> Path:
-    """Return a package of two rooms: `core` has two files, `cli` imports one of them."""
+@pytest.mark.slow
+@pytest.mark.parametrize("track", MOST)
+def test_a_score_runs_through_no_more_files_than_before(track: str) -> None:
+    counts = walk_template(track)
+    files, functions = MOST[track]
+    assert 0 < counts["files"] <= files
+    assert 0 < counts["functions"] <= functions
+
+
+def test_circles_and_upward_imports_are_seen_within_functions_and_not_among_types(
+    tmp_path: Path,
+) -> None:
+    """In a package of two rooms: `core` has two files, `cli` imports one of them."""
     for name, text in {
-        "__init__": "",
-        "core/__init__": "",
         "core/files": "from airzoo_bench.core import errors\n",
-        "core/errors": "",
-        "cli/__init__": "",
+        "core/errors": "if TYPE_CHECKING:\n    from airzoo_bench.core.files import x\n",
         "cli/main": "def main():\n    from airzoo_bench.core.files import x\n",
     }.items():
         path = (tmp_path / PACKAGE / name).with_suffix(".py")
         path.parent.mkdir(exist_ok=True, parents=True)
         path.write_text(text)
-    return tmp_path
-
-
-def test_circles_are_seen_within_functions_and_not_among_types(house: Path) -> None:
-    errors = house / PACKAGE / "core" / "errors.py"
-    assert circle(imports(house)) == []
-    errors.write_text("if TYPE_CHECKING:\n    from airzoo_bench.core.files import x\n")
-    assert circle(imports(house)) == []
+    floor, errors = {"core": 0, "cli": 1}, tmp_path / PACKAGE / "core" / "errors.py"
+    assert circle(imports(tmp_path)) == []
+    assert upward(imports(tmp_path), floor) == []
     errors.write_text("class A:\n    def b(self):\n        import airzoo_bench.core.files\n")
-    assert set(circle(imports(house))) == {"airzoo_bench.core.errors", "airzoo_bench.core.files"}
-
-
-def test_upward_imports_are_seen(house: Path) -> None:
-    floor = {"core": 0, "cli": 1}
-    assert upward(imports(house), floor) == []
-    errors = house / PACKAGE / "core" / "errors.py"
+    assert set(circle(imports(tmp_path))) == {"airzoo_bench.core.errors", "airzoo_bench.core.files"}
     errors.write_text("from airzoo_bench.cli.main import main\n")
-    assert upward(imports(house), floor) == ["airzoo_bench.core.errors -> airzoo_bench.cli.main"]
+    assert upward(imports(tmp_path), floor) == ["airzoo_bench.core.errors -> airzoo_bench.cli.main"]
