@@ -143,7 +143,8 @@ def connect(address: str) -> Iterator[DaskEngine]:
             if not address.startswith("tls"):  # Dask would wait for a dashboard's port for ever
                 with socket.create_connection(get_address_host_port(address), CONNECT_S) as stream:
                     stream.recv(1)
-            client = Client(address, timeout=CONNECT_S)
+            with warnings.catch_warnings(action="ignore"):  # versions are compared below
+                client = Client(address, timeout=CONNECT_S)
         except (OSError, RuntimeError, TypeError, ValueError) as error:
             what = f"no scheduler of Dask answers there ({type(error).__name__})"
             expected = "local, dask, tcp://HOST:PORT or tls://HOST:PORT (not the dashboard's)"
