@@ -55,7 +55,7 @@ class DaskEngine(Engine):
         # Bytes, since arrays that Dask sends may lie at odd addresses, where sums round otherwise.
         data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)
         try:
-            held = self.client.submit(_hold, data, pure=False)
+            held = self.client.submit(np.asarray, data, pure=False)
             workers = max(1, sum(self.client.nthreads().values()))
             yield from read_ahead(partial(self._submit, held), items, workers)
         except KilledWorker as error:
@@ -91,10 +91,6 @@ class DaskEngine(Engine):
             expected=f"one that is ready within {PATIENCE_S:.0f} s",
             fix=f"start others: dask worker {self.client.scheduler.address}; or {MORE_MEMORY}",
         )
-
-
-def _hold(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return data
 
 
 def _work_on(key: str, held: NDArray[np.uint8], data: bytes) -> bytes:
