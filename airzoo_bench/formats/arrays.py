@@ -60,21 +60,21 @@ def check_fields(
     names = arrays.names()
     missing = sorted(set(needed) - names)
     if missing:
-        there = _listed(names, allowed) or "none"
+        there = _list_names(names, allowed) or "none"
         fields = "field" if len(missing) == 1 else "fields"
         what = f"lacks the {fields} {', '.join(missing)} (it has: {there})"
         raise PredictionError(what, where=arrays.path, expected=expected, fix=_TEMPLATE)
     unknown = {name for name in names if name not in allowed}
     if unknown:
         raise PredictionError(
-            f"has fields that are not read here: {_listed(unknown, allowed)}",
+            f"has fields that are not read here: {_list_names(unknown, allowed)}",
             where=arrays.path,
             expected="only " + ", ".join(allowed),
             fix="rename or leave them out; a misspelt field would otherwise be passed over",
         )
 
 
-def _listed(names: Collection[str], known: Collection[str]) -> str:
+def _list_names(names: Collection[str], known: Collection[str]) -> str:
     return ", ".join(name if name in known else repr(name[:80]) for name in sorted(names))
 
 

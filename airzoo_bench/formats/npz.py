@@ -170,7 +170,7 @@ class NpzFile:
                 view = view[count:]
             stream.read(1)  # at its end, zipfile compares the checksum
             array = flat.reshape(entry.shape, order="F" if entry.fortran_order else "C")
-            return _checked_text(array)
+            return _decode_text(array)
 
     def map(self, name: str) -> NDArray[Any]:
         """Map one array from disk where it is stored plainly, else read it."""
@@ -190,7 +190,7 @@ class NpzFile:
         return readable(self.path, f"field '{name}' is damaged or cut off")
 
 
-def _checked_text(array: NDArray[Any]) -> NDArray[Any]:
+def _decode_text(array: NDArray[Any]) -> NDArray[Any]:
     if array.dtype.kind == "S":
         return np.char.decode(array, "utf-8")
     if array.dtype.kind == "U" and array.size:

@@ -49,7 +49,7 @@ class SceneImages:
         tiles = chain.from_iterable(map(tile_images, self.reading.truths))
         return ImageNames("tile", tiles, scenes=self.reading.scenes, home=self.home)
 
-    def of_run(self, folders: Iterable[str]) -> SceneImages:
+    def at_run(self, folders: Iterable[str]) -> SceneImages:
         """Take the scene that the folders of a run name, for names without one."""
         scene_of = scene_finder(truth.scene for truth in self.reading.truths)
         named = {scene_of(folders_of(folder)) for folder in folders} - {None}
@@ -89,7 +89,7 @@ def gallery_rows(given: Described, images: SceneImages, where: Path) -> NamedRow
     return NamedRows(np.array(ids, dtype=str), rows)
 
 
-def aside(strange: int) -> tuple[str, ...]:
+def note_strange(strange: int) -> tuple[str, ...]:
     """Say how many described photos are no queries, if any."""
     said = (f"{counted(strange, 'photo')} described that are no queries, left aside",)
     return said * (strange > 0)
@@ -128,7 +128,7 @@ def join(
     return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
 
 
-def comparison(reading: Reading) -> str:
+def describe_metric(reading: Reading) -> str:
     """Say how descriptors are compared."""
     metric = str(reading.protocol.scores.descriptor_metric)  # type: ignore[attr-defined]
     return f"descriptors are compared by {metric.replace('_', ' ')}, as the protocol says"
@@ -155,8 +155,8 @@ class DescribedSets(Reader):
             check_descriptors(path, f"'{kind}' features", rows, len(names))
         queries = query_rows(given["query"], images, path)
         predictions = join(path, [queries], [gallery_rows(given["gallery"], images, path)])
-        said = (*self.conventions, comparison(reading))
-        return ReadPredictions(predictions, said, aside(queries.strange))
+        said = (*self.conventions, describe_metric(reading))
+        return ReadPredictions(predictions, said, note_strange(queries.strange))
 
 
 class _Game4Loc(DescribedSets):
@@ -224,7 +224,7 @@ class DescribedImages(Reader):
         queries, gallery = (_rows(path, names, found, read) for found in (photos, tiles))
         predictions = join(path, [queries], [gallery])
         stored = f"descriptors are {queries.rows.dtype}, as the file has them"
-        said = (stored, *self.conventions, comparison(reading))
+        said = (stored, *self.conventions, describe_metric(reading))
         others = zip(names, photos, tiles, strict=True)
         left = [name[-80:] for name, one, two in others if one is two is None]
         asides = (f"images that are neither queries nor tiles, left aside: {first_of(left)}",)

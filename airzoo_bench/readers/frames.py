@@ -31,7 +31,7 @@ _NUMBER = r"\d+(?:\.\d+)?"
 _TWICE = 2  # neighbouring submaps share a frame
 
 
-def not_whole(where: Path, what: str) -> PredictionError:
+def missing_files_error(where: Path, what: str) -> PredictionError:
     """Return the error of a run that lacks files."""
     fix = "copy the whole folder, of one run, or run the method again, to its end"
     return PredictionError(what, where=where, expected=_WHOLE, fix=fix)
@@ -50,7 +50,7 @@ def frame_files(folder: Path, pattern: str, wanted: Sequence[float] | None = Non
     lost = [f"{number:g}" for number in numbers if number not in by_number]
     if lost or not found or len(found) > len({*numbers}):
         what = f"files are missing, or of no frame: {first_of(lost, len(numbers))}"
-        raise not_whole(folder, what)
+        raise missing_files_error(folder, what)
     return [by_number[number] for number in numbers]
 
 
@@ -58,7 +58,7 @@ def read_fields(path: Path, names: Sequence[str], memory: int) -> list[NDArray[A
     """Read some fields of an npz, which has them all."""
     file = NpzFile(path, memory, npz_fields(path) - {*names})
     if not {*names} <= file.names():
-        raise not_whole(path, f"lacks {' or '.join(names)}")
+        raise missing_files_error(path, f"lacks {' or '.join(names)}")
     return [file.read(name) for name in names]
 
 
@@ -67,9 +67,9 @@ def gather_maps(files: Sequence[Path], read: Callable[[Path], NDArray[Any]]) -> 
     return gather(files, lambda row: read(files[row]))
 
 
-def _posed(path: Path, camera_to_world: Floats, names: scenes.ViewNames | None) -> ImagePoses:
+def _poses_of(path: Path, camera_to_world: Floats, names: scenes.ViewNames | None) -> ImagePoses:
     """Return cameras of matrices (N, 4, 4), under names if there are any."""
-    count, fields = len(camera_to_world), {"extrinsics": scenes.inverted(camera_to_world)}
+    count, fields = len(camera_to_world), {"extrinsics": scenes.invert_poses(camera_to_world)}
     if names is not None:
         names.check(path, count)
         fields["image_names"] = np.array(names.names, dtype=str)
@@ -96,7 +96,10 @@ class _Cut3rDemo(scenes.Layout):
         cameras = [read_fields(path, ("pose", "intrinsics"), memory) for path in files]
         with readable(place / "camera", "holds matrices of several shapes"):
             poses, intrinsics = (np.stack(one) for one in zip(*cameras, strict=True))
-        fields: dict[str, Any] = {"intrinsics": intrinsics, "extrinsics": scenes.inverted(poses)}
+        fields: dict[str, Any] = {
+            "intrinsics": intrinsics,
+            "extrinsics": scenes.invert_poses(poses),
+        }
         fields["depth"] = gather_maps(depth, map_numbers)
         if (place / "conf").is_dir():
             fields["conf"] = gather_maps(
@@ -125,7 +128,7 @@ class _Cut3rTrajectory(scenes.Layout):
         _, poses = read_trajectory(path, TUM, memory, w_first=True)
         note = "cameras alone, without a surface, which scores 0: demo.py --output_dir writes depth"
         cloud = FileCloud(path, "cameras", 0, lambda _: iter(()), dtype, (note,))
-        return ScenePrediction(cloud, _posed(path, poses, self.views(output)), (note,))
+        return ScenePrediction(cloud, _poses_of(path, poses, self.views(output)), (note,))
 
 
 class _PosesAndPoints(scenes.Layout):
@@ -164,7 +167,7 @@ class _PosesAndPoints(scenes.Layout):
         names, poses = _names_by_number(output, text, numbers), poses[[*last.values()]]
         files = frame_files(_logs(text), rf"({_NUMBER})\.npz", list(last))
         maps = gather_maps(files, lambda path: _masked_points(path, memory))
-        fields = {"world_points": maps, "extrinsics": scenes.inverted(poses)}
+        fields = {"world_points": maps, "extrinsics": scenes.invert_poses(poses)}
         return scenes.scene_of(text, Budget(memory), fields, names)
 
 
@@ -178,7 +181,7 @@ def _names_by_number(
     """Return the photo of each number, by the names of photos or by ``--names``."""
     times, unclear = Counter(numbers), False
     if output.reading.names is not None:
-        photos = _listed_by_number(output, output.reading.names)
+        photos = _number_listed(output, output.reading.names)
     else:
         truths = [one for one in output.reading.truths if one.scene == output.scene]
         names = [image for _, image in names_in(truth.photos for truth in truths)]
@@ -195,7 +198,7 @@ def _names_by_number(
     return scenes.ViewNames([photos[number] for number in times])
 
 
-def _listed_by_number(output: scenes.SceneOutput, path: Path) -> dict[float, str]:
+def _number_listed(output: scenes.SceneOutput, path: Path) -> dict[float, str]:
     """Return the photos that a list has by number: ``number name``, or lines from 0."""
     listed = read_names(path)
     lines = [re.fullmatch(rf"({_NUMBER})\s+(.+)", line) for line in listed]
@@ -240,7 +243,7 @@ class _CloudWithTrajectory(scenes.Layout):
     def read(self, output: scenes.SceneOutput, memory: int) -> ScenePrediction:
         cloud, text = self._files(output.place)
         _, poses = read_trajectory(text, trajectory_columns(text) or TUM, memory)
-        cameras = _posed(text, poses, output.view_names())
+        cameras = _poses_of(text, poses, output.view_names())
         return ScenePrediction(open_cloud(cloud, limit_bytes=memory, sampling=None), cameras)
 
 

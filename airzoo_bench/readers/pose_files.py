@@ -160,7 +160,7 @@ def read_images(path: Path, budget: Budget) -> tuple[list[str], Floats]:
 
 
 def _images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]]:
-    with _opened(path) as (data, count):
+    with _map_counted(path) as (data, count):
         budget.hold(path, f"{count:,} images", count * _BYTES_AN_IMAGE)
         at = _COUNT.size
         for number in range(count):
@@ -169,7 +169,7 @@ def _images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]]:
             end = data.find(b"\0", at, at + _LONGEST_NAME)
             name = data[at:end].decode(errors="replace") if end > 0 else ""
             if not (name and name.isprintable() and "\ufffd" not in name):
-                raise _damaged(path, f"the name of image {number + 1:,} is no printable text")
+                raise _damage_error(path, f"the name of image {number + 1:,} is no printable text")
             yield name, pose
             (pixels,) = _COUNT.unpack_from(data, end + 1)
             at = end + 1 + _COUNT.size + pixels * _BYTES_A_PIXEL
@@ -178,15 +178,15 @@ def _images(path: Path, budget: Budget) -> Iterator[tuple[str, list[float]]]:
 
 def count_points(path: Path) -> int:
     """Return the number of points of a model that is long enough for them."""
-    with _opened(path) as (data, count):
+    with _map_counted(path) as (data, count):
         if count * _POINT.size > len(data):
-            raise _damaged(path, f"it states {count:,} points and has {len(data):,} bytes")
+            raise _damage_error(path, f"it states {count:,} points and has {len(data):,} bytes")
         return count
 
 
 def read_points(path: Path, most: int) -> Iterator[Cloud]:
     """Yield the points of a model, at most that many at a time."""
-    with _opened(path) as (data, count):
+    with _map_counted(path) as (data, count):
         at = _COUNT.size
         for start in range(0, count, most):
             rows = np.empty((min(most, count - start), 3))
@@ -198,22 +198,22 @@ def read_points(path: Path, most: int) -> Iterator[Cloud]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[mmap.mmap, int]]:
+def _map_counted(path: Path) -> Iterator[tuple[mmap.mmap, int]]:
     """Map a file, and read the number that it begins with."""
     if not path.is_file() or path.stat().st_size < _COUNT.size:
-        raise _damaged(path, "it is missing or empty")
+        raise _damage_error(path, "it is missing or empty")
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         try:
             yield data, _COUNT.unpack_from(data)[0]
         except (struct.error, OverflowError) as error:
-            raise _damaged(path, "it ends before all that it states") from error
+            raise _damage_error(path, "it ends before all that it states") from error
 
 
 def _check_end(path: Path, at: int, size: int) -> None:
     if at != size:
-        raise _damaged(path, "it ends before all that it states, or goes on after it")
+        raise _damage_error(path, "it ends before all that it states, or goes on after it")
 
 
-def _damaged(path: Path, why: str) -> PredictionError:
+def _damage_error(path: Path, why: str) -> PredictionError:
     what = f"damaged, or no file of a COLMAP model: {why}"
     return PredictionError(what, where=path, fix="export or copy the model again")

@@ -14,7 +14,7 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import first_bytes
 from airzoo_bench.evaluation.queries import QueryPredictions
 from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
-from airzoo_bench.readers.descriptors import SceneImages, aside
+from airzoo_bench.readers.descriptors import SceneImages, note_strange
 from airzoo_bench.readers.names import ImageNames
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
 
@@ -43,7 +43,7 @@ class RankedLists(Reader):
                 lists[query] = [tiles[tile] for tile in best]
                 scores[query] = [own[tile] for tile in best]
         predictions = ranked_lists(path, lists, scores)
-        return ReadPredictions(predictions, self.conventions, aside(len(asked) - len(lists)))
+        return ReadPredictions(predictions, self.conventions, note_strange(len(asked) - len(lists)))
 
 
 def tile_ids(known: ImageNames, names: Sequence[str], path: Path) -> list[str]:
@@ -89,7 +89,7 @@ class _Trec(RankedLists):
     def recognise(self, path: Path) -> float:
         lines = first_bytes(path, 1 << 14).decode("utf-8", "replace").split("\n")[:20]
         whole = [line.split() for line in lines[: max(1, len(lines) - 1)] if line.strip()]
-        if not whole or any(_parsed(fields) is None for fields in whole):
+        if not whole or any(_parse_rank(fields) is None for fields in whole):
             return 0.0
         return 0.95 if all(fields[1] == "Q0" for fields in whole) else 0.6
 
@@ -99,7 +99,7 @@ class _Trec(RankedLists):
         with path.open("rb") as stream:
             for number, line in enumerate(stream, 1):
                 fields = line.decode("utf-8", "replace").split()
-                parsed = _parsed(fields)
+                parsed = _parse_rank(fields)
                 if parsed is not None and fields[2] not in run.setdefault(fields[0], {}):
                     run[fields[0]][fields[2]] = parsed[1]
                     ranks.setdefault(fields[0], []).append(parsed[0])
@@ -120,7 +120,7 @@ def _rises(ranks: Sequence[int], scores: Sequence[float]) -> bool:
     return len(set(ranks)) == len(ranks) and bool((np.diff(in_order) > 0).any())
 
 
-def _parsed(fields: list[str]) -> tuple[int, float] | None:
+def _parse_rank(fields: list[str]) -> tuple[int, float] | None:
     """Return rank and score of a line; None where it is none of a run."""
     try:
         rank, score = (int(fields[3]), float(fields[4])) if len(fields) == 6 else (0, math.nan)

@@ -42,7 +42,7 @@ class _Streaming(scenes.Layout):
         files = frame_files(place / "results_output", r"frame_(\d{1,9})\.npz", range(len(poses)))
         matrices = np.tile(np.eye(3), (len(focal), 1, 1))
         matrices[:, (0, 1, 0, 1), (0, 1, 2, 2)] = focal
-        fields: dict[str, Any] = {"intrinsics": matrices, "extrinsics": scenes.inverted(poses)}
+        fields: dict[str, Any] = {"intrinsics": matrices, "extrinsics": scenes.invert_poses(poses)}
         for name in ("depth", "conf"):
             fields[name] = gather_maps(files, lambda path: read_fields(path, (name,), memory)[0])  # noqa: B023
         return scenes.scene_of(place, Budget(memory), fields, output.view_names())
@@ -119,7 +119,7 @@ def _is_of_depth_anything_3(folder: Path) -> bool:
 _DEPTH_OR_POINTS = {"depth": "depth", "world_points": "world_points"}
 
 
-def _decoded(file: NpzFile, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+def _decode_poses(file: NpzFile, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Decode pose_enc: translation, quaternion x y z w (world-to-camera), fields of view y, x."""
     has_batch = len(file.entries["pose_enc"].shape) != 2
     code = numbers(file, "pose_enc", (1, None, 9) if has_batch else (None, 9))
@@ -151,7 +151,7 @@ VGGT = scenes.SceneReader(
         never=frozenset({"final_mask"}),
         extrinsics="extrinsic",
         intrinsics="intrinsic",
-        cameras=_decoded,
+        cameras=_decode_poses,
         said=(
             "depth is read, and world_points only where there is none",
             "extrinsic world-to-camera, axes of OpenCV",

@@ -247,7 +247,7 @@ def scene_of(
     return maps_of(MadeArrays(path, budget, fields))
 
 
-def inverted(matrices: Any) -> Any:
+def invert_poses(matrices: Any) -> Any:
     """Turn camera-to-world matrices (N, 3 or 4, 4) into world-to-camera.
 
     Rotations are transposed; what is none, or of another shape, is refused where poses are read.
@@ -348,7 +348,7 @@ class ViewArrays(Layout):
                 values = file.read(own)
                 found[name] = values[0] if values.ndim == 4 and len(values) == 1 else values
         if self.camera_to_world and "extrinsics" in found:
-            found["extrinsics"] = inverted(found["extrinsics"])
+            found["extrinsics"] = invert_poses(found["extrinsics"])
         return found
 
     def _masked(self, file: NpzFile, name: str, values: Any) -> Any:

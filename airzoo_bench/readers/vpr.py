@@ -21,11 +21,11 @@ from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.readers.descriptors import (
     NamedRows,
     SceneImages,
-    aside,
     check_descriptors,
-    comparison,
+    describe_metric,
     gallery_rows,
     join,
+    note_strange,
     query_rows,
     tile_images,
 )
@@ -112,7 +112,7 @@ class _Vpr(Reader):
             parts = [_descriptors(log, images, names) for log in logs]
             names.check_used_up()
             predictions = join(path, *map(list, zip(*parts, strict=True)))
-            said = comparison(reading)
+            said = describe_metric(reading)
             left = sum(one[0].strange for one in parts)
         else:
             read = [_lists(log, images) for log in logs]
@@ -126,7 +126,9 @@ class _Vpr(Reader):
         unheld = _BY_COUNT in names.used and not all(log.lists for log in logs)
         methods = sorted({log.method for log in logs if log.method})
         conventions = (*(f"info.log says: method {one}" for one in methods), *names.used, said)
-        return ReadPredictions(predictions, conventions, (*aside(left), *(_BY_COUNT,) * unheld))
+        return ReadPredictions(
+            predictions, conventions, (*note_strange(left), *(_BY_COUNT,) * unheld)
+        )
 
 
 # --- descriptors ---
@@ -145,7 +147,7 @@ def _descriptors(log: _Log, images: SceneImages, names: _Names) -> tuple[NamedRo
         stated = f"its info.log speaks of {log.counts[0]:,} and {log.counts[1]:,}"
         what = f"{len(asked):,} queries and {len(gallery):,} database images, and {stated}"
         raise PredictionError(what, where=folder, expected="files of one run", fix=_AGAIN)
-    here = images.of_run(log.folders)
+    here = images.at_run(log.folders)
     tiles, photos, assumed = names.names_of_run(log, here, len(gallery), len(asked))
     queries = query_rows((photos, np.array(asked)), here, folder / _QUERIES)
     named = queries, gallery_rows((tiles, gallery), here, folder / _DATABASE)
@@ -160,7 +162,7 @@ def _check_order(
     """Refuse names by order that positions in names, or the lists in preds/, contradict."""
     files = log.lists
     if log.labels and not files:
-        raise _unnamed(log.folder, "its images were ordered by the positions in their names")
+        raise _no_names_error(log.folder, "its images were ordered by the positions in their names")
     if not files or queries.rows.shape[1] != gallery.rows.shape[1]:  # `join` refuses the lengths
         return
     described, rows, tiles = queries.ids.tolist(), [], []
@@ -168,7 +170,7 @@ def _check_order(
         query, ranked = _read_list(file)
         found, number = images.queries.find(query), int(file.stem)
         if number >= len(photos) or found != images.queries.find(photos[number]):
-            raise _unnamed(file, f"is of {query[-80:]!r}, by order another photo")
+            raise _no_names_error(file, f"is of {query[-80:]!r}, by order another photo")
         if found is not None:
             rows.append(described.index(found))
             tiles += tile_ids(images.tiles, ranked[:1], file)
@@ -181,10 +183,12 @@ def _check_order(
         squares = lengths[:, None] + (block**2).sum(axis=1) - 2 * asked @ block.T
         nearer = np.flatnonzero(squares.min(axis=1) < own - slack)
         if nearer.size:
-            raise _unnamed(files[0].parent, f"{described[rows[nearer[0]]]} has a nearer tile")
+            raise _no_names_error(
+                files[0].parent, f"{described[rows[nearer[0]]]} has a nearer tile"
+            )
 
 
-def _unnamed(where: Path, why: str) -> PredictionError:
+def _no_names_error(where: Path, why: str) -> PredictionError:
     return PredictionError(
         f"rows of descriptors have no names, and the benchmark's order is not theirs: {why}",
         where=where,
@@ -206,7 +210,7 @@ def _lists(log: _Log, images: SceneImages) -> tuple[dict[str, list[str]], int]:
         what = f"lacks the lists of {first_of(lacking, expected, noun='query')}"
         wanted = "a list for each query, or the descriptors"
         raise PredictionError(what, where=log.folder, expected=wanted, fix=_AGAIN)
-    here = images.of_run(log.folders)
+    here = images.at_run(log.folders)
     read = [_read_list(file) for file in files]
     asked = here.queries.find_all([query for query, _ in read], log.folder / _LISTS)
     named = zip(files, asked, read, strict=True)
@@ -259,7 +263,7 @@ class _Names:
         places = [Path(os.path.realpath(one or "/")) for one in (log.database, log.queries)]
         if all(one.is_dir() and any(map(one.is_relative_to, self._roots)) for one in places):
             self.used[_BY_LISTING] = None
-            return _listed(log.database, tiles), _listed(log.queries, photos), False
+            return _list_images(log.database, tiles), _list_images(log.queries, photos), False
         self.used[_BY_COUNT] = None
         return *_by_count(log, images, tiles, photos), True
 
@@ -274,7 +278,7 @@ def _other_count(path: object, what: str) -> PredictionError:
     return PredictionError(what, where=path, expected=expected, fix=_LIST_NAMES)
 
 
-def _listed(folder: str | None, rows: int) -> list[str]:
+def _list_images(folder: str | None, rows: int) -> list[str]:
     """Name the images of a folder as the method's dataset class does, by ``glob("**/*")``."""
     names = []
     for home, folders, files in os.walk(folder or ""):

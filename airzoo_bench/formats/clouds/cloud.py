@@ -191,10 +191,11 @@ def open_cloud(path: Path, *, limit_bytes: int, sampling: MeshSampling | None) -
     """Open a cloud, or a mesh as points on its surface; the ending and first bytes say which."""
     reader = _reader_of(path)
     limits = (limit_bytes,) if path.suffix.lower() == ".npz" else ()
-    opened = resolve(f"{__package__}.{reader}")(path, *limits)
-    if not isinstance(opened, FileCloud):
-        opened = resolve(f"{__package__}.meshes:cloud_of_mesh")(opened, sampling)
-    return opened
+    opened: Any = resolve(f"{__package__}.{reader}")(path, *limits)
+    if isinstance(opened, FileCloud):
+        return opened
+    sampled: FileCloud = resolve(f"{__package__}.meshes:cloud_of_mesh")(opened, sampling)
+    return sampled
 
 
 def _reader_of(path: Path) -> str:

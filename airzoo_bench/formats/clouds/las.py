@@ -19,7 +19,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import counted, readable
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, cloud_of_columns, refusal
-from airzoo_bench.formats.clouds.rows import check_left, too_few
+from airzoo_bench.formats.clouds.rows import check_left, too_few_points
 
 SHARD_SUFFIXES = (".las", ".laz")
 """Endings of files that can be shards."""
@@ -52,7 +52,7 @@ def _read(path: Path, count: int, points: int) -> Iterator[Cloud]:
             with _damage(path):
                 chunk = next(chunks, None)
                 if chunk is None:
-                    raise too_few(path, count)
+                    raise too_few_points(path, count)
                 cloud = cloud_of_columns({axis: np.asarray(chunk[axis]) for axis in "xyz"})
             done += len(cloud)
             yield cloud

@@ -55,13 +55,13 @@ def cloud_of_mesh(mesh: Mesh, sampling: MeshSampling | None) -> FileCloud:
     """Sample a mesh uniformly by area as its points are read; without faces, take its vertices."""
     if not len(mesh.faces):
         kind, count = mesh.kind.replace("mesh", "points"), len(mesh.vertices)
-        read = ArrayPieces(mesh.vertices)
-        return FileCloud(mesh.path, kind, count, read, mesh.precision, mesh.notes)
+        pieces = ArrayPieces(mesh.vertices)
+        return FileCloud(mesh.path, kind, count, pieces, mesh.precision, mesh.notes)
     if sampling is None:
         what = "is a mesh, and the protocol does not say how meshes are sampled"
         fix = "sample the mesh and give the points"
         raise refusal(mesh.path, what, expected="points", fix=fix)
-    ends = _checked_ends(mesh)
+    ends = _add_areas(mesh)
     total = float(ends[-1])
     wanted = sampling.count
     if wanted is None:
@@ -94,7 +94,7 @@ def _face_areas(vertices: Floats, faces: Ints) -> Floats:
     return areas
 
 
-def _checked_ends(mesh: Mesh) -> Floats:
+def _add_areas(mesh: Mesh) -> Floats:
     """Return the areas of faces, added up, once every face has one."""
     expected = f"finite corners, and indices below {len(mesh.vertices):,}, the number of vertices"
 
@@ -139,13 +139,13 @@ def _draw(
 def _uniform(index: NDArray[np.uint64], seed: int, stream: int) -> Floats:
     """Numbers in [0, 1) by index, the SplitMix64 generator (Steele, Lea and Flood, 2014)."""
     with np.errstate(over="ignore"):
-        key = _mixed(np.array([seed % (1 << 64)], np.uint64) + _WEYL * np.uint64(stream + 1))
-        mixed = _mixed(key + (index + np.uint64(1)) * _WEYL)
+        key = _mix_bits(np.array([seed % (1 << 64)], np.uint64) + _WEYL * np.uint64(stream + 1))
+        mixed = _mix_bits(key + (index + np.uint64(1)) * _WEYL)
     numbers: Floats = (mixed >> np.uint64(11)).astype(np.float64) * 2.0**-53
     return numbers
 
 
-def _mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def _mix_bits(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
     state = (state ^ (state >> np.uint64(30))) * _MIX_1
     state = (state ^ (state >> np.uint64(27))) * _MIX_2
     return np.asarray(state ^ (state >> np.uint64(31)))

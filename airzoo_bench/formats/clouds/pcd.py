@@ -11,7 +11,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import readable
 from airzoo_bench.formats.clouds.cloud import Cloud, FileCloud, cloud_of_columns, refusal
-from airzoo_bench.formats.clouds.rows import Rows, quoted, too_few
+from airzoo_bench.formats.clouds.rows import Rows, quoted, too_few_points
 
 _LONGEST_HEADER = 1 << 16
 _KINDS = ("ascii", "binary", "binary_compressed")
@@ -33,7 +33,7 @@ def open_pcd(path: Path) -> FileCloud:
         packed, plain = np.frombuffer(stream.read(8).ljust(8, b"\0"), "<u4").tolist()
     whole = path.stat().st_size >= rows.start + 8 + packed
     if plain != rows.count * rows.record.itemsize or not whole:
-        raise too_few(path, rows.count)
+        raise too_few_points(path, rows.count)
     precision = np.result_type(*(rows.record[axis].base for axis in "xyz"))
     read = partial(_read_compressed, rows, packed, plain)
     return FileCloud(path, kind, rows.count, read, precision)

@@ -73,7 +73,7 @@ class Rows:
         blocks = self._lines(points) if self.is_text else self._records(points)
         for done, columns in zip(range(0, self.count, points), blocks, strict=True):
             if len(columns["x"]) < min(points, self.count - done):
-                raise too_few(self.path, self.count)
+                raise too_few_points(self.path, self.count)
             yield cloud_of_columns(columns)
 
     def _records(self, points: int) -> Iterator[dict[str, Any]]:
@@ -99,12 +99,12 @@ class Rows:
 def check_left(path: Path, count: int, left: int, what: str) -> tuple[str, ...]:
     """Refuse a file that ends before its points do; say so where more follows."""
     if left < 0:
-        raise too_few(path, count)
+        raise too_few_points(path, count)
     more = f"{left:,} {what} follow the {count:,} points that its header promises: not read"
     return (more,) if left else ()
 
 
-def too_few(path: Path, count: int) -> PredictionError:
+def too_few_points(path: Path, count: int) -> PredictionError:
     """Make the error of a file that ends before the points that its header counts."""
     what = f"its header promises {counted(count, 'point')}, and the file holds fewer"
     return refusal(path, what, expected="all points that the header promises", fix=FIX_COPY)
