@@ -27,8 +27,7 @@ from airzoo_bench.results.records import Method, checked_records, read_methods, 
 from airzoo_bench.results.result import write_result
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.storage.urls import local_path
-from airzoo_bench.tables.comparison import comparison_table, verdict
-from airzoo_bench.tables.intervals import intervals_table
+from airzoo_bench.tables.comparison import comparison_table, intervals_table, verdict
 from airzoo_bench.tables.layouts import scenes_table
 from airzoo_bench.tables.model import Table
 from airzoo_bench.tables.render import render

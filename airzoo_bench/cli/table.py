@@ -53,9 +53,6 @@ def table(
     decimals: Annotated[
         int | None, cli.option("Digits after the point (default: 2).", panel=_VALUES, min=0, max=6)
     ] = None,
-    second: Annotated[
-        bool, cli.option("Underline the second best of each score.", "--second", panel=_VALUES)
-    ] = False,
     baseline: Annotated[
         cli.Texts,
         cli.option(
@@ -70,7 +67,7 @@ def table(
     cite: Annotated[
         cli.Texts,
         cli.option(
-            "LaTeX: METHOD=KEY, a .toml file of these, or airzoo-paper; repeatable.", panel="Output"
+            "LaTeX: a .toml file of keys by method, or airzoo-paper; repeatable.", panel="Output"
         ),
     ] = None,
     form: cli.FormatOption = cli.Format.TERMINAL,

@@ -16,8 +16,8 @@ from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, read_result, result_paths
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables import layouts, marks
-from airzoo_bench.tables.intervals import with_intervals
-from airzoo_bench.tables.method_table import (
+from airzoo_bench.tables.comparison import with_intervals
+from airzoo_bench.tables.layouts import (
     MethodTable,
     empty_table,
     method_table,
@@ -25,7 +25,7 @@ from airzoo_bench.tables.method_table import (
     with_published,
 )
 from airzoo_bench.tables.model import Table
-from airzoo_bench.tables.published import OVERALL, published_sources, published_values
+from airzoo_bench.tables.published import OVERALL, published_values
 
 
 class _Part(NamedTuple):
@@ -64,14 +64,14 @@ def make_table(asked: Any) -> Table:
         made = marks.with_decimals(made, asked.decimals)
     if layout == "result":
         return made
-    made = marks.highlight(marks.mark_best(made, second=asked.second), asked.highlight or ())
-    made = marks.add_citations(made, asked.cite or (), published_sources())
+    made = marks.highlight(marks.mark_best(made), asked.highlight or ())
+    made = marks.add_citations(made, asked.cite or ())
     return marks.add_gains(made, asked.baseline or ())
 
 
 def _choose_layout(asked: Any, parts: Sequence[_Part]) -> str:
     """Return the layout for these results; refuse one that cannot show them or the options."""
-    among_methods = ("scene", "published", "second", "baseline", "highlight", "cite")
+    among_methods = ("scene", "published", "baseline", "highlight", "cite")
     compares = any(getattr(asked, name) for name in among_methods)
     several = sum(len(part.results) for part in parts) > 1
     layout: str | None = asked.layout

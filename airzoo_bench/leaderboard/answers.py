@@ -29,7 +29,7 @@ from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables import breakdown
-from airzoo_bench.tables.intervals import intervals_made, resampled
+from airzoo_bench.tables.comparison import describe_intervals
 
 RUN_FILE, RESULT_FILE = "run.json", "result.json"
 FAULT_FILE = "fault.txt"
@@ -181,7 +181,7 @@ def measure(run: Path, tree: str) -> Answer:
     found, sample = score_intervals(method, headline, _RESAMPLING), make_sample([method], headline)
     parts = {"": found.overall, **found.groups}
     made = [one for part in parts.values() for one in part]
-    about = intervals_made(made, _RESAMPLING, resampled(result.unit))
+    about = describe_intervals(made, _RESAMPLING, result.unit)
     limits = {
         (scene, column.key): (one.low, one.high)
         for scene, part in parts.items()
@@ -255,9 +255,10 @@ def _by_condition(
     medians = np.array([score.average == "median" for score in scores])
     for by in breakdown.condition_names(method):
         groups = breakdown.group_records(method.records, by)
-        means = breakdown.group_averages(values, medians, groups.codes, len(groups.labels)).tolist()
-        title, counts = breakdown.condition_title(by), tuple(groups.counts.tolist())
-        conditions.append(Conditions(by=by, title=title, labels=groups.labels, counts=counts))
+        means = breakdown.group_averages(values, medians, groups).tolist()
+        labels, counts = tuple(groups.categories), tuple(np.bincount(groups.codes).tolist())
+        title = breakdown.condition_title(by)
+        conditions.append(Conditions(by=by, title=title, labels=labels, counts=counts))
         found[by] = {
             score.key: tuple(None if np.isnan(one) else one for one in row)
             for score, row in zip(scores, means, strict=True)

@@ -18,8 +18,7 @@ from airzoo_bench.leaderboard.answers import Answer, Hash, Model, Number, Score
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.submission import Account
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.intervals import score_texts
-from airzoo_bench.tables.method_table import UNITS
+from airzoo_bench.tables.layouts import UNITS, score_texts
 from airzoo_bench.tables.model import plain
 
 MARK = "<!-- airzoo-bench leaderboard -->"

@@ -20,7 +20,7 @@ from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.tables.method_table import UNITS
+from airzoo_bench.tables.layouts import UNITS
 from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:

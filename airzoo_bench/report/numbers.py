@@ -23,11 +23,14 @@ from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.breakdown import breakdown_table
-from airzoo_bench.tables.comparison import comparison_table, differences_table
-from airzoo_bench.tables.intervals import intervals_made, resampled, score_cell
+from airzoo_bench.tables.comparison import (
+    comparison_table,
+    describe_intervals,
+    differences_table,
+)
+from airzoo_bench.tables.layouts import score_cell, score_column, share_notes, shared_references
 from airzoo_bench.tables.marks import mark_cells
-from airzoo_bench.tables.method_table import score_column, share_notes, shared_references
-from airzoo_bench.tables.model import Cell, Column, Row, Table, share_to_percent
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 
 OVERALL, POOLED = "overall", "pooled"
 TIED = "≈"
@@ -77,7 +80,7 @@ def find(section: Section) -> Findings:
     }
     every = [interval for part in parts.values() for interval in part]
     named = f"intervals of {', '.join(score.title for score in scores)}"
-    notes = [intervals_made(every, plan, resampled(section.first.unit), named)]
+    notes = [describe_intervals(every, plan, section.first.unit, what=named)]
     if count < 2:
         return Findings(limits, notes=[*filter(None, notes)])
     scopes: dict[str, str | None] = {OVERALL: None}
@@ -85,7 +88,7 @@ def find(section: Section) -> Findings:
     ties = {scope: tied_with_best(methods, scores, plan, scene) for scope, scene in scopes.items()}
     notes.append(
         f"★ marks the best, {TIED} what a paired test does not tell from it (p above "
-        f"{share_to_percent(LEVEL):g} % after Holm's correction for all pairs of methods, "
+        f"{100 * LEVEL:g} % after Holm's correction for all pairs of methods, "
         f"{plan.resamples} resamples, seed {plan.seed}); tested are the headline scores, not "
         "pooled" + ("" if section.by_query else ", nor of single scenes")
     )

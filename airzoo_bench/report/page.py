@@ -40,7 +40,7 @@ from airzoo_bench.report.queries import hardest, pack_maps, pack_queries
 from airzoo_bench.report.reconstruction import pack_clouds
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.tables.breakdown import condition_title
-from airzoo_bench.tables.method_table import score_column, shared_references
+from airzoo_bench.tables.layouts import score_column, shared_references
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -22,7 +22,7 @@ from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.breakdown import UNKNOWN, condition_title, number_texts
-from airzoo_bench.tables.intervals import score_texts
+from airzoo_bench.tables.layouts import score_texts
 
 _MAP_PX, _SIDE_PX, _TILE_PX = 1400, 240, 120
 _STEPS_PER_PIXEL, _NOWHERE = 4, -32768  # places are kept to a quarter of a pixel of the picture

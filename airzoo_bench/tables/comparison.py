@@ -1,24 +1,107 @@
-"""Comparisons: the verdict of a pair, a table of all pairs, the queries that differ most."""
+"""Intervals and tests as tables: one method by scene, pairs of methods, where two differ most."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import groupby
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from airzoo_bench.core.errors import agreeing, counted, plural
-from airzoo_bench.results.comparison import FLOOR_MARK, MethodComparison, Pair
+from airzoo_bench.results.comparison import FLOOR_MARK, MethodComparison, Pair, score_intervals
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.statistics.samples import difference
+from airzoo_bench.statistics.intervals import Interval
+from airzoo_bench.statistics.samples import ResamplingConfig, difference
 from airzoo_bench.statistics.significance import LEVEL
-from airzoo_bench.tables.intervals import brackets_note, resampled, score_cell, score_title
-from airzoo_bench.tables.method_table import UNITS, share_notes
+from airzoo_bench.tables.layouts import (
+    UNITS,
+    MethodTable,
+    limits_shown,
+    method_table,
+    scenes_table,
+    score_cell,
+    score_title,
+    share_notes,
+)
 from airzoo_bench.tables.model import Cell, Column, Row, Table
+from airzoo_bench.tables.published import OVERALL
 
-LEAST_P = 1e-4
-"""A p-value below is shown as less than it."""
+_NAMES = {"wilson": "Wilson", "mover": "MOVER", "student": "Student's t", "bca": "BCa"}
+
+
+# --- intervals ---
+
+
+def describe_intervals(
+    intervals: Iterable[Interval],
+    resampling: ResamplingConfig,
+    unit: str,
+    *,
+    what: str = "intervals",
+    within: str = "scenes",
+) -> str:
+    """Say how intervals were made, by the kinds that there are; empty where there are none."""
+    made = [interval for interval in intervals if interval.method]
+    kinds = {interval.method for interval in made}
+    if not made:
+        return ""
+    names = " or ".join(_NAMES.get(kind, kind) for kind in sorted(kinds, reverse=True))
+    drawn = f"{plural(unit)} within {within}" if plural(unit) != within else within
+    said = f"{100 * resampling.confidence:g} % {what}, {names} over {drawn}"
+    if kinds & {"bca", "percentile"}:
+        said += f", {resampling.resamples} resamples, seed {resampling.seed}"
+    if any(one.method == "lognormal" and one.high == math.inf for one in made):
+        said += "; inf: the upper limit is not known, it is above ten times the mean"
+    return said
+
+
+def explain_brackets(
+    intervals: Iterable[Interval], resampling: ResamplingConfig, unit: str, **more: str
+) -> list[str]:
+    """Say how the intervals in square brackets were made, if there are any."""
+    made = describe_intervals(intervals, resampling, unit, **more)
+    return [f"in square brackets: {made}"] if made else []
+
+
+def with_intervals(
+    table: MethodTable,
+    methods: Sequence[Method],
+    resampling: ResamplingConfig,
+    shown: Sequence[str],
+) -> MethodTable:
+    """Put intervals next to the numbers of methods, and notes how they were made, or why not."""
+    rows, seen, reasons = [], list[Interval](), list[tuple[str, str]]()
+    titles = {**table.scenes, OVERALL: "the average"}
+    for row, method in zip(table.rows, methods, strict=True):
+        scores = [score for score in table.scores if score in method.result.columns]
+        found = score_intervals(method, scores, resampling)
+        parts, spans = {OVERALL: found.overall, **found.groups}, {}
+        for scene, intervals in parts.items():
+            pairs = ((s.key, limits_shown(s, i)) for s, i in zip(scores, intervals, strict=True))
+            spans[scene] = {key: limits for key, limits in pairs if limits}
+        rows.append(replace(row, intervals=spans))
+        for scene in shown:
+            intervals = parts.get(scene, [Interval.lacking("a scene has one record")])
+            seen += intervals
+            whys = (f"no interval: {one.reason}" for one in intervals if one.low is None)
+            reasons += [(titles[scene], why) for why in whys]
+    made = explain_brackets(seen, resampling, methods[0].result.unit)
+    notes = (*made, *share_notes(reasons), *table.notes)
+    return replace(table, rows=tuple(rows), notes=notes)
+
+
+def intervals_table(
+    method: Method, scores: Sequence[ScoreColumn], resampling: ResamplingConfig
+) -> Table:
+    """Lay out one method by scene, with intervals."""
+    methods = replace(method_table([method.result]), scores=tuple(scores))
+    shown = [*methods.scenes, OVERALL]
+    return scenes_table(method.result, methods=with_intervals(methods, [method], resampling, shown))
+
+
+# --- pairs ---
 
 
 def verdict(pair: Pair) -> str:
@@ -34,11 +117,11 @@ def verdict(pair: Pair) -> str:
 
 def comparison_table(comparison: MethodComparison) -> Table:
     """Lay out a comparison: a row a score and method, for each score the best method first."""
-    pairs: list[Pair] = []
-    for _, part in groupby(comparison.pairs, key=lambda pair: pair.score.key):
-        of_score = list(part)
-        sign = -1 if of_score[0].score.higher_is_better else 1
-        pairs += sorted(of_score, key=lambda pair: sign * pair.value)
+    keys = [pair.score.key for pair in comparison.pairs]
+    pairs = sorted(
+        comparison.pairs,
+        key=lambda p: (keys.index(p.score.key), p.value * (-1 if p.score.higher_is_better else 1)),
+    )
     columns = (
         *map(Column, ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")),
         *(Column(title, decimals=4, group="p") for title in ("Paired", "Holm", "McNemar")),
@@ -53,7 +136,7 @@ def comparison_table(comparison: MethodComparison) -> Table:
         f"{counted(comparison.units, comparison.unit)}",
         columns,
         tuple(_row(pair, comparison) for pair in pairs),
-        (*_notes(pairs, comparison), *comparison.notes, *_explain_tests(comparison)),
+        (*_explain_gaps(pairs, comparison.unit), *comparison.notes, *_explain_tests(comparison)),
         leading=2,
     )
 
@@ -68,19 +151,19 @@ def _row(pair: Pair, comparison: MethodComparison) -> Row:
             score_cell(score, pair.value),
             score_cell(score, pair.reference_value),
             score_cell(score, pair.difference, pair.interval),
-            *(Cell(p, least=LEAST_P) for p in (pair.test.p_value, pair.p_holm, pair.p_mcnemar)),
+            *(Cell(p, least=1e-4) for p in (pair.test.p_value, pair.p_holm, pair.p_mcnemar)),
             *(Cell(number) for number in (pair.wins, pair.ties, pair.losses)),
         )
     )
 
 
-def _notes(pairs: Sequence[Pair], comparison: MethodComparison) -> list[str]:
+def _explain_gaps(pairs: Sequence[Pair], unit: str) -> list[str]:
     """Say where there are too few units or no interval."""
     reasons = []
     for pair in pairs:
         name = f"{pair.score.title}, {pair.method}"
         if verdict(pair) == "too few":
-            differ = f"{counted(pair.wins + pair.losses, comparison.unit)} with a difference"
+            differ = f"{counted(pair.wins + pair.losses, unit)} with a difference"
             reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))
         if pair.interval.reason:
             reasons.append((name, f"no interval; {pair.interval.reason}"))
@@ -90,22 +173,16 @@ def _notes(pairs: Sequence[Pair], comparison: MethodComparison) -> list[str]:
 def _explain_tests(comparison: MethodComparison) -> list[str]:
     """Say how intervals and tests were made, and for how many comparisons p was corrected."""
     pairs, plan, family = comparison.pairs, comparison.resampling, comparison.family
-    kinds = {pair.test.kind for pair in pairs}
-    drawn = f"{plan.resamples} resamples, seed {plan.seed}"
-    tests = {
-        "permutation": f"paired permutation (all patterns, or {drawn})",
-        "student": "Student's t over scenes, paired",
-        "bootstrap": f"paired bootstrap ({drawn})",
-    }
-    used = " or ".join(name for kind, name in tests.items() if kind in kinds)
-    about = "intervals of the difference" + ", not corrected by Holm" * (family > 1)
+    kinds = sorted({pair.test.kind for pair in pairs})
+    used = " or ".join(kinds).replace("student", "Student's t")
+    drawn = f", {plan.resamples} resamples, seed {plan.seed}" * (kinds != ["student"])
     note = (
-        f"p: {used}, two-sided; corrected by Holm for {counted(family, 'pair')} of methods, "
-        "not for the number of scores"
+        f"p: paired {used}, two-sided{drawn}; corrected by Holm for {counted(family, 'pair')} of "
+        "methods, not for the number of scores; McNemar exact, for hits"
     )
-    note += "; McNemar exact, for hits" * any(pair.p_mcnemar is not None for pair in pairs)
-    made = [pair.interval for pair in pairs]
-    return [*brackets_note(made, plan, resampled(comparison.unit), about), note]
+    about = "intervals of the difference" + ", not corrected by Holm" * (family > 1)
+    spans = [pair.interval for pair in pairs]
+    return [*explain_brackets(spans, plan, comparison.unit, what=about), note]
 
 
 def differences_table(

@@ -1,21 +1,16 @@
 """Tables for LaTeX: booktabs, groups in blocks; everything that strangers wrote is escaped.
 
 ``booktabs`` is needed, and ``xcolor`` with its option ``table`` for coloured rows, gains and
-floors. The notes without which numbers mislead are printed under the table, broken into lines here,
-since a tabular does not know its width.
+floors. Title and notes are comments, for the caption.
 """
 
 from __future__ import annotations
 
 import re
-import textwrap
 from collections.abc import Sequence
 from itertools import groupby
 
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
-
-# Digits of the table are wider than letters of its notes, and two gaps as wide as five letters.
-_PER_LETTER, _PER_GAP, _SHORTEST = 1.25, 2.5, 30
 
 _SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -33,14 +28,9 @@ _SPECIAL = {
     "↑": r"$\uparrow$",
     "↓": r"$\downarrow$",
     "°": r"$^\circ$",
-    "±": r"$\pm$",
-    "×": r"$\times$",
-    "µ": r"$\mu$",
     "†": r"\textsuperscript{$\dagger$}",
     "‡": r"\textsuperscript{$\ddagger$}",
     "–": r"--",
-    "—": r"---",
-    "…": r"\dots{}",
 }
 _LIGATURE = re.compile(r"([-,'])(?=\1)")
 
@@ -81,8 +71,8 @@ def latex(table: Table) -> str:
     packages = r"\usepackage{booktabs}"
     if gains or any(row.highlighted or row.floor for row in table.rows):
         packages += r" \usepackage[table]{xcolor}"
-    comments = [table.title, *(note for note in table.notes if note not in table.legend)]
-    lines = [f"% {line}" for line in (f"needs {packages}", *map(plain, comments))]
+    comments = (f"needs {packages}", table.title, *table.all_notes)
+    lines = [f"% {plain(comment)}" for comment in comments]
     lines += [rf"\begin{{tabular}}{{{''.join(types)}}}", r"\toprule"]
     for piece in pieces:
         own = len(piece.columns) - leading
@@ -90,8 +80,7 @@ def latex(table: Table) -> str:
         unused = [""] * (room - own * span)
         lines += [r"\midrule"] * (piece is not pieces[0])
         lines += [*_titles(piece, span, unused), r"\midrule", *_body(piece, span, unused)]
-    lines += [r"\bottomrule", *_legend(table, pieces, leading + room), r"\end{tabular}"]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
 
 def _titles(piece: Table, span: int, unused: list[str]) -> list[str]:
@@ -126,7 +115,7 @@ def _body(piece: Table, span: int, unused: list[str]) -> list[str]:
 
 def _cell(cell: Cell, column: Column, row: Row) -> str:
     value = _escape_number(cell.text(column.decimals))
-    shown = rf"\underline{{{value}}}" if cell.second else _bold(value) if cell.best else value
+    shown = _bold(value) if cell.best else value
     parts = [rf"\textit{{\color{{gray}}{shown}}}" if row.floor else shown]
     for text in cell.suffix(column.decimals):
         if text.startswith("("):
@@ -134,25 +123,3 @@ def _cell(cell: Cell, column: Column, row: Row) -> str:
         else:
             parts += map(_escape_number, text.split())
     return " ".join(parts)
-
-
-def _legend(table: Table, pieces: Sequence[Table], width: int) -> list[str]:
-    legend = [*table.dagger_note, *(note for note in table.notes if note in table.legend)]
-    if not legend:
-        return []
-    room = max(_SHORTEST, *map(_letters, pieces))
-    wrapped = [textwrap.wrap(plain(note), room, break_on_hyphens=False) for note in legend]
-    inner = r" \\ ".join(escape(line) for lines in wrapped for line in lines)
-    return [
-        r"\addlinespace[2pt]",
-        rf"\multicolumn{{{width}}}{{@{{}}l@{{}}}}"
-        rf"{{\footnotesize\begin{{tabular}}{{@{{}}l@{{}}}}{inner}\end{{tabular}}}} \\",
-    ]
-
-
-def _letters(table: Table) -> int:
-    """Estimate how many letters of a footnote are as wide as a table."""
-    columns = zip([column.heading for column in table.columns], *table.texts(), strict=True)
-    letters = sum(max(map(len, texts)) for texts in columns)
-    letters += len("[12]") * any(row.cite for row in table.rows)
-    return round(_PER_LETTER * letters + _PER_GAP * (len(table.columns) - 1))

@@ -1,27 +1,215 @@
-"""Layouts of results: one by scene; methods by average, by scene, and over several benchmarks."""
+"""Methods beside each other, those of papers and floors among them, and how they are laid out."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.results.comparable import find_scene
-from airzoo_bench.results.result import Result, ScoreColumn
-from airzoo_bench.tables.method_table import (
-    UNITS,
-    MethodRow,
-    MethodTable,
-    as_shown,
-    method_table,
-    score_column,
-    share_notes,
-    values_by_scene,
-)
+from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
+from airzoo_bench.results.comparable import check_comparable, find_scene
+from airzoo_bench.results.comparison import FLOOR_MARK, floor_note
+from airzoo_bench.results.result import Reference, Result, ScoreColumn, method_names
+from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.tables.model import Cell, Column, Row, Table
-from airzoo_bench.tables.published import OVERALL
+from airzoo_bench.tables.published import OVERALL, PrintedValue
 
 AVERAGE = "Average"
 """The title of the average over scenes."""
+UNITS = {"share": "%", "m": "m", "deg": "deg"}
+"""What tables show for the unit of a score."""
+
+
+# --- a score as tables show it ---
+
+
+def as_shown(score: ScoreColumn, value: float) -> float:
+    """Turn a result's value into what tables show: percent for a share."""
+    return 100.0 * value if score.unit == "share" else value
+
+
+def score_column(score: ScoreColumn, group: str = "") -> Column:
+    """Return a score's column."""
+    return Column(score.title, UNITS[score.unit], score.higher_is_better, group=group)
+
+
+def score_title(score: ScoreColumn) -> str:
+    """Return title and unit of a score, for a row."""
+    return f"{score.title} [{UNITS[score.unit]}]"
+
+
+def score_cell(score: ScoreColumn, value: float | None, interval: Interval | None = None) -> Cell:
+    """Return a value as tables show it, with its interval where there is one."""
+    if value is None:
+        return Cell(None)
+    return Cell(as_shown(score, value), uncertainty=limits_shown(score, interval))
+
+
+def limits_shown(score: ScoreColumn, interval: Interval | None) -> tuple[float, float] | None:
+    """Return the limits of an interval as tables show them; None where there are none."""
+    if interval is None or interval.low is None or interval.high is None:
+        return None
+    return as_shown(score, interval.low), as_shown(score, interval.high)
+
+
+def score_texts(score: ScoreColumn, values: Iterable[float | None]) -> list[str]:
+    """Write values of a score as tables do."""
+    return [score_cell(score, None if v is None else float(v)).text(2) for v in values]
+
+
+def share_notes(notes: Iterable[tuple[str, str]], everyone: int = 0) -> list[str]:
+    """Return each note once, after the names that have it, if these are not all."""
+    users: dict[str, dict[str, None]] = {}
+    for name, note in notes:
+        users.setdefault(note, {})[name] = None
+    return [
+        note if len(who) == everyone else f"{', '.join(who)}: {note}" for note, who in users.items()
+    ]
+
+
+# --- methods ---
+
+
+@dataclass(frozen=True)
+class MethodRow:
+    """A method's numbers: percent, metres, degrees.
+
+    Values and intervals are by scene, with `OVERALL` for the average, then by score. `reported`
+    says where the numbers were printed; a floor is what scores without a method; a note says what
+    the mark means.
+    """
+
+    method: str
+    values: Mapping[str, Mapping[str, float]]
+    intervals: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    reported: str = ""
+    floor: bool = False
+    mark: str = ""
+
+    def cells(self, scenes: Iterable[str], scores: Sequence[ScoreColumn]) -> list[Cell]:
+        """Return the cells of scores in scenes, without a number where there is none."""
+        values, spans = self.values, self.intervals
+        return [
+            Cell(values.get(s, {}).get(c.key), uncertainty=spans.get(s, {}).get(c.key))
+            for s in scenes
+            for c in scores
+        ]
+
+
+@dataclass(frozen=True)
+class MethodTable:
+    """Methods of one protocol and truth, or reported for them, before they are laid out.
+
+    `scenes` are titles by scene.
+    """
+
+    title: str
+    benchmark: str
+    track: str
+    scores: tuple[ScoreColumn, ...]
+    scenes: Mapping[str, str]
+    rows: tuple[MethodRow, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def method_table(
+    results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
+) -> MethodTable:
+    """Put results of one protocol and one truth into one table of methods."""
+    names = [result.predictions.method for result in results]
+    if paths:
+        names = method_names(paths, results)
+    check_comparable(names, results)
+    first, named = results[0], list(zip(names, results, strict=True))
+    floors = {name: floor_note(result) for name, result in named}
+    rows = (
+        MethodRow(name, _values_shown(r.columns, r), mark=FLOOR_MARK * bool(floors[name]))
+        for name, r in named
+    )
+    prints = f"protocol {first.protocol.fingerprint[:12]}, truth {first.truth.fingerprint[:12]}"
+    notes = share_notes(((name, note) for name, r in named for note in r.notes), len(names))
+    marks = share_notes((pair for pair in floors.items() if pair[1]), len(names) == 1)
+    # A score that a method has not stays empty.
+    scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
+    return MethodTable(
+        f"{first.protocol.name} v{first.protocol.version}",
+        first.truth.benchmark,
+        first.track,
+        tuple(scores.values()),
+        first.truth.scene_titles,
+        tuple(rows),
+        (*notes, *marks, f"{prints}, airzoo-bench {first.versions['airzoo-bench']}"),
+    )
+
+
+def _values_shown(
+    scores: Sequence[ScoreColumn], numbers: Result | Reference
+) -> dict[str, dict[str, float]]:
+    by_key = {score.key: score for score in scores}
+    return {
+        scene: {key: as_shown(by_key[key], value) for key, value in part.items()}
+        for scene, part in ({OVERALL: numbers.overall} | numbers.scenes).items()
+    }
+
+
+def empty_table(protocol: Protocol, scores: Sequence[ScoreColumn]) -> MethodTable:
+    """Return the table of a protocol without methods."""
+    title = f"{protocol.name} v{protocol.version}"
+    scenes = {scene.id: scene.title for scene in protocol.scenes}
+    return MethodTable(title, protocol.benchmark, protocol.track, tuple(scores), scenes)
+
+
+def with_published(
+    methods: MethodTable,
+    printed: Sequence[PrintedValue],
+    scenes: Sequence[str],
+    fingerprint: str = "",
+) -> MethodTable:
+    """Put the rows of papers before the methods scored here by the protocol of a fingerprint.
+
+    A number that two tables print is that of the one by scene where scenes are shown, else of the
+    other.
+    """
+    keys = {title: key for key, title in methods.scenes.items()} | {OVERALL: OVERALL}
+    known = {score.key for score in methods.scores}
+    scenic, by_scene = {v.table for v in printed if v.scene != OVERALL}, [*scenes] != [OVERALL]
+    rows: dict[str, dict[str, dict[str, float]]] = {}
+    sources: dict[str, dict[str, None]] = {}
+    for cell in sorted(printed, key=lambda cell: (cell.table in scenic) != by_scene):
+        # A method that is nowhere printed by scene has no row among those that are.
+        is_alone = by_scene and cell.table not in scenic and cell.method not in rows
+        if keys.get(cell.scene) in scenes and cell.metric in known and not is_alone:
+            part = rows.setdefault(cell.method, {}).setdefault(keys[cell.scene], {})
+            if cell.metric not in part:
+                part[cell.metric] = float(cell.value)
+                sources.setdefault(cell.method, {})[cell.table] = None
+    if not rows:
+        what = "by scene " if by_scene else ""
+        note = f"nothing is published {what}on {methods.benchmark} ({methods.track})"
+        return replace(methods, notes=(note, *methods.notes))
+    shipped = (load_protocol(path) for path in shipped_protocols().values())
+    if fingerprint and fingerprint not in {protocol.fingerprint for protocol in shipped}:
+        note = f"{methods.title} is not the shipped protocol: reported numbers may measure "
+        methods = replace(methods, notes=(note + "something else", *methods.notes))
+    reported = (MethodRow(m, v, reported="; ".join(sources[m])) for m, v in rows.items())
+    return replace(methods, rows=(*reported, *methods.rows))
+
+
+def with_floors(methods: MethodTable, results: Sequence[Result]) -> MethodTable:
+    """Put what scores without a method behind the rows of methods, and say what it is."""
+    found = shared_references(results)
+    scores = [column for result in results for column in result.columns]
+    rows = (MethodRow(n, _values_shown(scores, one), floor=True) for n, one in found.items())
+    meanings = (f"{name}: {one.meaning}" for name, one in found.items())
+    return replace(methods, rows=(*methods.rows, *rows), notes=(*meanings, *methods.notes))
+
+
+def shared_references(results: Sequence[Result]) -> dict[str, Reference]:
+    """Return the references of results by name, the first of each name."""
+    return {name: one for r in reversed(results) for name, one in r.references.items()}
+
+
+# --- layouts ---
 
 
 def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
@@ -44,15 +232,14 @@ def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
         (Column("Method"), *map(score_column, methods.scores)),
         _rows(methods, [key]),
         methods.notes,
-        legend=methods.legend,
     )
 
 
-def scenes_layout(methods: MethodTable, *, average: bool = True) -> Table:
+def scenes_layout(methods: MethodTable) -> Table:
     """Lay out scenes side by side, the scores under each, and the average over scenes last."""
     titles = dict(methods.scenes)
     # Of published scenes alone an average may be printed nowhere.
-    if average and any(row.values.get(OVERALL) for row in methods.rows):
+    if any(row.values.get(OVERALL) for row in methods.rows):
         titles[OVERALL] = AVERAGE
     columns = [score_column(score, title) for title in titles.values() for score in methods.scores]
     return Table(
@@ -60,68 +247,62 @@ def scenes_layout(methods: MethodTable, *, average: bool = True) -> Table:
         (Column("Method"), *columns),
         _rows(methods, list(titles)),
         (_units_note(methods.scores), *methods.notes),
-        legend=methods.legend,
     )
 
 
-def _units_note(scores: Sequence[ScoreColumn]) -> str:
+def _units_note(scores: Iterable[ScoreColumn]) -> str:
     """Say the units of scores, for tables with other titles above the columns."""
-    titles: dict[str, dict[str, None]] = {}
-    for score in scores:
-        titles.setdefault(UNITS[score.unit], {})[score.title] = None
-    return "; ".join(f"{', '.join(those)} in {unit}" for unit, those in titles.items())
+    units = {score.title: UNITS[score.unit] for score in scores}
+    titles = {unit: [t for t, its in units.items() if its == unit] for unit in units.values()}
+    *others, (usual, most) = sorted(titles.items(), key=lambda item: len(item[1]))
+    known = [f"{', '.join(those)} in {unit}" for unit, those in others]
+    rest = ", ".join(most) if len(most) <= 2 else "all other scores" if others else "all scores"
+    return "; ".join([*known, f"{rest} in {usual}"])
 
 
 def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
     """Lay out a row a method and benchmarks side by side, the average of each over its scenes."""
     tracks = [part.track for part in parts]
     parts = sorted(parts, key=lambda part: tracks.index(part.track))
-    titles = _benchmark_titles(parts)
-    by_name = [{(r.floor, r.method, bool(r.reported)): r for r in part.rows} for part in parts]
+    # A protocol's title is the benchmark's, and behind a comma what is measured.
+    shipped = (load_protocol(path) for path in shipped_protocols().values())
+    titles = {protocol.benchmark: protocol.title.partition(",")[0] for protocol in shipped}
+    benchmarks = [part.benchmark for part in parts]
+    named = [
+        (titles.get(b, b) if benchmarks.count(b) == 1 else part.title, part)
+        for b, part in zip(benchmarks, parts, strict=True)
+    ]
+    by_key = [{(r.floor, r.method, bool(r.reported)): r for r in part.rows} for part in parts]
     rows = []
-    for key in sorted(dict.fromkeys(key for part in by_name for key in part), key=lambda k: k[0]):
-        entries = [part.get(key, MethodRow(key[1], {})) for part in by_name]
-        pairs = zip(parts, entries, strict=True)
-        cells = [cell for part, row in pairs for cell in row.cells([OVERALL], part.scores)]
-        reported = "; ".join(filter(None, dict.fromkeys(row.reported for row in entries)))
-        rows.append(Row((Cell(key[1]), *cells), key[0], reported=reported, floor=key[0]))
-    named = list(zip(titles, parts, strict=True))
-    legend = share_notes(((t, note) for t, part in named for note in part.legend), len(parts))
-    rest = ((t, n) for t, part in named for n in part.notes if n not in part.legend)
-    notes = share_notes(rest, len(parts))
+    for key in sorted(dict.fromkeys(key for part in by_key for key in part), key=lambda k: k[0]):
+        cells, sources = list[Cell](), dict[str, None]()
+        for part, found in zip(parts, by_key, strict=True):
+            row = found.get(key, MethodRow(key[1], {}))
+            cells += row.cells([OVERALL], part.scores)
+            sources |= dict.fromkeys([row.reported] if row.reported else [])
+        is_floor, name, _ = key
+        reported = "; ".join(sources)
+        rows.append(Row((Cell(name), *cells), is_floor, reported=reported, floor=is_floor))
+    scores = [(score, title) for title, part in named for score in part.scores]
+    notes = share_notes(((t, note) for t, part in named for note in part.notes), len(parts))
     return Table(
         "Averages over scenes: " + ", ".join(part.title for part in parts),
-        (Column("Method"), *(score_column(s, title) for title, part in named for s in part.scores)),
+        (Column("Method"), *(score_column(*pair) for pair in scores)),
         tuple(rows),
-        (_units_note([score for part in parts for score in part.scores]), *legend, *notes),
-        legend=tuple(legend),
+        (_units_note(score for score, _ in scores), *notes),
     )
 
 
-def _benchmark_titles(parts: Sequence[MethodTable]) -> list[str]:
-    """Return the title of each benchmark, or of the protocol where several have the same."""
-    protocols = [load_protocol(path) for path in shipped_protocols().values()]
-    # A protocol's title is the benchmark's, and behind a comma what is measured.
-    shipped = {protocol.benchmark: protocol.title.partition(",")[0] for protocol in protocols}
-    names = [shipped.get(part.benchmark, part.benchmark) for part in parts]
-    return [
-        name if names.count(name) == 1 else part.title
-        for name, part in zip(names, parts, strict=True)
-    ]
-
-
 def scenes_table(
-    result: Result,
-    *,
-    floors: bool = False,
-    methods: MethodTable | None = None,
+    result: Result, *, floors: bool = False, methods: MethodTable | None = None
 ) -> Table:
     """Lay out one result: a row a scene, the average over scenes, the mean over all queries.
 
     `methods` holds the same result with chosen scores, its intervals and their notes.
     """
     methods = methods or method_table([result])
-    scores, [own] = methods.scores, methods.rows
+    methods = with_floors(methods, [result]) if floors else methods
+    scores, (own, *references) = methods.scores, methods.rows
     # Where a scene is one query, their number says nothing.
     counted = "points" if result.unit == "scene" else "queries"
     titles = result.truth.scene_titles
@@ -135,15 +316,12 @@ def scenes_table(
     if total > len(result.scenes):
         pooled = [Cell(as_shown(score, result.pooled[score.key])) for score in scores]
         rows.append(Row((Cell("Pooled"), Cell(total), *pooled), summary=True))
-    references = result.references if floors else {}
-    for name, reference in references.items():
-        row = MethodRow(name, values_by_scene(result.columns, reference))
-        cells = (Cell(name), Cell(None), *row.cells([OVERALL], scores))
+    for row in references:
+        cells = (Cell(row.method), Cell(None), *row.cells([OVERALL], scores))
         rows.append(Row(cells, summary=True, floor=True))
     return Table(
         f"{own.method} on {methods.title}",
         (Column("Scene"), Column(counted.capitalize()), *map(score_column, scores)),
         tuple(rows),
         methods.notes,
-        legend=methods.legend,
-    ).with_notes(*(f"{name}: {one.meaning}" for name, one in references.items()), first=True)
+    )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.validation import nearest, read_toml
 from airzoo_bench.tables.model import Cell, Column, Table
+from airzoo_bench.tables.published import published_sources
 
 
-def mark_best(table: Table, *, second: bool = False) -> Table:
+def mark_best(table: Table) -> Table:
     """Mark the best cell of each score, and every cell that is shown with the same digits.
 
     Reported rows compete only where no row was scored here; a note says so.
@@ -22,28 +23,23 @@ def mark_best(table: Table, *, second: bool = False) -> Table:
     rows = [list(row.cells) for row in table.rows]
     for index, column in enumerate(table.columns):
         if column.higher_is_better is not None:
-            cells = mark_cells(column, [rows[i][index] for i in racing], second=second)
+            cells = mark_cells(column, [rows[i][index] for i in racing])
             for i, cell in zip(racing, cells, strict=True):
                 rows[i][index] = cell
-    marked = [replace(row, cells=tuple(new)) for row, new in zip(table.rows, rows, strict=True)]
-    made = replace(table, rows=tuple(marked))
-    if own and any(row.reported for row in table.rows):
-        rule = "the best of each score is that of the rows that were scored here"
-        return made.with_notes(rule, first=True)
-    return made
+    marked = (replace(row, cells=tuple(new)) for row, new in zip(table.rows, rows, strict=True))
+    rule = "the best of each score is that of the rows that were scored here"
+    rules = [rule] if own and any(row.reported for row in table.rows) else []
+    return replace(table, rows=tuple(marked), notes=(*rules, *table.notes))
 
 
-def mark_cells(column: Column, cells: Sequence[Cell], *, second: bool = False) -> list[Cell]:
-    """Mark the best of several cells of a score, and the second best where it is asked for."""
+def mark_cells(column: Column, cells: Sequence[Cell]) -> list[Cell]:
+    """Mark the best of several cells of a score."""
     numbers = [cell.value for cell in cells if isinstance(cell.value, float)]
-    finite = sorted(filter(math.isfinite, numbers), reverse=bool(column.higher_is_better))
-    shown = dict.fromkeys(Cell(number).text(column.decimals) for number in finite)
-    best, runner_up, *_ = [*shown, None, None] if len(numbers) > 1 else (None, None)
-    texts = [cell.text(column.decimals) for cell in cells]
-    return [
-        replace(cell, best=text == best, second=second and text == runner_up)
-        for cell, text in zip(cells, texts, strict=True)
-    ]
+    finite = list(filter(math.isfinite, numbers))
+    if len(numbers) < 2 or not finite:
+        return list(cells)
+    best = Cell(max(finite) if column.higher_is_better else min(finite)).text(column.decimals)
+    return [replace(cell, best=cell.text(column.decimals) == best) for cell in cells]
 
 
 def with_decimals(table: Table, decimals: int) -> Table:
@@ -65,15 +61,11 @@ def highlight(table: Table, methods: Sequence[str]) -> Table:
 def _find_row(table: Table, name: str, option: str) -> int:
     """Return the row of a method; one that was scored here goes before a reported one."""
     found = [i for i, row in enumerate(table.rows) if row.name == name]
-    found.sort(key=lambda i: bool(table.rows[i].reported))
     if not found:
         names = [row.name for row in table.rows]
-        raise UsageError(
-            f"no row is called {name[:80]!r}{nearest(name[:80], names)}",
-            where=option,
-            expected="one of " + ", ".join(names[:20]),
-        )
-    return found[0]
+        what = f"no row is called {name[:80]!r}{nearest(name[:80], names)}"
+        raise UsageError(what, where=option, expected="one of " + ", ".join(names[:20]))
+    return min(found, key=lambda i: bool(table.rows[i].reported))
 
 
 def add_gains(table: Table, baselines: Sequence[str]) -> Table:
@@ -100,38 +92,22 @@ def add_gains(table: Table, baselines: Sequence[str]) -> Table:
         reported = ", whose numbers are reported, not re-scored" * bool(baseline.reported)
         note = f"difference from {baseline.name}{reported}, of the values as printed"
         notes[f"in brackets: {note}"] = None
-    return replace(table, rows=tuple(rows)).with_notes(*notes)
+    return replace(table, rows=tuple(rows), notes=(*table.notes, *notes))
 
 
-def _gain(column: Column, cell: Cell, baseline: Cell) -> float | None:
-    for one in (cell, baseline):
-        is_number = isinstance(one.value, float) and math.isfinite(one.value)
-        if column.higher_is_better is None or not is_number:
-            return None
-    difference = float(cell.text(column.decimals)) - float(baseline.text(column.decimals))
-    return round(difference, column.decimals) + 0.0
+def _gain(column: Column, *cells: Cell) -> float | None:
+    values = [cell.value for cell in cells if isinstance(cell.value, float)]
+    if column.higher_is_better is None or len(values) < 2 or not all(map(math.isfinite, values)):
+        return None
+    own, baseline = (float(cell.text(column.decimals)) for cell in cells)
+    return round(own - baseline, column.decimals) + 0.0
 
 
-def add_citations(table: Table, texts: Sequence[str], sources: Mapping[str, Path]) -> Table:
-    """Attach citations: METHOD=KEY, a TOML file of such, or the name of a source of numbers."""
-    keys: dict[str, str] = {}
-    for text in texts:
-        method, _, key = text.rpartition("=")
-        path = sources.get(text, Path(text))
-        if path.suffix == ".toml":
-            content = read_toml(path, UsageError, "file of citations")
-            keys = content.get("citations", content) | keys
-        elif method:
-            keys[table.rows[_find_row(table, method, "--cite")].name] = key
-        else:
-            raise UsageError(
-                f"--cite {text[:80]!r} is no citation",
-                expected="METHOD=KEY, a .toml file, or one of " + ", ".join(sources),
-            )
-    return cite(table, keys)
-
-
-def cite(table: Table, keys: Mapping[str, str]) -> Table:
-    """Attach citations to the rows of methods; LaTeX prints them."""
+def add_citations(table: Table, files: Sequence[str]) -> Table:
+    """Attach keys of a bibliography by method, from TOML files or sources of published numbers."""
+    sources, keys = published_sources(), dict[str, object]()
+    for name in files:
+        content = read_toml(sources.get(name, Path(name)), UsageError, "file of citations")
+        keys = content.get("citations", content) | keys
     rows = (replace(row, cite=str(keys.get(row.name, ""))) for row in table.rows)
     return replace(table, rows=tuple(rows))

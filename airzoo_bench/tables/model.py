@@ -6,40 +6,24 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Literal, NamedTuple
+from typing import Literal
 
-REPORTED = "reported, not re-scored"
-"""The mark of rows with numbers that somebody else has printed."""
-
-_DAGGER = "†"
+_DAGGER, _REPORTED = "†", "reported, not re-scored"
 _LARGEST = 1e9  # shown with all its digits
 _WIDEST = 10  # columns of scores side by side on a page
 
 
-def share_to_percent(value: float) -> float:
-    """Turn a share into percent."""
-    return 100.0 * value
-
-
 def show_number(value: float, decimals: int, sign: Literal["-", "+"] = "-") -> str:
     """Return a number with `decimals` digits after the point, an infinite one as ``inf``."""
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
     # Powers of ten keep the width of a large number bounded.
-    return f"{value:{sign}z.{decimals}{'e' if abs(value) >= _LARGEST else 'f'}}"
+    kind = "e" if _LARGEST <= abs(value) < math.inf else "f"
+    return f"{value:{sign}z.{decimals}{kind}}"
 
 
 def plain(text: str) -> str:
     """Put a text on one line and replace what does not print."""
     line = " ".join(text.split())
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
-
-
-class Between(NamedTuple):
-    """An interval, shown as ``[a, b]``."""
-
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -65,24 +49,19 @@ class Column:
 
 @dataclass(frozen=True)
 class Cell:
-    """A value, its rank in the column, and what follows it.
+    """A value, whether it is the best of its column, and what follows it.
 
-    `gain` is the difference from the baseline's printed value; a note says what `mark` means. A
-    number below `least` is shown as less than it: a p-value is never 0.0000.
+    `gain` is the difference from the baseline's printed value, `uncertainty` an interval; a note
+    says what `mark` means. A number below `least` is shown as less than it, since a p-value is
+    never 0.0000.
     """
 
     value: float | int | str | None
     best: bool = False
-    second: bool = False
     gain: float | None = None
-    uncertainty: Between | None = None
+    uncertainty: tuple[float, float] | None = None
     mark: str = ""
     least: float = 0.0
-
-    @property
-    def is_too_small(self) -> bool:
-        """Whether it is a number that is shown as less than another."""
-        return isinstance(self.value, float) and 0 <= self.value < self.least
 
     def text(self, decimals: int) -> str:
         """Return the value as it is shown; a missing one is a dash, an infinite one says so."""
@@ -90,7 +69,7 @@ class Cell:
             return "–"
         if isinstance(self.value, str | int):
             return plain(str(self.value))
-        if self.is_too_small:
+        if 0 <= self.value < self.least:
             return f"<{show_number(self.least, decimals)}"
         return show_number(self.value, decimals)
 
@@ -129,7 +108,7 @@ class Row:
     @property
     def standing(self) -> str:
         """The mark of reported rows and floors; empty for methods scored here."""
-        reported = f"{REPORTED}: {self.reported}" if self.reported else ""
+        reported = f"{_REPORTED}: {self.reported}" if self.reported else ""
         return "what scores without a method" if self.floor else reported
 
     @property
@@ -147,9 +126,7 @@ class Row:
 class Table:
     """A title, columns, rows, and notes that belong to the numbers.
 
-    The `leading` columns, by default all before the first score, say what a row is. LaTeX prints
-    the notes in `legend` under the table, since numbers mislead without them, and the others as
-    comments.
+    The `leading` columns, by default all before the first score, say what a row is.
     """
 
     title: str
@@ -157,30 +134,13 @@ class Table:
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
     leading: int | None = None
-    legend: tuple[str, ...] = ()
-
-    def texts(self) -> list[list[str]]:
-        """Return the text of every cell, with its mark, interval and gain."""
-        return [
-            [
-                " ".join([cell.text(column.decimals), *cell.suffix(column.decimals)])
-                + (f" {_DAGGER}" if row.reported and not index else "")
-                for index, (cell, column) in enumerate(zip(row.cells, self.columns, strict=True))
-            ]
-            for row in self.rows
-        ]
-
-    @property
-    def dagger_note(self) -> tuple[str, ...]:
-        """The note that explains the dagger of reported rows, where there are any."""
-        parts = [part for row in self.rows for part in row.reported.split("; ") if part]
-        sources = "; ".join(dict.fromkeys(parts))
-        return (f"{_DAGGER} {REPORTED}: {sources}",) if sources else ()
 
     @property
     def all_notes(self) -> tuple[str, ...]:
-        """The notes, after what the dagger of reported rows means."""
-        return (*self.dagger_note, *self.notes)
+        """The notes, after what the dagger of reported rows means, where there are any."""
+        parts = [part for row in self.rows for part in row.reported.split("; ") if part]
+        sources = "; ".join(dict.fromkeys(parts))
+        return (*([f"{_DAGGER} {_REPORTED}: {sources}"] if sources else []), *self.notes)
 
     @property
     def has_groups(self) -> bool:
@@ -199,12 +159,18 @@ class Table:
         """Whether a column holds words, aligned to the left, and not numbers."""
         return column == 0 or any(isinstance(row.cells[column].value, str) for row in self.rows)
 
-    def with_notes(self, *notes: str, first: bool = False, legend: bool = True) -> Table:
-        """Return the table with further notes, which may be of the legend."""
-        shown = notes if legend else ()
-        if first:
-            return replace(self, notes=(*notes, *self.notes), legend=(*shown, *self.legend))
-        return replace(self, notes=(*self.notes, *notes), legend=(*self.legend, *shown))
+    def parts(self, row: Row) -> list[tuple[Cell, str, str]]:
+        """Return the cells of a row, each with its value and what follows it as texts."""
+        found = []
+        for index, (cell, column) in enumerate(zip(row.cells, self.columns, strict=True)):
+            dagger = [_DAGGER] if row.reported and not index else []
+            suffix = " ".join([*cell.suffix(column.decimals), *dagger])
+            found.append((cell, cell.text(column.decimals), suffix))
+        return found
+
+    def texts(self) -> list[list[str]]:
+        """Return the text of every cell, with its mark, interval and gain."""
+        return [[f"{v} {more}".rstrip() for _, v, more in self.parts(row)] for row in self.rows]
 
     def units(self) -> list[list[int]]:
         """Return the columns that stay together: neighbours of one group, else each by itself."""

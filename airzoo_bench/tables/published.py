@@ -10,11 +10,10 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping
 from decimal import Decimal
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -23,20 +22,18 @@ from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import (
     Name,
     Strict,
-    nearest,
     read_toml,
     validated,
     validation_message,
 )
 from airzoo_bench.protocol.model import shipped_protocols
 
-T = TypeVar("T")
-
 OVERALL = ""
 """The key of the average over scenes, which no scene has."""
 
 _SUMMARIES = {"overall", "average", "avg", "avg.", "mean", "all", "total", "pooled"}
 _MISSING = {"", "-", "–", "—", "n/a", "na", "inf", "∞"}
+_GAINS = ("gain", "printed_delta")
 _NUMBER = re.compile(r"[+-]?[0-9]{1,9}(\.[0-9]{1,9})?")
 
 
@@ -71,9 +68,7 @@ class PrintedValue(BaseModel):
     unit: str = ""
     n: Annotated[int, Field(ge=1, lt=10**9)] | None = None
     bold: bool = False
-    gain: Annotated[
-        Number | None, Field(validation_alias=AliasChoices("gain", "printed_delta"))
-    ] = None
+    gain: Annotated[Number | None, Field(validation_alias=AliasChoices(*_GAINS))] = None
 
     @property
     def is_summary(self) -> bool:
@@ -101,20 +96,18 @@ def read_published(path: Path) -> list[PrintedValue]:
             texts = {k: " ".join(v.split()) if isinstance(v, str) else v for k, v in row.items()}
             if str(texts.get("value")).casefold() in _MISSING:
                 continue
-            gains = [k for k in ("gain", "printed_delta") if texts.get(k) in _MISSING]
-            given = {k: v for k, v in texts.items() if v != "" and k not in gains}
+            empty = {
+                k for k in texts if str(texts[k]) in _MISSING and (k in _GAINS or not texts[k])
+            }
+            given = {k: v for k, v in texts.items() if k not in empty}
             cell = PrintedValue.model_validate({"line": reader.line_num, **given})
             # Average and average are one.
             names = (cell.table, cell.benchmark, cell.track, cell.method)
-            key = (*names, cell.scene.casefold(), cell.metric.casefold())
-            if key in found:
-                raise ResultError(
-                    f"{cell.metric} of {cell.method} on {cell.place} again",
-                    where=f"{path}, line {cell.line}",
-                    expected=f"once in a table; line {found[key].line} has it",
-                    fix="tell tables apart by a column 'table'",
-                )
-            found[key] = cell
+            first = found.setdefault((*names, cell.scene.casefold(), cell.metric.casefold()), cell)
+            if first is not cell:
+                what = f"{cell.metric} of {cell.method} on {cell.place} is in line {first.line} too"
+                fix = "tell tables apart by a column 'table'"
+                raise ResultError(what, where=f"{path}, line {cell.line}", fix=fix)
     except (csv.Error, ValidationError) as error:
         said = f"not valid CSV: {error}"
         if isinstance(error, ValidationError):
@@ -151,16 +144,6 @@ def read_source_file(path: Path) -> Source:
     return validated(data, Source, ResultError, path, "file of published numbers")
 
 
-@cache
-def _shipped_values() -> list[PrintedValue]:
-    return [value for path in published_sources().values() for value in read_source(path)]
-
-
-def published_values(benchmark: str, track: str) -> list[PrintedValue]:
-    """Return what the shipped sources print of one benchmark and track."""
-    return [v for v in _shipped_values() if (v.benchmark, v.track) == (benchmark, track)]
-
-
 def read_source(path: Path) -> list[PrintedValue]:
     """Read a source with its numbers by the names of the suite.
 
@@ -170,25 +153,26 @@ def read_source(path: Path) -> list[PrintedValue]:
     source = read_source_file(path)
     place, values = path.with_name(source.data), []
     for cell in read_published(place):
-        where = f"{place}, line {cell.line}"
-        scores = _explained(source.scores, cell.track, "track", where)
-        changes = {
-            "table": f"{source.name}, {cell.table}",
-            "benchmark": _explained(source.benchmarks, cell.benchmark, "benchmark", where),
-            "scene": OVERALL if cell.is_summary else cell.scene,
-            "metric": _explained(scores, cell.metric, "metric", where),
-            "value": cell.value * (100 if cell.is_share else 1),
-        }
+        try:
+            changes = {
+                "table": f"{source.name}, {cell.table}",
+                "benchmark": source.benchmarks[cell.benchmark],
+                "scene": OVERALL if cell.is_summary else cell.scene,
+                "metric": source.scores[cell.track][cell.metric],
+                "value": cell.value * (100 if cell.is_share else 1),
+            }
+        except KeyError as error:
+            where, fix = f"{place}, line {cell.line}", f"add the name to {path.name}"
+            raise ResultError(f"the name {error} is not explained", where=where, fix=fix) from None
         values.append(cell.model_copy(update=changes))
     return values
 
 
-def _explained(names: Mapping[str, T], name: str, what: str, where: str) -> T:
-    if name not in names:
-        raise ResultError(
-            f"the {what} {name[:80]!r} is not explained{nearest(name, sorted(names))}",
-            where=f"{where}, column {what!r}",
-            expected="one of " + ", ".join(names),
-            fix="add it to the TOML file",
-        )
-    return names[name]
+@cache
+def _shipped_values() -> list[PrintedValue]:
+    return [value for path in published_sources().values() for value in read_source(path)]
+
+
+def published_values(benchmark: str, track: str) -> list[PrintedValue]:
+    """Return what the shipped sources print of one benchmark and track."""
+    return [v for v in _shipped_values() if (v.benchmark, v.track) == (benchmark, track)]

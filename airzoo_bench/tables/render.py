@@ -1,4 +1,4 @@
-"""Renderers of the table model: terminal, LaTeX, CSV, Markdown, HTML, JSON."""
+"""Renderers of the table model: terminal, CSV, Markdown, HTML, JSON; LaTeX is beside."""
 
 from __future__ import annotations
 
@@ -8,29 +8,105 @@ import io
 import json
 import math
 import re
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from typing import Literal
+
+from rich import box
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table as Grid
+from rich.text import Text
 
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain, show_number
-from airzoo_bench.tables.terminal import terminal
 
 # Scores have titles such as "@5m,10°": there is no operator in it and no function, thus no formula.
 _HARMLESS = re.compile(r"-?[0-9]+(\.[0-9]+)?(e\+[0-9]+)?|-inf|@[0-9][\w.,° ±]*")
+_ENDLESS, _NARROWEST = 100_000, 40  # columns of a terminal
 
 
 def render(table: Table, form: str, *, width: int = 80, styled: bool = False) -> str:
     """Render a table as text that ends with a newline."""
     if form == "terminal":
-        return terminal(table, width=width, styled=styled)
+        return _terminal(table, width, styled)
     return _RENDERERS[form](table)
+
+
+# --- terminal: wide tables in pieces, never with numbers cut off or wrapped ---
+
+
+def _terminal(table: Table, width: int, styled: bool) -> str:
+    """Lay out a table as text, with bold values and wrapped notes where it is `styled`."""
+    out = io.StringIO()
+    colours: Literal["256"] | None = "256" if styled else None
+    console = Console(
+        file=out, width=_ENDLESS, force_terminal=styled, color_system=colours, _environ={}
+    )
+    room = max(width, _NARROWEST) if styled else _ENDLESS
+    wrapper = textwrap.TextWrapper(room, break_long_words=False, break_on_hyphens=False)
+    wrapper.subsequent_indent = "  "
+    out.write(wrapper.fill(plain(table.title)) + "\n")
+    for piece in _by_width(table, width, console):
+        console.print(_grid(piece))
+    wrapper.initial_indent, wrapper.subsequent_indent = "  ", "    "
+    out.writelines(wrapper.fill(plain(note)) + "\n" for note in table.all_notes)
+    return out.getvalue()
+
+
+def _by_width(table: Table, room: int, console: Console) -> list[Table]:
+    """Split a table into pieces that fit a width, wherever a single score does."""
+
+    def measure(chosen: list[int]) -> int:
+        return Measurement.get(console, console.options, _grid(table.take(chosen))).maximum
+
+    def filled(chosen: list[int]) -> set[int]:
+        return {n for n, r in enumerate(table.rows) for i in chosen if r.cells[i].value is not None}
+
+    # A very long name must not put every score into a piece of its own.
+    room = max(room, measure([]) + room // 2)
+    parts: list[list[int]] = []
+    for whole in table.units():
+        for unit in [whole] if measure(whole) <= room else [[index] for index in whole]:
+            near = parts and not filled(parts[-1]).isdisjoint(filled(unit))  # not another track
+            if near and measure(parts[-1] + unit) <= room:
+                parts[-1] += unit
+            else:
+                parts.append(unit)
+    return [table.take(part) for part in parts] or [table]
+
+
+def _grid(table: Table) -> Grid:
+    grid = Grid(box=box.SIMPLE, header_style="bold", pad_edge=True)
+    group = ""
+    for index, column in enumerate(table.columns):
+        title = plain(column.heading)
+        if table.has_groups:  # above the first of its columns
+            title = f"{plain(column.group) if column.group != group else ''}\n{title}"
+            group = column.group
+        is_left = table.is_text(index) and not column.group
+        grid.add_column(Text(title), justify="left" if is_left else "right", no_wrap=True)
+    for above, row in zip((None, *table.rows), table.rows, strict=False):
+        if above and row.is_apart(above):
+            grid.add_section()
+        cells = []
+        for cell, value, suffix in table.parts(row):
+            more = (f" {suffix}" if suffix else "", "bright_black")
+            cells.append(Text.assemble((value, "bold" if cell.best else ""), more))
+        floor = "italic bright_black" if row.floor else ""
+        grid.add_row(*cells, style="on grey23" if row.highlighted else floor)
+    return grid
+
+
+# --- CSV ---
 
 
 def _csv(table: Table) -> str:
     """Write a value a field: limits and gains have columns of their own."""
     fields = [
         field
-        for column, cells in zip(table.columns, _columns(table), strict=True)
-        for field in _csv_fields(column, cells)
+        for index, column in enumerate(table.columns)
+        for field in _csv_fields(column, [row.cells[index] for row in table.rows])
     ]
     if not all(row.is_own for row in table.rows):
         fields.append(["Marked", *(plain(row.standing) for row in table.rows)])
@@ -40,21 +116,17 @@ def _csv(table: Table) -> str:
     return out.getvalue()
 
 
-def _columns(table: Table) -> list[list[Cell]]:
-    return [[row.cells[index] for row in table.rows] for index in range(len(table.columns))]
-
-
 def _csv_fields(column: Column, cells: Sequence[Cell]) -> Iterator[list[str]]:
     """Yield the fields of a column, each from its title down: values, limits, gains."""
     title, digits = plain(f"{column.group} {column.title}"), column.decimals
-    yield [title, *(repr(c.value) if c.is_too_small else c.text(digits) for c in cells)]
-    spans, gains = [cell.uncertainty for cell in cells], [cell.gain for cell in cells]
-    beside = {"from": [span and span.low for span in spans]} if any(spans) else {}
-    beside |= {"to": [span and span.high for span in spans]} if any(spans) else {}
-    beside |= {"gain": gains} if any(gain is not None for gain in gains) else {}
+    yield [title, *(cell.text(digits) for cell in cells)]
+    limits = [cell.uncertainty or (None, None) for cell in cells]
+    low, high = zip(*limits, strict=True) if limits else ((), ())
+    beside = {"from": low, "to": high, "gain": [cell.gain for cell in cells]}
     for kind, numbers in beside.items():
-        texts = ("" if n is None else show_number(n, digits) for n in numbers)
-        yield [f"{title} {kind}", *texts]
+        if any(number is not None for number in numbers):
+            texts = ("" if n is None else show_number(n, digits) for n in numbers)
+            yield [f"{title} {kind}", *texts]
 
 
 def _without_formula(text: str) -> str:
@@ -63,77 +135,59 @@ def _without_formula(text: str) -> str:
     return "'" + text if is_formula else text
 
 
-def _values_apart(table: Table) -> list[list[tuple[Cell, str, str]]]:
-    """Return each cell with its value and what follows it, as shown."""
-    return [
-        [
-            (cell, value, text.removeprefix(value).strip())
-            for cell, column, text in zip(row.cells, table.columns, texts, strict=True)
-            for value in [cell.text(column.decimals)]
-        ]
-        for row, texts in zip(table.rows, table.texts(), strict=True)
-    ]
+# --- Markdown and HTML, with one line of titles: each says its group ---
 
 
 def _markdown(table: Table) -> str:
-    # Tables here have one line of titles: each says its group.
-    blocks = "\n".join(map(_markdown_block, table.pieces()))
-    return blocks + "".join(f"\n{_escape_markdown(plain(note))}\n" for note in table.all_notes)
-
-
-def _markdown_block(table: Table) -> str:
     rule = ["---" if table.is_text(i) else "---:" for i in range(len(table.columns))]
-    lines = [[_escape_markdown(f"{plain(c.group)} {c.heading}") for c in table.columns], rule]
-    for row, cells in zip(table.rows, _values_apart(table), strict=True):
+    lines = [[_escape_markdown(f"{c.group} {c.heading}") for c in table.columns], rule]
+    for row in table.rows:
         line = []
-        for cell, value, suffix in cells:
-            text = _escape_markdown(value)
-            marked = f"**{text}**" if cell.best else f"<u>{text}</u>" if cell.second else text
-            shown = f"*{text}*" if row.floor else marked
-            line.append(f"{shown} {_escape_markdown(suffix)}".rstrip())
+        for cell, value, suffix in table.parts(row):
+            text, mark = _escape_markdown(value), "**" * cell.best or "*" * row.floor
+            line.append(f"{mark}{text}{mark} {_escape_markdown(suffix)}".rstrip())
         lines.append(line)
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+    notes = (f"\n{_escape_markdown(note)}\n" for note in table.all_notes)
+    return "".join(["| " + " | ".join(line) + " |\n" for line in lines] + [*notes])
 
 
 def _escape_markdown(text: str) -> str:
-    escaped = "".join("\\" + c if c in r"\`*_[]|#!~$" else c for c in " ".join(text.split()))
+    escaped = "".join("\\" + c if c in r"\`*_[]|#!~$" else c for c in plain(text))
     return html.escape(escaped, quote=False)
 
 
 def _html(table: Table) -> str:
-    blocks = "".join(map(_html_block, table.pieces()))
-    caption = f"<table>\n<caption>{_escape(table.title)}</caption>\n"
-    notes = [f"<p>{_escape(note)}</p>" for note in table.all_notes]
-    return blocks.replace("<table>\n", caption, 1) + "".join(notes) + "\n"
+    # Attributes, since pages and sites that take in a table may allow no styles.
+    sides = ["left" if table.is_text(i) else "right" for i in range(len(table.columns))]
+    heads = "".join(
+        f'<th scope="col" align="{side}">{_escape(f"{column.group} {column.heading}")}</th>'
+        for column, side in zip(table.columns, sides, strict=True)
+    )
+    body = "".join(_html_row(table, row, sides) for row in table.rows)
+    notes = "".join(f"<p>{_escape(note)}</p>" for note in table.all_notes)
+    return (
+        f"<table>\n<caption>{_escape(table.title)}</caption>\n<thead><tr>{heads}</tr></thead>\n"
+        f"<tbody>\n{body}</tbody>\n</table>\n{notes}\n"
+    )
 
 
 def _escape(text: str) -> str:
     return html.escape(plain(text))
 
 
-def _html_block(table: Table) -> str:
-    # Attributes, since pages and sites that take in a table may allow no styles. Titles are in one
-    # line: each says its group.
-    sides = ["left" if table.is_text(i) else "right" for i in range(len(table.columns))]
-    heads = "".join(
-        f'<th scope="col" align="{side}">{_escape(f"{column.group} {column.heading}")}</th>'
-        for column, side in zip(table.columns, sides, strict=True)
-    )
-    rows = zip(table.rows, _values_apart(table), strict=True)
-    body = "".join(_html_row(row, cells, sides) for row, cells in rows)
-    return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>\n"
-
-
-def _html_row(row: Row, cells: list[tuple[Cell, str, str]], sides: list[str]) -> str:
+def _html_row(table: Table, row: Row, sides: list[str]) -> str:
     texts = ""
-    for (cell, text, suffix), side in zip(cells, sides, strict=True):
+    for (cell, text, suffix), side in zip(table.parts(row), sides, strict=True):
         value = html.escape(text)
-        for tag in ["u"] * cell.second + ["strong"] * cell.best + ["em"] * (not row.is_own):
+        for tag in ["strong"] * cell.best + ["em"] * (not row.is_own):
             value = f"<{tag}>{value}</{tag}>"
         small = f" <small>{html.escape(suffix)}</small>" if suffix else ""
         texts += f'<td align="{side}">{value}{small}</td>'
     ground = ' bgcolor="#fff3bf"' * row.highlighted
     return f"<tr{ground}>{texts}</tr>\n"
+
+
+# --- JSON ---
 
 
 def _json(table: Table) -> str:
@@ -143,7 +197,8 @@ def _json(table: Table) -> str:
         return [[shown(cell) for cell in row.cells] for row in table.rows]
 
     def limits(cell: Cell) -> object:
-        return cell.uncertainty and {k: _number(v) for k, v in cell.uncertainty._asdict().items()}
+        low, high = map(_number, cell.uncertainty or (None, None))
+        return cell.uncertainty and {"low": low, "high": high}
 
     columns = [
         {"title": c.title, "unit": c.unit, "higher_is_better": c.higher_is_better}

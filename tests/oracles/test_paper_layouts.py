@@ -24,9 +24,14 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.track import list_scores
 from airzoo_bench.tables.latex import latex
-from airzoo_bench.tables.layouts import benchmarks_layout, methods_layout, scenes_layout
-from airzoo_bench.tables.marks import add_gains, cite, highlight, mark_best
-from airzoo_bench.tables.method_table import MethodTable, with_published
+from airzoo_bench.tables.layouts import (
+    MethodTable,
+    benchmarks_layout,
+    methods_layout,
+    scenes_layout,
+    with_published,
+)
+from airzoo_bench.tables.marks import add_citations, add_gains, highlight, mark_best
 from airzoo_bench.tables.model import Cell, Table
 from airzoo_bench.tables.published import (
     PrintedValue,
@@ -62,7 +67,6 @@ class Printed:
     layout: str
     baselines: tuple[str, ...]
     highlighted: tuple[str, ...]
-    average: bool = True
 
 
 RETRIEVAL = ("MegaLoc (Ours)=MegaLoc",), ("MegaLoc (Ours)",)
@@ -74,7 +78,7 @@ PRINTED = {
     "tab:translation_accuracy": Printed("methods", *MATCHING),
     "tab:uav_visloc_scenes": Printed("scenes", *RETRIEVAL),
     "tab:uav_real_scenes": Printed("scenes", *RETRIEVAL),
-    "tab:matching_results": Printed("scenes", *MATCHING, average=False),
+    "tab:matching_results": Printed("scenes", *MATCHING),
     "tab:uav-recon": Printed(
         "benchmarks", ("VGGT (Ours)=VGGT", "DA3-Large (Ours)=DA3-Large"), ("DA3-Large (Ours)",)
     ),
@@ -163,12 +167,12 @@ def rebuilt(label: str) -> Table:
     if how.layout == "benchmarks":
         made = benchmarks_layout(boards)
     elif how.layout == "scenes":
-        made = scenes_layout(boards[0], average=how.average)
+        made = scenes_layout(boards[0])
     else:
         made = methods_layout(boards[0])
     made = highlight(mark_best(made), how.highlighted)
     made = add_gains(made, how.baselines)
-    return cite(made, read_source_file(SOURCE).citations)
+    return add_citations(made, ["airzoo-paper"])
 
 
 def cells_of(table: Table) -> dict[tuple[str, str, str], Cell]:

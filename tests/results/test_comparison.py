@@ -24,8 +24,7 @@ from airzoo_bench.results.result import Reference, ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import holm
 from airzoo_bench.tables.comparison import comparison_table
-from airzoo_bench.tables.layouts import methods_layout, scenes_table
-from airzoo_bench.tables.method_table import method_table
+from airzoo_bench.tables.layouts import method_table, methods_layout, scenes_table
 from airzoo_bench.tables.render import render
 from tests.statistics.support import ERROR, HIT, SOFT, made_method, random_methods
 

@@ -14,8 +14,7 @@ from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.statistics.significance import compare_all
-from airzoo_bench.tables.comparison import verdict
-from airzoo_bench.tables.intervals import intervals_made
+from airzoo_bench.tables.comparison import describe_intervals, verdict
 from tests.statistics.simulations import MEANS, coverage_over_scenes, documented, standard_error
 from tests.statistics.support import CHAMFER, SOFT, made_method
 
@@ -77,7 +76,7 @@ def test_an_upper_limit_above_ten_times_the_mean_is_not_known() -> None:
     found = interval([0.1, 9.0, 0.3, 4.0, 0.05])
     assert found.low is not None
     assert found.high == math.inf
-    assert "not known" in intervals_made([found], PLAN, "scenes")
+    assert "not known" in describe_intervals([found], PLAN, "scene")
 
 
 @pytest.mark.parametrize(

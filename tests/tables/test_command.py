@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,21 +13,66 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.errors import ResultError
-from airzoo_bench.results.result import Reference, write_result
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
+from airzoo_bench.results.result import ProtocolUsed, Reference, Result, TruthUsed, write_result
 from airzoo_bench.tables.layouts import (
     benchmarks_layout,
+    method_table,
     methods_layout,
     scenes_layout,
     scenes_table,
+    with_floors,
 )
 from airzoo_bench.tables.marks import mark_best
-from airzoo_bench.tables.method_table import method_table, with_floors
 from tests.results.made import result
 from tests.support import run_main, write_predictions
-from tests.tables.two_results import CITY, RURAL, Show, made
 from tests.tables.typeset import document, typeset
 
-LATEX = ("--format", "latex")
+Show = Callable[..., list[dict[str, str]]]
+NUMBERS = {"City": 161, "Rural": 190}
+
+
+def made(method: str, city: float, rural: float, *, shipped: bool = True, **parts: Any) -> Result:
+    """Return a result of the paper's real benchmark, by the shipped protocol or another."""
+    base = result(method)
+    protocol = load_protocol(shipped_protocols()["airzoo-real-retrieval"])
+    scenes = {n: base.overall | {"recall@1": v} for n, v in (("City", city), ("Rural", rural))}
+    pooled = (161 * city + 190 * rural) / 351
+    titles = {scene.id: scene.title for scene in protocol.scenes}
+    print_ = protocol.fingerprint if shipped else "other"
+    content = base.model_dump(by_alias=True) | {
+        "protocol": ProtocolUsed(name=protocol.name, version=1, fingerprint=print_, settings={}),
+        "truth": TruthUsed(
+            benchmark="airzoo-real", version=1, fingerprint="t", scene_titles=titles
+        ),
+        "scenes": scenes,
+        "counts": {name: {"queries": n} for name, n in NUMBERS.items()},
+        "overall": base.overall | {"recall@1": (city + rural) / 2},
+        "pooled": base.overall | {"recall@1": pooled},
+    }
+    return Result.model_validate(content | parts).with_checksum()
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[Path]:
+    """Write two results; the second is the better in City, the first in Rural and on average."""
+    paths = [tmp_path / "Mine.json", tmp_path / "MegaLoc.json"]
+    write_result(paths[0], made("Mine", 0.5, 0.5))
+    write_result(paths[1], made("MegaLoc", 0.6, 0.25))
+    return paths
+
+
+@pytest.fixture
+def show(capsys: pytest.CaptureFixture[str]) -> Show:
+    """Return a function that prints a table as CSV and reads it."""
+
+    def run(*arguments: object) -> list[dict[str, str]]:
+        code = run_main("table", *arguments, "--format", "csv")
+        out, said = capsys.readouterr()
+        assert code == 0, said
+        return list(csv.DictReader(io.StringIO(out)))
+
+    return run
 
 
 def test_one_result_by_scene() -> None:
@@ -54,36 +102,40 @@ def test_benchmarks_go_by_their_titles() -> None:
     boards = [
         replace(board, benchmark=name, title=f"{name} v1") for name in ("airzoo-mini", "lake")
     ]
-    titles = [column.group for column in benchmarks_layout(boards).columns]
-    assert titles == ["", "AirZoo-Mini", "lake"]
-    variants = [boards[0], replace(boards[0], title="other v1")]
-    titles = [column.group for column in benchmarks_layout(variants).columns]
-    assert titles == ["", "airzoo-mini v1", "other v1"]
+    for parts, titles in (
+        (boards, ["AirZoo-Mini", "lake"]),
+        ([boards[0], replace(boards[0], title="other v1")], ["airzoo-mini v1", "other v1"]),
+    ):
+        assert [column.group for column in benchmarks_layout(parts).columns] == ["", *titles]
+
+
+def test_units_of_grouped_columns_are_told_in_short() -> None:
+    for some, note in ((False, "R@1 in %"), (True, "R@1 in %; Distance in m")):
+        made = scenes_layout(method_table([result()], every_score=some))
+        assert sorted(made.notes[0].split("; ")) == sorted(note.split("; "))
+    board = method_table([result()], every_score=True)
+    more = [board.scores[0].model_copy(update={"title": f"R@{k}"}) for k in (3, 5)]
+    notes = scenes_layout(replace(board, scores=(*board.scores, *more))).notes
+    assert notes[0] == "Distance in m; all other scores in %"
 
 
 def test_floors_are_set_apart_and_never_the_best() -> None:
-    parts = {"City": {"recall@1": 0.75}, "Rural": {"recall@1": 0.5}}
-    mean = {"recall@1": 0.625}
+    parts, mean = {"City": {"recall@1": 0.75}, "Rural": {"recall@1": 0.5}}, {"recall@1": 0.625}
     chance = Reference(meaning="of all orders.", scenes=parts, overall=mean, pooled=mean)
-    results = [
-        made(name, {"City": {"recall@1": city}, "Rural": RURAL}, references={"Chance": chance})
-        for name, city in {"Mine": 0.5, "Poor": 0.25}.items()
-    ]
-    table = mark_best(scenes_layout(with_floors(method_table(results), results)), second=True)
+    results = [made(n, v, 0.25, references={"Chance": chance}) for n, v in (("a", 0.5), ("b", 0.2))]
+    table = mark_best(scenes_layout(with_floors(method_table(results), results)))
     *own, floor = table.rows
     assert floor.floor
     assert floor.is_apart(own[-1])
-    assert not any(cell.best or cell.second for cell in floor.cells)
+    assert not any(cell.best for cell in floor.cells)
     best = [[cell.best for cell in row.cells[1:]] for row in own]
     assert best == [[True, True, True], [False, True, False]]
-    alone = scenes_table(results[0], floors=True).rows
-    assert [(row.name, row.cells[2].value) for row in alone if row.floor] == [("Chance", 62.5)]
-    assert not any(row.floor for row in scenes_table(results[0]).rows)
+    for floors, shown in ((True, [("Chance", 62.5)]), (False, [])):
+        rows = scenes_table(results[0], floors=floors).rows
+        assert [(row.name, row.cells[2].value) for row in rows if row.floor] == shown
 
 
-def test_scenes_and_published_numbers(
-    files: list[Path], show: Show, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_scenes_and_published_numbers(files: list[Path], show: Show, capsys: Any) -> None:
     rows = show(*files, "--layout", "scenes")
     assert list(rows[0]) == ["Method", "City R@1", "Rural R@1", "Average R@1"]
     assert list(rows[1].values()) == ["MegaLoc", "60.00", "25.00", "42.50"]
@@ -94,21 +146,12 @@ def test_scenes_and_published_numbers(
     assert {name.rpartition(" ")[0] for name in several[0]} >= {"AirZoo-Real", "UAV-VisLoc"}
     assert run_main("table", "airzoo-demo-retrieval", "--published") == 2
     assert "nothing is published on airzoo-demo-retrieval" in capsys.readouterr().err
-
-
-def test_another_protocol_and_another_benchmark(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "result.json"
     for one, said in (
-        (
-            made("Mine", {"City": CITY, "Rural": RURAL}, shipped=False),
-            "is not the shipped protocol",
-        ),
+        (made("Mine", 0.5, 0.5, shipped=False), "is not the shipped protocol"),
         (result(), "nothing is published on b (retrieval)"),
     ):
-        write_result(path, one)
-        assert run_main("table", path, "--published") == 0
+        write_result(files[0], one)
+        assert run_main("table", files[0], "--published") == 0
         assert said in capsys.readouterr().out
 
 
@@ -125,7 +168,7 @@ def test_gains(files: list[Path], show: Show) -> None:
 def test_methods_of_one_name_share_a_row(tmp_path: Path, show: Show) -> None:
     paths = []
     for name, benchmark in (("Ours", "a"), ("Ours", "b"), ("Other", "b")):
-        one = made(name, {"City": {"recall@1": 0.5}, "Rural": {"recall@1": 0.25}})
+        one = made(name, 0.5, 0.25)
         truth = one.truth.model_copy(update={"benchmark": benchmark})
         protocol = one.protocol.model_copy(update={"name": f"{benchmark}-protocol"})
         changes = {"truth": truth, "protocol": protocol}
@@ -138,18 +181,17 @@ def test_methods_of_one_name_share_a_row(tmp_path: Path, show: Show) -> None:
     ]
 
 
-def test_a_document_with_everything(
-    files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options = ["--layout", "scenes", "--published", "--second", "--baseline", "MegaLoc"]
-    options += ["--highlight", "Mine", "--cite", "airzoo-paper", "--cite", "Mine=me:2026,you"]
-    assert run_main("table", *files, *options, *LATEX) == 0
-    text = typeset(document(capsys.readouterr().out), tmp_path)
-    rows = [" ".join(line.split()) for line in text.splitlines()]
-    # The second best is underlined, and the best of those that were scored here is bold.
+def test_a_document_with_everything(files: list[Path], tmp_path: Path, capsys: Any) -> None:
+    keys = tmp_path / "refs.toml"
+    keys.write_text('Mine = "me:2026,you"\n', encoding="utf-8")
+    options = ["--layout", "scenes", "--published", "--baseline", "MegaLoc", "--highlight", "Mine"]
+    options += ["--cite", "airzoo-paper", "--cite", str(keys), "--format", "latex"]
+    assert run_main("table", *files, *options) == 0
+    source = capsys.readouterr().out
+    rows = [" ".join(row.split()) for row in typeset(document(source), tmp_path).splitlines()]
     assert "Mine [me:2026,you] 50.00 (−10.00) 50.00 (+25.00) 50.00 (+7.50)" in rows
-    assert any(row.startswith("SALAD [izquierdo2024optimal]†") for row in rows), text
-    assert "reported, not re-scored" in text
+    assert any(row.startswith("SALAD [izquierdo2024optimal]†") for row in rows), rows
+    assert "% † reported, not re-scored: airzoo-paper" in source
 
 
 @pytest.mark.parametrize(
@@ -159,16 +201,14 @@ def test_a_document_with_everything(
         (["--layout", "scenes", "--scene", "City"], ["layout scenes", "--scene"]),
         (["--baseline", "Megaloc"], ["--baseline", "'Megaloc' (did you mean 'MegaLoc'?)"]),
         (["--highlight", "x"], ["--highlight", "'x'", "Mine, MegaLoc"]),
-        (["--cite", "x", *LATEX], ["--cite 'x' is no citation", "METHOD=KEY", "airzoo-paper"]),
-        (["--cite", "Nobody=a", *LATEX], ["--cite", "'Nobody'"]),
-        (["--cite", "none.toml", *LATEX], ["none.toml: no such file of citations"]),
+        (["--cite", "none.toml"], ["none.toml: no such file of citations"]),
         (["--score", "R@2"], ["called 'R@2' (did you mean 'R@1'", "one of: R@1; Distance"]),
         (["--scene", "Sea"], ["no scene 'Sea'", "one of City, Rural"]),
         (["--intervals"], ["records"]),
     ],
 )  # fmt: skip
 def test_what_is_refused(
-    options: list[str], fragments: list[str], files: list[Path], capsys: pytest.CaptureFixture[str]
+    options: list[str], fragments: list[str], files: list[Path], capsys: Any
 ) -> None:
     assert run_main("table", *files, *options) == 2
     out, message = capsys.readouterr()
@@ -178,28 +218,23 @@ def test_what_is_refused(
         assert fragment in message
 
 
-def test_intervals(
-    data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_intervals(data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: Any) -> None:
     perfect["ranked_ids"][0] = list(reversed(perfect["ranked_ids"][0]))
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
     assert run_main("eval", "retrieval", path, "--out", tmp_path / "out") == 0
 
-    def table(*options: str) -> str:
+    def table(*options: str) -> Any:
         capsys.readouterr()
-        assert run_main("table", tmp_path / "out", "--intervals", *options) == 0
-        return capsys.readouterr().out
+        assert run_main("table", tmp_path / "out", "--intervals", "--format", "json", *options) == 0
+        return json.loads(capsys.readouterr().out)
 
-    shown = json.loads(table("--layout", "scenes", "--format", "json"))
+    shown, own = table("--layout", "scenes"), table()
     place = [column.get("group") for column in shown["columns"]].index("Scene east")
     low, high = (shown["uncertainties"][0][place][key] for key in ("low", "high"))
     assert 0 < low < shown["rows"][0][place] < high < 100
     assert any(note.startswith("in square brackets: 95 % intervals") for note in shown["notes"])
     # Of one result, a row a scene.
-    own = json.loads(table("--format", "json"))
     assert own["columns"][0]["title"] == "Scene"
     rows = {row[0]: spans for row, spans in zip(own["rows"], own["uncertainties"], strict=True)}
     assert rows["Scene east"][2] == shown["uncertainties"][0][place]
     assert rows["Pooled"] == [None] * len(own["columns"])
-    [legend] = [line for line in table(*LATEX).splitlines() if "footnotesize" in line]
-    assert "in square brackets: 95 \\% intervals" in legend.replace(r"\\ ", "")

@@ -1,4 +1,4 @@
-"""Comparisons and breakdowns as tables: verdicts, hits, bins that hold nothing."""
+"""Comparisons as tables: verdicts, hits, small p-values, and the queries that differ most."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from airzoo_bench.results.records import Method
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import PairedTest
-from airzoo_bench.tables.breakdown import breakdown_table
 from airzoo_bench.tables.comparison import comparison_table, differences_table, verdict
 from airzoo_bench.tables.render import FORMATS, render
-from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
+from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method
 
 FAST = ResamplingConfig(resamples=1_000)
 PAIR = Pair(
@@ -36,20 +35,17 @@ PAIR = Pair(
     ties=5,
     losses=2,
 )
+HIT_TITLES = {"retrieval": ("R@", "D<", "MA@"), "matching": ("@",), "reconstruction": ()}
 
 
-def test_hits_of_every_shipped_protocol() -> None:
+def test_mcnemar_is_of_hits_alone() -> None:
     for path in shipped_protocols().values():
         protocol = load_protocol(path)
         scores = load_track(protocol.track).scores(protocol)
         hits = {score.title for score in scores if is_hit(protocol.track, score)}
         # A reconstruction's R@10m is a share of points, though it may be 1.
-        starts = {"retrieval": ("R@", "D<", "MA@"), "matching": ("@",), "reconstruction": ()}
-        known = starts[protocol.track]
+        known = HIT_TITLES[protocol.track]
         assert hits == {score.title for score in scores if score.title.startswith(known)}
-
-
-def test_mcnemar_is_of_hits_alone() -> None:
     scenes = {"s": {"recall@1": [1.0] * 6, "mrr": [1.0, 0, 1, 0, 1, 0]}}
     methods = [made_method(scenes, (HIT, SOFT), name) for name in "ab"]
     pairs = compare(methods, choose_scores(methods, [], every=True), resampling=FAST).pairs
@@ -80,25 +76,24 @@ def test_mcnemar_is_of_hits_alone() -> None:
     ],
 )
 def test_verdicts(changes: dict[str, object], word: str) -> None:
-    pair = replace(PAIR, **changes)  # type: ignore[arg-type]
-    assert verdict(pair) == word
+    assert verdict(replace(PAIR, **changes)) == word  # type: ignore[arg-type]
 
 
-def test_a_verdict_is_the_same_everywhere() -> None:
+def hits(*rows: list[float]) -> list[Method]:
+    return [
+        made_method({"s": {"recall@1": row}}, (HIT,), n) for n, row in zip("ab", rows, strict=True)
+    ]
+
+
+def test_verdicts_and_small_p_values_are_the_same_everywhere() -> None:
     # The same average, and one query for each: no test can find anything.
-    rows = {"a": [1.0, 0.0] * 10, "b": [0.0, 1.0] + [1.0, 0.0] * 9}
-    methods = [made_method({"s": {"recall@1": row}}, (HIT,), n) for n, row in rows.items()]
-    table = comparison_table(compare(methods, [HIT], resampling=FAST))
+    few = hits([1.0, 0.0] * 10, [0.0, 1.0] + [1.0, 0.0] * 9)
+    table = comparison_table(compare(few, [HIT], resampling=FAST))
     assert (table.rows[0].cells[2].value, table.rows[0].cells[5].value) == ("too few", 0.0)
+    sure = comparison_table(compare(hits([1.0] * 40, [0.0] * 40), [HIT], resampling=FAST))
+    assert sure.texts()[0][8] == "<0.0001"
     for form in FORMATS:
         assert "too few" in render(table, form)
-
-
-def test_a_small_p_is_never_nothing() -> None:
-    rows = {"a": [1.0] * 40, "b": [0.0] * 40}
-    methods = [made_method({"s": {"recall@1": row}}, (HIT,), n) for n, row in rows.items()]
-    [row] = comparison_table(compare(methods, [HIT], resampling=FAST)).rows
-    assert [cell.text(4) for cell in row.cells[8:9]] == ["<0.0001"]
 
 
 def test_queries_that_differ_most_come_first() -> None:
@@ -108,30 +103,3 @@ def test_queries_that_differ_most_come_first() -> None:
     table = differences_table(methods, [ERROR], 2)
     assert [row.cells[0].value for row in table.rows] == [ids[3], ids[1]]
     assert [row.cells[3].value for row in table.rows] == [-np.inf, -3.0]
-
-
-def methods_at(altitudes: list[float], count: int = 2) -> list[Method]:
-    methods = random_methods(count, {"east": 20}, (HIT, ERROR))
-    for method in methods:
-        method.records["altitude_m"] = np.resize(altitudes, 20)
-    return methods
-
-
-@pytest.mark.parametrize("plan", [None, FAST])
-def test_empty_bins_are_rows_without_values(plan: ResamplingConfig | None) -> None:
-    methods, bins = methods_at([61.5, 88.0]), [30, 60, 70, 80]
-    table = breakdown_table(methods, [HIT, ERROR], "altitude_m", bins=bins, resampling=plan)
-    rows = [[cell.value for cell in row.cells] for row in table.rows]
-    labels = ["below 30", "30 to 60", "60 to 70", "70 to 80", "80 and more"]
-    assert [row[0] for row in rows] == labels
-    assert [row[1] for row in rows] == [0, 0, 10, 0, 10]
-    for row in rows:
-        assert [value is None for value in row[2:]] == [row[1] == 0] * 4
-    assert not any("fewer" in note for note in table.notes)
-
-
-def test_unknown_is_a_row_only_where_there_is_some() -> None:
-    table = breakdown_table(methods_at([20.0, np.nan]), [HIT], "altitude_m", bins=[30])
-    assert [row.cells[0].value for row in table.rows] == ["below 30", "30 and more", "unknown"]
-    nowhere = breakdown_table(methods_at([np.nan]), [HIT], "altitude_m", bins=[30])
-    assert [row.cells[1].value for row in nowhere.rows] == [0, 0, 20]

@@ -82,9 +82,9 @@ def test_a_mistake_gets_a_message(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("t,C,retrieval,M,East,R@1,,2\n", "line 2, column 'benchmark': .*'C'"),
-        ("t,B,matching,M,East,R@1,,2\n", "line 2, column 'track': .*'matching'"),
-        ("t,B,retrieval,M,East,R@5,,2\n", "line 2, column 'metric': .*'R@5'"),
+        ("t,C,retrieval,M,East,R@1,,2\n", "line 2: .*'C'"),
+        ("t,B,matching,M,East,R@1,,2\n", "line 2: .*'matching'"),
+        ("t,B,retrieval,M,East,R@5,,2\n", "line 2: .*'R@5'"),
     ],
 )
 def test_names_that_a_source_does_not_explain(tmp_path: Path, line: str, message: str) -> None:

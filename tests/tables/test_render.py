@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from airzoo_bench.tables.latex import latex
-from airzoo_bench.tables.marks import add_gains, cite, highlight, mark_best
-from airzoo_bench.tables.model import Between, Cell, Column, Row, Table
+from airzoo_bench.tables.marks import add_gains, highlight, mark_best
+from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.render import FORMATS, render
 from tests.tables.typeset import bold_words, document, typeset
 
@@ -41,14 +41,15 @@ def grouped(groups: int) -> Table:
 
 def with_everything() -> Table:
     made = table(("mine", 50.0, 3.0), ("yours", 40.0, -4.0), ("theirs", 30.0, 5.0))
-    spans = [Between(45.5, 54.5), Between(1.25, 2.5), Between(-9.0, math.inf)]
+    spans = [(45.5, 54.5), (1.25, 2.5), (-9.0, math.inf)]
     rows = [
         replace(row, cells=(row.cells[0], replace(row.cells[1], uncertainty=span), row.cells[2]))
         for row, span in zip(made.rows, spans, strict=True)
     ]
     rows[2] = replace(rows[2], reported="a paper")
-    made = mark_best(replace(made, rows=tuple(rows)), second=True)
-    return cite(add_gains(highlight(made, ["mine"]), ["yours"]), {"mine": "me2026"})
+    rows[0] = replace(rows[0], cite="me2026")
+    made = mark_best(replace(made, rows=tuple(rows)))
+    return add_gains(highlight(made, ["mine"]), ["yours"])
 
 
 def named(name: str) -> Table:
@@ -56,10 +57,9 @@ def named(name: str) -> Table:
 
 
 INF = math.inf
-BEST = [  # pairs of R@1 and error by method; which cells are the best, and the second best
-    ([(90.0, 3.0), (80.0, 2.0)], "b2 2b"),
-    ([(90.001, 1.0), (90.004, 1.0), (90.006, 1.01)], "2b 2b b2"),  # by the digits shown
-    ([(90.001, 1.0), (90.004, 1.0), (89.99, 1.01)], "bb bb 22"),
+BEST = [  # pairs of R@1 and error by method; which cells are the best
+    ([(90.0, 3.0), (80.0, 2.0)], "b. .b"),
+    ([(90.001, 1.0), (90.004, 1.0), (90.006, 1.01)], ".b .b b."),  # by the digits shown
     ([(0.0, INF), (0.0, INF)], "b. b."),  # an infinite error is never the best
     ([(0.0, INF), (0.0, 900.0)], "b. bb"),
     ([(None, None), (1.0, None)], ".. .."),  # the best of one is none
@@ -68,12 +68,9 @@ BEST = [  # pairs of R@1 and error by method; which cells are the best, and the 
 
 
 @pytest.mark.parametrize(("values", "marks"), BEST)
-def test_the_best_and_the_second_best(values: list[tuple[Any, Any]], marks: str) -> None:
-    made = mark_best(table(*(("m", *pair) for pair in values)), second=True)
-    shown = [
-        "".join("b" if c.best else "2" if c.second else "." for c in row.cells[1:])
-        for row in made.rows
-    ]
+def test_the_best(values: list[tuple[Any, Any]], marks: str) -> None:
+    made = mark_best(table(*(("m", *pair) for pair in values)))
+    shown = ["".join("b" if c.best else "." for c in row.cells[1:]) for row in made.rows]
     assert " ".join(shown) == marks
 
 
@@ -106,7 +103,6 @@ def test_a_real_latex_prints_everything(tmp_path: Path) -> None:
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert "mine [me2026] 50.00 [45.50, 54.50] (+10.00) 3.00 (+7.00)" in lines
     assert any("30.00 [\u22129.00, inf] 5.00" in line for line in lines)
-    assert "† reported, not re-scored" in text
     bold = [word.strip("\u2212") for word in bold_words(tmp_path)]
     assert [word for word in bold if word[:1].isdigit()] == ["50.00", "4.00"]
 

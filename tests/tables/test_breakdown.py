@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.results.records import read_records
+from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, read_result
+from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import (
+    breakdown_table,
     condition_names,
     condition_title,
     even_edges,
@@ -32,12 +34,13 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
+from tests.statistics.support import ERROR, HIT, random_methods
 
+NAN = np.nan
 RECORDS = pd.DataFrame(
     {
-        "altitude_m": [10.0, 50.0, 99.9, 100.0, np.nan, 400.0],
+        "altitude_m": [10.0, 50.0, 99.9, 100.0, NAN, 400.0],
         "weather": ["sunny", "rainy", None, "sunny", "foggy", "rainy"],
-        "year": [2024, 2023, 2024, 2024, 2023, 2024],
         "night": [True, False, True, True, False, False],
     }
 )
@@ -51,14 +54,13 @@ RECORDS = pd.DataFrame(
             {"below 50": [0], "50 to 100": [1, 2], "100 and more": [3, 5], "unknown": [4]},
         ),
         ("weather", None, {"foggy": [4], "rainy": [1, 5], "sunny": [0, 3], "unknown": [2]}),
-        ("year", None, {"2023": [1, 4], "2024": [0, 2, 3, 5]}),
         ("night", None, {"False": [1, 4, 5], "True": [0, 2, 3]}),
     ],
 )
 def test_groups(by: str, bins: list[float] | None, groups: dict[str, list[int]]) -> None:
     found = group_records(RECORDS, by, bins)
-    rows = [np.flatnonzero(found.codes == code).tolist() for code in range(len(found.labels))]
-    assert list(zip(found.labels, rows, strict=True)) == list(groups.items())
+    rows = {name: np.flatnonzero(found == name).tolist() for name in found.categories}
+    assert list(rows.items()) == list(groups.items())
 
 
 @pytest.mark.parametrize(
@@ -66,10 +68,11 @@ def test_groups(by: str, bins: list[float] | None, groups: dict[str, list[int]])
     [
         ([20240116, 20240115, 20240116], ["20240115", "20240116"]),
         # With an empty field they are read as floats.
-        ([20240116.0, 20240115.0, np.nan], ["20240115", "20240116", "unknown"]),
+        ([20240116.0, 20240115.0, NAN], ["20240115", "20240116", "unknown"]),
         ([2**60, 2**60 + 1, 2**60], [str(2**60), str(2**60 + 1)]),
         ([1 / 3, 2.0, 1 / 3], ["0.333333333333", "2"]),
         ([100.0001, 100.0002, 100.0], ["100", "100.0001", "100.0002"]),
+        ([0.1 + 0.2, 0.3, 1.0], ["0.3", "1"]),
         ([1.5e300, np.inf, 0.0], ["0", "1.5e+300", "inf"]),
         (["zebra", "unknown", "fog"], ["fog", "zebra", "unknown"]),
         (["True", True, None], ["True", "unknown"]),
@@ -77,8 +80,8 @@ def test_groups(by: str, bins: list[float] | None, groups: dict[str, list[int]])
 )
 def test_labels_are_all_different(values: list[object], labels: list[str]) -> None:
     found = group_records(pd.DataFrame({"x": values}), "x")
-    assert list(found.labels) == labels
-    assert found.counts.sum() == len(values)
+    assert list(found.categories) == labels
+    assert set(found) == set(labels)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +89,7 @@ def test_labels_are_all_different(values: list[object], labels: list[str]) -> No
     [
         ("altitud_m", None, "did you mean 'altitude_m'"),
         ("weather", [1.0], "no number"),
-        *(("altitude_m", bins, "ascend") for bins in ([100.0, 50.0], [50.0, 50.0], [np.nan], [])),
+        *(("altitude_m", bins, "ascend") for bins in ([100.0, 50.0], [50.0, 50.0], [NAN], [])),
     ],
 )
 def test_what_bad_groups_get(by: str, bins: list[float] | None, said: str) -> None:
@@ -102,10 +105,35 @@ def test_even_edges_are_few_round_and_inside(values: list[float], most: int) -> 
     array = np.array(values)
     edges = even_edges(array, most)
     assert len(edges) < most
-    assert list(edges) == sorted(set(edges))
+    assert edges == sorted(set(edges))
     assert all(array.min() < edge <= array.max() for edge in edges)
-    assert even_edges(np.array([12.0, 487.0])) == (100, 200, 300, 400)
-    assert even_edges(np.array([3.0, 3.0])) == ()
+    assert even_edges(np.array([12.0, 487.0])) == [100, 200, 300, 400]
+    assert even_edges(np.array([3.0, 3.0])) == []
+
+
+def methods_at(altitudes: list[float]) -> list[Method]:
+    methods = random_methods(2, {"east": 20}, (HIT, ERROR))
+    for method in methods:
+        method.records["altitude_m"] = np.resize(altitudes, 20)
+    return methods
+
+
+@pytest.mark.parametrize("plan", [None, ResamplingConfig(resamples=1_000)])
+def test_empty_bins_are_rows_without_values(plan: ResamplingConfig | None) -> None:
+    methods, bins = methods_at([61.5, 88.0]), [30, 60, 70, 80]
+    table = breakdown_table(methods, [HIT, ERROR], "altitude_m", bins=bins, resampling=plan)
+    rows = [[cell.value for cell in row.cells] for row in table.rows]
+    labels = ["below 30", "30 to 60", "60 to 70", "70 to 80", "80 and more"]
+    assert [row[:2] for row in rows] == [
+        list(p) for p in zip(labels, [0, 0, 10, 0, 10], strict=True)
+    ]
+    for row in rows:
+        assert [value is None for value in row[2:]] == [row[1] == 0] * 4
+    assert not any("fewer" in note for note in table.notes)
+    for altitudes, shown in (([20.0, NAN], [10, 0, 10]), ([NAN], [0, 0, 20])):
+        found = breakdown_table(methods_at(altitudes), [HIT], "altitude_m", bins=[30]).rows
+        assert [row.name for row in found] == ["below 30", "30 and more", "unknown"]
+        assert [row.cells[1].value for row in found] == shown
 
 
 def breakdown(*ask: object) -> Any:
@@ -155,7 +183,7 @@ def test_groups_of_one_method_are_not_those_of_another(tmp_path: Path) -> None:
     assert heads == {"altitude [m]"}
 
 
-def test_conditions_are_what_no_method_did() -> None:
+def test_conditions_are_what_no_method_did(tmp_path: Path) -> None:
     assert condition_names(retrieval_method("a", 0)) == ["altitude_m", "weather"]
     titles = [condition_title(name) for name in ("altitude_m", "pitch_deg", "time_of_day")]
     assert titles == ["altitude [m]", "pitch [°]", "time of day"]
@@ -165,15 +193,12 @@ def test_conditions_are_what_no_method_did() -> None:
         "reconstruction": ["alignment"],
         "of a package that is not here": ["scene", "query", "answered"],
     }.items():
+        assert [is_condition(name, track) for name in (*names, "weather")][-2:] == [False, True]
         assert not any(is_condition(name, track) for name in names)
-        assert is_condition("weather", track)
 
-
-def test_records_hold_conditions_beside_what_tracks_declare(tmp_path: Path) -> None:
     def left(result: Result, records: pd.DataFrame) -> set[str]:
         known = {column.key for column in result.columns}
-        names = [name for name in map(str, records) if name not in known]
-        return {name for name in names if is_condition(name, result.track)}
+        return {n for n in map(str, records) if n not in known and is_condition(n, result.track)}
 
     _, [path] = write_photo_results(tmp_path, ["one"])
     assert left(read_result(path), read_records(path)) == {"altitude_m", "pitch_deg"}
