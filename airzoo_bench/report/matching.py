@@ -28,8 +28,17 @@ from airzoo_bench.report.figures import (
     new_canvas,
     save_figure,
 )
-from airzoo_bench.report.places import Place, draw_ground, places_of, true_window
-from airzoo_bench.report.sections import Arrays, Section, keep, need_kept, read_kept
+from airzoo_bench.report.sections import (
+    Arrays,
+    Place,
+    Section,
+    draw_ground,
+    keep,
+    need_kept,
+    places_of,
+    read_kept,
+    true_window,
+)
 from airzoo_bench.results.records import Method
 
 if TYPE_CHECKING:

@@ -35,10 +35,9 @@ from airzoo_bench.report.numbers import (
     summary_panes,
 )
 from airzoo_bench.report.packing import Blobs, content_policy, data_uri, page_json
-from airzoo_bench.report.places import Place, find_places, jpeg
 from airzoo_bench.report.queries import hardest, pack_maps, pack_queries
 from airzoo_bench.report.reconstruction import pack_clouds
-from airzoo_bench.report.sections import Section, read_sections
+from airzoo_bench.report.sections import Place, Section, find_places, jpeg, read_sections
 from airzoo_bench.tables.breakdown import condition_title
 from airzoo_bench.tables.layouts import score_column, shared_references
 

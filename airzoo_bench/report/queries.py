@@ -16,9 +16,8 @@ from airzoo_bench.geometry.rasters import gsd_m, read_rgb
 from airzoo_bench.report.figures import error_label, figure_bytes
 from airzoo_bench.report.matching import arrow_factor, draw_matches, estimates_on_map, has_matches
 from airzoo_bench.report.packing import Blobs, data_uri
-from airzoo_bench.report.places import Place, jpeg, true_window
 from airzoo_bench.report.retrieval import first_tiles, read_tile
-from airzoo_bench.report.sections import Section
+from airzoo_bench.report.sections import Place, Section, jpeg, true_window
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.breakdown import UNKNOWN, condition_title, number_texts

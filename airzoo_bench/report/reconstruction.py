@@ -28,8 +28,7 @@ from airzoo_bench.report.figures import (
     save_figure,
 )
 from airzoo_bench.report.packing import Blobs, data_uri
-from airzoo_bench.report.places import Place, jpeg
-from airzoo_bench.report.sections import Arrays, Section, keep, need_kept, read_kept
+from airzoo_bench.report.sections import Arrays, Place, Section, jpeg, keep, need_kept, read_kept
 from airzoo_bench.results.records import Method
 
 if TYPE_CHECKING:
