@@ -1,4 +1,4 @@
-"""What all pictures share: palette, canvas, legend and small print, and the same bytes again."""
+"""The style of all pictures: palette, canvas, legend and small print, and the same bytes again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a report shows: results that measure the same, what runs left, and where photos are."""
+"""The sections of a report, whose results measure the same, and the places of their queries."""
 
 from __future__ import annotations
 
