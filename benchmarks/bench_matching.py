@@ -25,7 +25,7 @@ from airzoo_bench.matching.solving import lift, solve_queries
 
 sys.path.insert(0, str(ROOT))
 
-from tests.matching.pose_support import PROJECTED, SOLVER, Problem, joined, make_scene
+from tests.matching.world import PROJECTED, SOLVER, Problem, joined, make_scene
 
 Floats = NDArray[np.float64]
 

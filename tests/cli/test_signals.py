@@ -65,7 +65,7 @@ import signal, sys
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.matching.solving import solve_queries
-from tests.matching.pose_support import SOLVER, joined, make_scene
+from tests.matching.world import SOLVER, joined, make_scene
 assert "pycolmap" not in sys.modules
 solve_queries(*joined([make_scene(0).problem]), SOLVER, Run(jobs=2), "one")
 signal.raise_signal(signal.SIGTERM)

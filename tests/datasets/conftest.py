@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.datasets.tagged import LEVEL, NAMES, tag
+from tests.datasets.support import LEVEL, NAMES, tag
 from tests.goldens.run import unpack
 from tests.shared import made_once
 from tests.support import Place, make_place, write_raster

@@ -14,7 +14,7 @@ from PIL.TiffImagePlugin import IFDRational
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.metadata import PhotoPrior, priors_to_poses, read_prior
 from airzoo_bench.geometry.poses import rotation_angle_deg
-from tests.datasets.tagged import packet, write_photo
+from tests.datasets.support import packet, write_photo
 
 GPS = {1: "N", 2: (46.0, 50.0, 33.3855), 3: "W", 4: (91.0, 59.0, 40.4156), 5: b"\0", 6: 198.309}
 LON, LAT = -(91 + 59 / 60 + 40.4156 / 3600), 46 + 50 / 60 + 33.3855 / 3600

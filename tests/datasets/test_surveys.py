@@ -17,7 +17,7 @@ from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.scenes import NativeScene
 from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import rotations_to_angles
-from tests.datasets.tagged import packet, write_photo
+from tests.datasets.support import packet, write_photo
 
 GROUND_M, SIZE = 100.0, (40, 30)
 

@@ -19,7 +19,7 @@ from airzoo_bench.datasets.geometry_checks import scenes_of_benchmark
 from airzoo_bench.datasets.scene_warnings import CHECKS, scene_warnings
 from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
 from tests.datasets import documented
-from tests.datasets.tagged import LEVEL, NAMES, tag
+from tests.datasets.support import LEVEL, NAMES, tag
 from tests.support import MAP_SIZE_M, NORTH_WEST, Place, run_main, write_raster
 
 Change = Callable[[Place], Any]  # of a sound place; may return options

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -18,6 +20,12 @@ from airzoo_bench.geometry.poses import (
     rotation_angle_deg,
     rotations_to_angles,
     world_to_camera,
+)
+from airzoo_bench.geometry.precision import (
+    COARSEST_M,
+    pose_errors_m,
+    rounding_errors,
+    was_rounded_to,
 )
 
 from .support import quick, seeds
@@ -89,28 +97,31 @@ def test_rotations_are_made_exact() -> None:
     np.testing.assert_allclose(check_rotations(np.round(exact, 6)), exact, atol=2e-6)
     four = check_rotations(np.round(rotations(0, 20_000), 4))
     assert np.abs(np.swapaxes(four, 1, 2) @ four - np.eye(3)).max() < 1e-14
-
-
-def test_matrices_that_do_not_rotate() -> None:
-    R = rotations(2, 6)
-    scaled = R.copy()
-    scaled[1:5] *= 1.01
-    with pytest.raises(CameraError) as caught:
-        check_rotations(scaled, names=list("abcdef"), where="poses.json")
-    # |1.01^2 - 1| = 0.0201.
-    assert "poses.json: rotation is not orthonormal in 4 of 6" in str(caught.value)
-    assert "first 3: b (|R^T R - I| = 0.02), c" in str(caught.value)
-    with pytest.raises(CameraError, match=r"reflection in 6 of 6 \(first 3: camera 0 \(det = -1\)"):
-        check_rotations(R * (1.0, 1.0, -1.0))
-    R[0, 0, 0] = np.nan
-    with pytest.raises(CameraError, match="NaN"):
-        check_rotations(R)
-    with pytest.raises(CameraError, match="shape"):
-        check_rotations(np.eye(3))
-    # Just within and just beyond the tolerance of 2e-4.
+    # Just within the tolerance of 2e-4.
     check_rotations(np.eye(3)[None] * np.sqrt(1 + 1.99e-4))
-    with pytest.raises(CameraError):
-        check_rotations(np.eye(3)[None] * np.sqrt(1 + 2.01e-4))
+
+
+R6 = rotations(2, 6)
+
+
+@pytest.mark.parametrize(
+    ("matrices", "said"),
+    [
+        # |1.01^2 - 1| = 0.0201.
+        (
+            R6 * np.array([1, *[1.01] * 4, 1])[:, None, None],
+            "4 of 6 (first 3: b (|R^T R - I| = 0.02",
+        ),
+        (R6 * (1.0, 1.0, -1.0), "reflection in 6 of 6 (first 3: a (det = -1)"),
+        (R6 * np.array([np.nan, *[1] * 5])[:, None, None], "NaN"),
+        (np.eye(3), "shape"),
+        (np.eye(3)[None] * np.sqrt(1 + 2.01e-4), "not orthonormal"),
+    ],
+)
+def test_matrices_that_do_not_rotate(matrices: np.ndarray, said: str) -> None:
+    with pytest.raises(CameraError) as caught:
+        check_rotations(matrices, names=list("abcdef"), where="poses.json")
+    assert said in str(caught.value)
 
 
 # Where the image's right, its down, and the line of sight point: east, north, up.
@@ -147,9 +158,8 @@ def test_against_scipy(yaw: float, pitch: float, roll: float) -> None:
     to_ned = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()
     from_enu = np.array(((0, 1, 0), (1, 0, 0), (0, 0, -1)))
     to_camera = np.array(((0, 1, 0), (0, 0, 1), (1, 0, 0)))  # forward-right-down, renamed
-    expected = to_camera @ to_ned.T @ from_enu
     found = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found, to_camera @ to_ned.T @ from_enu, rtol=0, atol=1e-15)
 
 
 @quick
@@ -159,3 +169,101 @@ def test_angles_come_back(yaw: float, pitch: float, roll: float, convergence: fl
     found = rotations_to_angles(rotation, convergence_deg=convergence)
     found[0] += 360.0 * round((yaw - found[0]) / 360.0)  # -180 and 180 are one
     np.testing.assert_allclose(found, (yaw, pitch, roll), rtol=0, atol=1e-9)
+
+
+# --- digits that were lost ---
+
+COUNT = 200
+ROTATIONS = Rotation.random(COUNT, random_state=7).as_matrix()
+CENTRES = np.array((400_000.0, 3_130_000.0, 150.0)) + np.random.default_rng(7).normal(
+    0, 300, (COUNT, 3)
+)
+TRUE = Poses(rotation=ROTATIONS, centres=CENTRES)
+QUATERNIONS = matrix_to_quaternion(ROTATIONS)
+
+
+def narrow(values: Any, kind: Any = np.float32) -> Any:
+    return values.astype(kind).astype(np.float64)
+
+
+def moved_m(rotations: Any, translations: Any) -> float:
+    """Return how far cameras truly move, by SciPy's polar rotation and plain products."""
+    exact = Rotation.from_matrix(rotations).as_matrix()
+    centres = -np.einsum("nji,nj->ni", exact, translations)
+    return float(np.sqrt(((centres - CENTRES) ** 2).sum(axis=1).mean()))
+
+
+def expected_m(errors: Any) -> float:
+    return float(np.sqrt((errors**2).mean()))
+
+
+@pytest.mark.parametrize(
+    ("quaternions", "digits", "about"),
+    [(True, 4, 260.0), (True, 8, 0.026), (False, 5, 9.1), (False, 7, 0.091)],
+)
+def test_poses_of_few_digits(quaternions: bool, digits: int, about: float) -> None:
+    rounded = np.round(QUATERNIONS if quaternions else ROTATIONS, digits)
+    rotations = quaternion_to_matrix(rounded) if quaternions else rounded
+    true = moved_m(rotations, TRUE.translation)
+    assert true == pytest.approx(about, rel=0.2)
+    errors = pose_errors_m(rotations, TRUE.translation, rounded if quaternions else None)
+    assert expected_m(errors) == pytest.approx(true, rel=0.25)
+    assert (errors > COARSEST_M).all()
+
+
+@pytest.mark.parametrize("digits", [4, 7, None])
+def test_quaternions_that_were_normalised_again(digits: Any) -> None:
+    exact = matrix_to_quaternion(Rotation.random(300, random_state=25).as_matrix())
+    rounded = exact if digits is None else np.round(exact, digits)
+    unit = rounded / np.linalg.norm(rounded, axis=1, keepdims=True)
+    matrices, t = quaternion_to_matrix(unit), TRUE.translation[:1]
+    alone = [pose_errors_m(matrices[[i]], t, unit[[i]])[0] for i in range(len(unit))]
+    # A turn by an angle moves a centre at the distance |t| by as much, except the part about t.
+    turned = np.radians(rotation_angle_deg(matrices, quaternion_to_matrix(exact)))
+    moved = expected_m(turned) * np.linalg.norm(t) * (2 / 3) ** 0.5
+    assert np.count_nonzero(alone) == (0 if digits is None else len(unit))
+    for errors in (alone, pose_errors_m(matrices, np.tile(t, (len(unit), 1)), None)):
+        assert expected_m(np.array(errors)) == pytest.approx(moved, rel=0.2, abs=1e-5)
+
+
+@pytest.mark.parametrize("as_quaternions", [False, True])
+def test_turns_by_right_angles_do_not_hide_float32(as_quaternions: bool) -> None:
+    # Methods that find a place only: north is up, the camera looks down.
+    R = np.tile(np.diag((1.0, -1.0, -1.0)), (COUNT, 1, 1))
+    t = narrow(-np.einsum("nij,nj->ni", R, CENTRES))
+    errors = pose_errors_m(R, t, matrix_to_quaternion(R) if as_quaternions else None)
+    assert expected_m(errors) == pytest.approx(moved_m(R, t), rel=0.2)
+    assert (errors > COARSEST_M).all()
+
+
+def test_a_few_whole_pixels_are_not_a_rounding() -> None:
+    pixels = np.array([[1095.0, 26.0], [1116.0, 1381.0], [2050.0, 300.0], [3998.0, 7.0]])
+    assert (narrow(pixels, np.float16) == pixels).all()
+    assert not was_rounded_to(pixels, np.float16)
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        pixels = random.integers(0, (4000, 3000), (5, 2)).astype(np.float64)
+        assert not was_rounded_to(pixels, np.float16)
+        subpixels = random.random((30, 2)) * (4000, 3000)
+        assert was_rounded_to(narrow(subpixels, np.float16), np.float16)
+
+
+@given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1.0, 1e4))
+def test_any_rounding_is_found(seed: int, scale: float) -> None:
+    values = np.random.default_rng(seed).random(600) * scale
+    for kind in (np.float16, np.float32):
+        rounded = narrow(values, kind)
+        assert was_rounded_to(rounded, kind)
+        true = np.sqrt(((rounded - values) ** 2).mean())
+        assert np.sqrt((rounding_errors(rounded) ** 2).mean()) == pytest.approx(true, rel=0.6)
+    assert not was_rounded_to(values, np.float32)
+    assert not rounding_errors(values).any()
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+@pytest.mark.parametrize("step", [0.25, 8.0])
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_a_lattice_is_not_a_rounding(kind: Any, step: float, offset: float) -> None:
+    lattice = (np.arange(200.0) + offset) * step
+    assert (narrow(lattice, kind) == lattice).all()
+    assert not was_rounded_to(lattice, kind)

@@ -1,23 +1,30 @@
 from __future__ import annotations
 
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
+import rasterio.shutil
 from pyproj import CRS
 from rasterio import Affine
 from rasterio.enums import ColorInterp
+from rasterio.errors import NotGeoreferencedWarning
 
-from airzoo_bench.core.errors import RasterError
+from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.datasets.folder import copy_map
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     gsd_m,
     open_info,
     pixel_to_world,
+    raster_sha256,
     read_rgb,
     to_map_pixels,
 )
+from airzoo_bench.matching.truth import check_dsm
+from tests.support import write_raster
 
 from .support import write_tif
 
@@ -37,7 +44,6 @@ def test_grid_agrees_with_rasterio(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("profile", "message"),
     [
-        ({"transform": Affine.identity()}, "no georeference"),
         ({"crs": None}, "no CRS"),
         ({"transform": Affine(0.5, 1.0, 9.0, 0.5, 1.0, 9.0)}, "no georeference"),
     ],
@@ -72,12 +78,9 @@ def test_gsd_is_true_ground(tmp_path: Path) -> None:
 
 def test_rgb_of_grey_alpha_and_named_bands(tmp_path: Path) -> None:
     bands = np.stack((GREY, GREY + 50, GREY + 100, np.full_like(GREY, 255)))
-    rgb = np.moveaxis(bands[:3], 0, -1)
-    assert np.array_equal(read_rgb(write_tif(tmp_path / "4.tif", bands)), rgb)
-    assert np.array_equal(read_rgb(write_tif(tmp_path / "3.tif", bands[:3])), rgb)
-    grey = np.repeat(GREY[..., None], 3, axis=-1)
-    assert np.array_equal(read_rgb(write_tif(tmp_path / "1.tif", GREY)), grey)
-    assert np.array_equal(read_rgb(write_tif(tmp_path / "2.tif", bands[[0, 3]])), grey)
+    rgb, grey = np.moveaxis(bands[:3], 0, -1), np.repeat(GREY[..., None], 3, axis=-1)
+    for content, colours in ((bands, rgb), (bands[:3], rgb), (GREY, grey), (bands[[0, 3]], grey)):
+        assert np.array_equal(read_rgb(write_tif(tmp_path / "a.tif", content)), colours)
     path = write_tif(tmp_path / "bgr.tif", bands[[2, 1, 0]])
     with rasterio.open(path, "r+") as dataset:
         dataset.colorinterp = (ColorInterp.blue, ColorInterp.green, ColorInterp.red)
@@ -107,3 +110,82 @@ def test_settings_of_a_machine_move_no_pixel(
     with rasterio.open(path) as dataset:
         assert dataset.transform != usual
     assert open_info(path).transform == usual
+
+
+# --- the checksum of a raster ---
+
+BAND = "<PAMDataset><PAMRasterBand band='1'>{}</PAMRasterBand></PAMDataset>"
+SIDE_FILES = {
+    "offset": BAND.format("<Offset>7</Offset>"),
+    "scale": BAND.format("<Scale>0.3048</Scale>"),
+    "unit": BAND.format("<UnitType>ft</UnitType>"),
+    "nodata": BAND.format("<NoDataValue>100</NoDataValue>"),
+    "grid": "<PAMDataset><GeoTransform>500010, 1, 0, 5200000, 0, -1</GeoTransform></PAMDataset>",
+    "crs": "<PAMDataset><SRS>EPSG:32632</SRS></PAMDataset>",
+}
+STATISTICS = BAND.format("<Metadata><MDI key='STATISTICS_MEAN'>100.5</MDI></Metadata>")
+
+
+@pytest.fixture
+def surface(tmp_path: Path) -> Path:
+    heights = np.float32(100) + np.random.default_rng(0).random((1, 40, 50), np.float32)
+    return write_raster(tmp_path / "dsm.tif", heights)
+
+
+@pytest.mark.parametrize("what", SIDE_FILES)
+def test_side_files_that_change_heights_or_places_change_it(surface: Path, what: str) -> None:
+    plain = raster_sha256(surface)
+    assert plain == sha256(surface.read_bytes()).hexdigest()
+    Path(f"{surface}.aux.xml").write_text(SIDE_FILES[what])
+    changed = raster_sha256(surface)
+    assert changed != plain
+    with pytest.raises(BenchmarkError, match="surface model"):
+        check_dsm(surface, plain)
+    Path(f"{surface}.aux.xml").write_text(SIDE_FILES[what].replace("7", "8").replace("10,", "11,"))
+    assert (raster_sha256(surface) == changed) == (what not in ("offset", "grid"))
+
+
+def test_statistics_and_overviews_beside_it_change_nothing(surface: Path) -> None:
+    plain = raster_sha256(surface)
+    Path(f"{surface}.aux.xml").write_text(STATISTICS)
+    with rasterio.Env(TIFF_USE_OVR="YES"), rasterio.open(surface, "r+") as dataset:
+        dataset.build_overviews([2, 4])
+    assert Path(f"{surface}.ovr").is_file()
+    assert raster_sha256(surface) == plain
+
+
+def test_a_world_file_where_the_file_has_no_grid(tmp_path: Path) -> None:
+    path, found = tmp_path / "dsm.tif", []
+    profile = {"driver": "GTiff", "width": 5, "height": 4, "count": 1, "dtype": "float32"}
+    with pytest.warns(NotGeoreferencedWarning), rasterio.open(path, "w", **profile) as dataset:
+        dataset.write(np.zeros((1, 4, 5), np.float32))
+    for east in (500_000, 500_001):
+        path.with_suffix(".tfw").write_text(f"1\n0\n0\n-1\n{east}.5\n5199999.5\n")
+        found.append(raster_sha256(path))
+    assert found[0] != found[1]
+
+
+PLACED = """<VRTDataset rasterXSize="8" rasterYSize="4"><VRTRasterBand dataType="Float32" band="1">
+{}</VRTRasterBand></VRTDataset>"""
+SOURCE = """<SimpleSource><SourceFilename relativeToVRT="{relative}">{name}</SourceFilename>
+<SourceBand>1</SourceBand><SrcRect xOff="0" yOff="0" xSize="4" ySize="4"/>
+<DstRect xOff="{at}" yOff="0" xSize="4" ySize="4"/></SimpleSource>"""
+
+
+def virtual(path: Path, *placed: tuple[str, int], relative: int = 1) -> Path:
+    sources = (SOURCE.format(name=name, at=at, relative=relative) for name, at in placed)
+    path.write_text(PLACED.format("".join(sources)))
+    return path
+
+
+def test_the_checksum_of_a_virtual_raster_is_the_same_in_any_folder(tmp_path: Path) -> None:
+    for name, height in (("a.tif", 1.0), ("b.tif", 2.0)):
+        write_raster(tmp_path / name, np.full((1, 4, 4), height, np.float32), crs="EPSG:32633")
+    placed = ("a.tif", 0), ("b.tif", 4)
+    one = raster_sha256(virtual(tmp_path / "one.vrt", *placed))
+    by_path = [(str(tmp_path / name), at) for name, at in placed]
+    assert raster_sha256(virtual(tmp_path / "by_path.vrt", *by_path, relative=0)) == one
+    copy_map(tmp_path / "one.vrt", tmp_path / "data" / "dsm.vrt")
+    assert raster_sha256(tmp_path / "data" / "dsm.vrt") == one
+    (tmp_path / "b.tif").write_bytes((tmp_path / "a.tif").read_bytes())
+    assert raster_sha256(tmp_path / "one.vrt") != one

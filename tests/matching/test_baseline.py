@@ -1,4 +1,4 @@
-"""The matching baseline on pictures with known places, on made photos and on the real scene."""
+"""The matching baseline on pictures with known places, and pairs of features."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial.distance import cdist
 
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.geometry.sift import mutual_nearest
 from airzoo_bench.matching.baseline import Task, lie_on_map, match, match_task
 from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
@@ -111,3 +113,21 @@ def test_plans_worked_by_hand(
     found = lie_on_map(camera, prior, "EPSG:32615", dom, 50.0)
     assert found[0] == pytest.approx(turn, abs=1e-6)
     assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
+
+
+# --- features and their pairs ---
+
+
+def test_mutual_nearest_against_all_distances() -> None:
+    random = np.random.default_rng(0)
+    b = random.integers(0, 90, (1100, 128)).astype(np.float32)  # more than a block
+    a = b[random.permutation(1100)[:900]] + random.integers(0, 12, (900, 128))
+    a = np.vstack((a, random.integers(0, 90, (200, 128)))).astype(np.float32)
+    distances = cdist(a, b)
+    nearest = distances.argmin(axis=1)
+    first, second = np.sort(distances, axis=1)[:, :2].T
+    kept = (distances.argmin(axis=0)[nearest] == np.arange(len(a))) & (first < 0.8 * second)
+    rows_a, rows_b = mutual_nearest(a, b, 0.8)
+    assert np.array_equal(rows_a, np.flatnonzero(kept))
+    assert np.array_equal(rows_b, nearest[kept])
+    assert 800 < len(rows_a) < len(mutual_nearest(a, b, 1.0)[0]) < len(a)

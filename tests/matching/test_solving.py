@@ -1,10 +1,7 @@
-"""Poses of matches: conventions, what may change an answer, failures as results, and Ctrl-C."""
+"""Poses of matches: conventions, what may change an answer, and failures as results."""
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
@@ -15,8 +12,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.matching.protocol import Solver
 from airzoo_bench.matching.solving import PoseEstimate, Status, solve_pose, solve_queries
 from tests.engines.work import Scattered
-from tests.matching.pose_support import PROJECTED, SOLVER, Problem, errors, joined, make_scene
-from tests.support import HANGS_S
+from tests.matching.world import PROJECTED, SOLVER, Problem, errors, joined, make_scene
 
 
 def solve(problem: Problem, **changes: Any) -> PoseEstimate:
@@ -136,43 +132,3 @@ def test_failures(case: str, name: str, capfd: pytest.CaptureFixture[str]) -> No
 def test_bounds_of_protocols(key: str, value: float) -> None:
     with pytest.raises(ValueError, match=key):
         Solver.model_validate(SOLVER.model_dump() | {key: value})
-
-
-# A command that solves random matches, which take every trial: half an hour for each query.
-INTERRUPTED = """
-import numpy as np
-from airzoo_bench.__main__ import main
-from airzoo_bench.cli import main as commands
-from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.matching import solving
-from airzoo_bench.matching.predictions import Correspondences
-from airzoo_bench.matching.protocol import Solver
-solve = solving._solve_rows
-def announce_and_solve(*arguments):
-    print("solving", flush=True)
-    return solve(*arguments)
-solving._solve_rows = announce_and_solve
-def endless():
-    random, K = np.random.default_rng(0), np.diag((2900.0, 2900.0, 1.0))
-    xy, points = random.random((2500, 2)) * 3000, random.random((2500, 3)) * 100
-    pairs = Correspondences(np.arange(6) * 500, xy, points3d=points)
-    cameras = Cameras.from_matrices([K] * 5, 4000, 3000)
-    solver = Solver.model_validate_json(SOLVER)
-    solving.solve_queries(cameras, pairs, solver, Run(jobs=2), "all")
-commands.app.command("endless")(endless)
-main()
-"""
-
-
-def test_ctrl_c_ends_the_solving_at_once() -> None:
-    long = {"max_trials": 10**7, "max_trials_times_matches": 10**12}
-    solver = SOLVER.model_copy(update=long).model_dump_json()
-    command = [sys.executable, "-c", INTERRUPTED.replace("SOLVER", repr(solver)), "endless"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stdout.readline().startswith("solving")
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=HANGS_S)
-    assert process.returncode == 130
-    assert "nothing was left half-written" in said

@@ -1,7 +1,9 @@
-"""The track end to end on a made world: exact input, failures, order, what records hold."""
+"""The track end to end on a made world: what files may hold, scores, failures, refusals, notes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +11,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.benchmark.queries import PRIOR_COLUMNS
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.cameras import project
-from airzoo_bench.geometry.poses import Poses, camera_to_world
+from airzoo_bench.geometry.poses import (
+    Poses,
+    camera_to_world,
+    matrix_to_quaternion,
+    quaternion_to_matrix,
+)
+from airzoo_bench.matching.predictions import PredictedPoses, read_matching
+from tests.geometry.support import looking_down
 from tests.matching.world import (
     N_MATCHES,
     N_QUERIES,
@@ -18,7 +29,9 @@ from tests.matching.world import (
     evaluated,
     made_matching_protocol,
     make_world,
+    matched,
     noisy,
+    refused,
 )
 
 GIVEN = {"matches": "matches", "in_crops": "matches", "pairs": "pairs", "poses": "poses"}
@@ -70,17 +83,17 @@ def test_records_do_not_depend_on_order(world: World, tmp_path: Path) -> None:
     assert rows["error_m"].between(1e-3, 5.0).all()
 
 
-# --- settings of protocols ----------------------------------------------------------------------
-
-
-def world_of(folder: Path, **sections: Any) -> World:
-    return make_world(folder, made_matching_protocol(**sections))
-
-
-def test_failed_rotations_fewest_matches_and_heights_are_the_protocols(tmp_path: Path) -> None:
-    own = {"scores": {"failed_rotation_deg": 180.0}, "solver": {"least_matches": 5}}
-    world = world_of(tmp_path, **own, lift={"heights_above_m": 105.0})
-    rows = evaluated(world, tmp_path, world.matches()).records
+def test_settings_of_protocols(tmp_path: Path) -> None:
+    """Rotations of failures, the fewest matches, the least height, pixel centres of the map."""
+    sections: dict[str, Any] = {
+        "scores": {"failed_rotation_deg": 180.0},
+        "solver": {"least_matches": 5},
+        "lift": {"heights_above_m": 105.0, "map_pixel_centres": "integer"},
+    }
+    world = make_world(tmp_path, made_matching_protocol(**sections))
+    whole = [xy - 0.5 for xy in world.map_xy]
+    fields = world.correspondences(world.query_xy, map_xy=whole)
+    rows = evaluated(world, tmp_path, fields).records
     low = [int((points[:, 2] <= 105.0).sum()) for points in world.points]
     assert (rows["no_height"] >= low).all()
     assert (rows["no_height"] + rows["lifted"] == N_MATCHES).all()
@@ -90,25 +103,14 @@ def test_failed_rotations_fewest_matches_and_heights_are_the_protocols(tmp_path:
     chosen = [rows[:n] for rows, n in zip(high, (0, 4, 5, 9, 9), strict=True)]
     query_xy, map_xy = (
         [xy[rows] for xy, rows in zip(given, chosen, strict=True)]
-        for given in (world.query_xy, world.map_xy)
+        for given in (world.query_xy, whole)
     )
     rows = evaluated(world, tmp_path, world.correspondences(query_xy, map_xy=map_xy)).records
     assert rows["lifted"].tolist() == [len(rows) for rows in chosen]
     assert rows["failed"].tolist() == [True, True, False, False, False]
     assert rows["rotation_deg"].tolist()[:2] == [180.0, 180.0]
     assert rows["error_m"].tolist()[:2] == [np.inf, np.inf]
-
-
-def test_half_pixels_are_seen(tmp_path: Path, world: World) -> None:
-    on_map = world.correspondences(world.query_xy, map_xy=[xy + 0.5 for xy in world.map_xy])
-    # A pixel is 2 m: the estimate moves by 1 m to the east and 1 m to the south.
-    assert (abs(evaluated(world, tmp_path, on_map).records["horizontal_m"] - 2**0.5) < 0.5).all()
-    on_photo = world.correspondences([xy + 0.5 for xy in world.query_xy], map_xy=world.map_xy)
-    # Half a pixel of f = 520 px is 0.055 degrees; 0.078 along the diagonal.
-    assert evaluated(world, tmp_path, on_photo).records["rotation_deg"].between(0.03, 0.15).all()
-    other = world_of(tmp_path / "integer", lift={"map_pixel_centres": "integer"})
-    shifted = other.correspondences(other.query_xy, map_xy=[xy - 0.5 for xy in other.map_xy])
-    assert evaluated(other, tmp_path, shifted).records["error_m"].max() < 1e-6
+    assert rows["error_m"][2:].max() < 1e-6
 
 
 # --- the prior itself ---------------------------------------------------------------------------
@@ -146,3 +148,259 @@ def test_answers_about_the_prior_are_counted_however_they_are_given(
         fields = world.correspondences(list(pixels), points3d=list(camera_to_world(poses, points)))
     counts = evaluated(world, tmp_path, fields).result.counts["hills"]
     assert (counts["equal_to_prior"], counts["near_prior"]) == (0, near)
+
+
+# --- predictions: files, and faults that users cannot see ---
+
+IDS = ["hills/a", "hills/b"]
+FILE = {"protocol": "photos-matching", "query_ids": IDS}
+PIXELS = {"offsets": np.array([0, 2, 5]), "query_xy": np.arange(10.0).reshape(5, 2)}
+MATCHES: dict[str, Any] = FILE | PIXELS | {"map_xy": np.arange(10.0, 20.0).reshape(5, 2)}
+POINTS = np.arange(15.0).reshape(5, 3) + np.array((500_000, 5_200_000, 100))
+PAIRS = FILE | PIXELS | {"points3d": POINTS}
+CENTRES = np.array([[500_000.0, 5_200_000.0, 200.0], [500_010.0, 5_200_020.0, 210.0]])
+TRUE = Poses.from_centres(np.concatenate([looking_down(10, 30), looking_down(20, 80)]), CENTRES)
+RT = np.concatenate([TRUE.rotation, TRUE.translation[:, :, None]], axis=2)
+POSES = FILE | {"poses": RT}
+CENTRED = FILE | {"rotations": TRUE.rotation, "centres": CENTRES}
+# A quarter turn about x: y becomes z. With t = (1, 2, 3) the centre is -R^T t = (-1, -3, 2).
+TURN = f"{0.5**0.5!r} {0.5**0.5!r} 0 0 1 2 3"
+
+
+def read(folder: Path, given: Any) -> Any:
+    """Read fields of an npz, or lines of poses."""
+    path = folder / ("p.txt" if isinstance(given, str) else "p.npz")
+    if isinstance(given, str):
+        path.write_text(given, encoding="utf-8")
+    else:
+        np.savez(path, **{key: np.asarray(value) for key, value in given.items()})
+    return read_matching(path, 1 << 20)
+
+
+def test_matches_and_pairs_are_read_as_they_are(tmp_path: Path) -> None:
+    sized = MATCHES | {"image_size": np.array([[64, 48], [32, 24]])}
+    found = read(tmp_path, sized | {"map_frame": "crop"})
+    assert (found.protocol, found.query_ids.tolist()) == ("photos-matching", IDS)
+    for name in sized.keys() - FILE.keys():
+        np.testing.assert_array_equal(getattr(found.content, name), sized[name])
+    assert (found.content.kind, found.content.map_frame) == ("matches", "crop")
+    assert read(tmp_path, PAIRS).content.kind == "pairs"
+    none = {"offsets": [0, 0, 0], "query_xy": np.zeros((0, 2)), "map_xy": np.zeros((0, 2))}
+    assert read(tmp_path, MATCHES | none).content.kind == "matches"
+    for kind in ("i1", "u2", "f2", "f4"):
+        whole = read(tmp_path, MATCHES | {"query_xy": np.full((5, 2), 7, kind)}).content
+        assert (whole.query_xy.dtype, whole.query_xy.min()) == (np.float64, 7.0)
+
+
+def test_poses_are_world_to_camera_and_nan_is_none(tmp_path: Path) -> None:
+    values = RT.copy()
+    values[1] = np.nan
+    for fields in (POSES | {"poses": values}, CENTRED):
+        content = read(tmp_path, fields).content
+        assert isinstance(content, PredictedPoses)
+        assert content.has_pose.tolist() == [True, "centres" in fields]
+        np.testing.assert_allclose(content.poses.centres[0], CENTRES[0], rtol=0, atol=1e-8)
+
+
+def test_lines_become_poses(tmp_path: Path) -> None:
+    found = read(
+        tmp_path,
+        f"# name q t\n\n  # more\nhills/a.b.jpg {TURN}\n hills/DJI  01.PNG 1 0 0 0 4 5 6\n"
+        f"hills/2024.10.02 1 0 0 0 0 0 0\nhills/c {'nan ' * 7}\n",
+    )
+    names = ["hills/a.b", "hills/DJI  01", "hills/2024.10.02", "hills/c"]
+    assert found.query_ids.tolist() == names
+    assert found.content.has_pose.tolist() == [True, True, False, False]
+    centres, rotation = found.content.poses.centres, found.content.poses.rotation[0]
+    np.testing.assert_allclose(centres[:2], [[-1, -3, 2], [-4, -5, -6]], atol=1e-12)
+    np.testing.assert_allclose(rotation, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
+
+
+FAR = {"poses": np.where(np.arange(4) == 3, 1e300, RT)}
+NOT_TURNED = {"rotations": np.full((2, 3, 3), np.nan)}
+SINGLE = (POINTS + np.pi * np.arange(5)[:, None]).astype("f4").astype("f8")
+WRAPPED = [0, 2**63 - 1, -(2**63), -1, 5]
+# What the file holds, and what the message names: faults beyond those of tests/goldens.
+UNREADABLE: dict[str, tuple[Any, list[str]]] = {
+    "frame of pairs": (PAIRS | {"map_frame": "crop"}, ["map_frame"]),
+    "coarse points": (PAIRS | {"points3d": POINTS.astype("f4")}, ["'points3d'", "float64"]),
+    "points through float32": (PAIRS | {"points3d": SINGLE}, ["'points3d'", "float32", "0.5 m"]),
+    "coarse centres": (CENTRED | {"centres": CENTRES.astype("f4")}, ["'centres'", "0.5 m"]),
+    "few sizes": (MATCHES | {"image_size": [[64, 48]]}, ["'image_size'"]),
+    "beyond measure": (POSES | FAR, ["'poses'", "hills/a", "1e+12"]),
+    "no rotation": (CENTRED | NOT_TURNED, ["'rotations'", "hills/a"]),
+    "offsets that wrap around": (
+        MATCHES | {"query_ids": ["h/a", "h/b", "h/c", "h/d"], "offsets": WRAPPED},
+        ["'offsets'", "h/b"],
+    ),
+    "no lines": ("", ["name qw qx qy qz tx ty tz"]),
+    "a norm of two": ("hills/a 2 0 0 0 1 2 3\n", ["hills/a (norm = 2)"]),
+    "half a pose": ("hills/a 1 0 0 0 nan 2 3\n", ["hills/a"]),
+    "a name that does not print": ("hills/\x1b[31ma 1 0 0 0 1 2 3\n", ["row"]),
+    "a line beyond measure": (f"hills/a {TURN[:-1]} 1e200\n", ["hills/a"]),
+    "no scene": (f"a {TURN}\n", ["'query_ids'"]),
+}
+
+
+@pytest.mark.parametrize("case", UNREADABLE)
+def test_unreadable(tmp_path: Path, case: str) -> None:
+    given, names = UNREADABLE[case]
+    with pytest.raises(PredictionError) as caught:
+        read(tmp_path, given)
+    for name in ("p.txt" if isinstance(given, str) else "p.npz", *names):
+        assert name in str(caught.value)
+
+
+# --- faults that show beside the truth only ---
+
+
+Fields = dict[str, Any]
+
+
+def oblique(world: World) -> World:
+    """Return the world with priors 55 degrees off nadir."""
+    rotation = np.concatenate([looking_down(55, 63 * q) for q in range(N_QUERIES)])
+    turned = dict(zip(PRIOR_COLUMNS[:4], matrix_to_quaternion(rotation).T, strict=True))
+    truth = replace(world.truth, queries=world.truth.queries.assign(**turned))
+    return replace(world, truth=truth)
+
+
+def moved_points(world: World, change: Callable[[Any], Any]) -> Fields:
+    return world.correspondences(world.query_xy, points3d=[change(xyz) for xyz in world.points])
+
+
+def centred(world: World, change: Callable[[Any], Any] = np.array, rotation: Any = None) -> Fields:
+    true = world.truth.poses
+    rotations = true.rotation if rotation is None else rotation
+    return world.named(rotations=rotations, centres=change(true.centres))
+
+
+def turned(world: World, change: Callable[[Any], Any]) -> Fields:
+    """Return poses whose rotations are those of oblique priors read wrongly."""
+    return centred(world, rotation=change(oblique(world).truth.priors.rotation))
+
+
+def inverted(world: World) -> Fields:
+    true = world.truth.poses
+    rotation = np.swapaxes(true.rotation, 1, 2)
+    return world.named(poses=np.concatenate([rotation, true.centres[:, :, None]], axis=2))
+
+
+def degrees(xyz: Any) -> Any:
+    return xyz / (1e4, 1e6, 1.0)
+
+
+def one_outside(world: World) -> Fields:
+    query_xy = [xy.copy() for xy in world.query_xy]
+    query_xy[2][7] = (641.5, 3.0)
+    return world.correspondences(query_xy, map_xy=world.map_xy)
+
+
+# Faults beyond those of tests/goldens/refusals.txt.
+REFUSED: dict[str, tuple[Callable[[World], Fields], list[str]]] = {
+    "outside": (one_outside, ["'query_xy'", "hills/q2", "(641.5, 3.0)", "640x480"]),
+    "points in degrees": (lambda w: moved_points(w, degrees), ["'points3d'", "degrees"]),
+    "feet": (lambda w: centred(w, lambda xyz: xyz / (1.0, 1.0, 0.3048) + 0.1234567), ["feet"]),
+    "in degrees": (lambda w: centred(w, degrees), ["degrees"]),
+    "camera-to-world": (inverted, ["camera-to-world", "5.385 m", "R.T and -R.T @ t"]),
+    "OpenGL back": (
+        lambda w: turned(w, lambda R: np.swapaxes(np.diag((1.0, -1.0, -1.0)) @ R, 1, 2)),
+        ["camera-to-world rotations", "diag(1, -1, -1) @ R"],
+    ),
+    "x y z w": (
+        lambda w: turned(
+            w, lambda R: quaternion_to_matrix(np.roll(matrix_to_quaternion(R), -1, axis=1))
+        ),
+        ["in the order x y z w"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_meant_is_refused(world: World, tmp_path: Path, case: str) -> None:
+    make, names = REFUSED[case]
+    judged = oblique(world) if case[0] in "Ox" else world
+    message = refused(judged, tmp_path, make(world))
+    for name in names:
+        assert name in message
+
+
+def smaller(world: World, factor: float, repeats: int = 10) -> Fields:
+    """Return matches of images that are smaller by a factor, each match more than once."""
+    query_xy = [np.tile(xy * factor, (repeats, 1)) for xy in world.query_xy]
+    return world.correspondences(
+        query_xy, map_xy=[np.tile(xy, (repeats, 1)) for xy in world.map_xy]
+    )
+
+
+def poor(world: World, seed: int) -> list[Fields]:
+    rng, true = np.random.default_rng(seed), world.truth.poses
+    crops = [crop[:2] + rng.random((60, 2)) * crop[2:] for crop in world.truth.crops]
+    turn = Rotation.from_euler("z", (5.0, 90.0, 180.0)[seed], degrees=True).as_matrix()
+    return [
+        world.correspondences(world.query_xy, map_xy=crops),
+        moved_points(world, lambda xyz: xyz + rng.normal(0, 40, xyz.shape)),
+        centred(world, lambda xyz: xyz + rng.normal(0, 100, xyz.shape)),
+        # Rough rotations that no other reading brings nearer are a method's own.
+        centred(world, rotation=true.rotation @ turn),
+        world.named(poses=np.full((N_QUERIES, 3, 4), np.nan)),
+    ]
+
+
+# By case: predictions, and what their note says, if they get one.
+NOTED: dict[str, tuple[Callable[[World], list[Fields]], str]] = {
+    "another datum": (
+        lambda w: [centred(w, lambda xyz: xyz + np.array((0.1, 0.2, 31.0)))],
+        "vertical datum? They lie +31.0 m",
+    ),
+    "the priors": (
+        lambda w: [w.named(rotations=w.truth.priors.rotation, centres=w.truth.priors.centres)],
+        "5 of 5 answers equal to the prior",
+    ),
+    "smaller photos": (
+        lambda w: [smaller(w, 0.8), smaller(w, 0.5, 1)],
+        "scene hills: no match lies beyond",
+    ),
+    "few matches or whole photos": (lambda w: [smaller(w, 0.8, 1), smaller(w, 1.0)], ""),
+    **{f"poor {seed}": (lambda w, seed=seed: poor(w, seed), "") for seed in range(3)},
+}
+
+
+@pytest.mark.parametrize("case", NOTED)
+def test_what_may_be_meant_is_noted_and_poor_answers_are_not(
+    world: World, tmp_path: Path, case: str
+) -> None:
+    make, note = NOTED[case]
+    for fields in make(world):
+        said = " | ".join(matched(world, tmp_path, fields).doubts)
+        assert note in said
+        assert bool(said) == bool(note)
+
+
+@pytest.mark.parametrize(("decimals", "error"), [(-1, ""), (0, "0.5 m"), (1, "0.05 m"), (2, "")])
+def test_centres_on_a_lattice_are_refused_where_it_matters_and_noted_else(
+    world: World, tmp_path: Path, decimals: int, error: str
+) -> None:
+    places = world.truth.poses.centres + np.random.default_rng(0).random((N_QUERIES, 3))
+    xyz = dict(zip(("x", "y", "z"), places.T, strict=True))
+    real = replace(world, truth=replace(world.truth, queries=world.truth.queries.assign(**xyz)))
+    fields = centred(world, lambda _: np.round(places, decimals))
+    if decimals < 0:  # beside 1 m, the finest threshold
+        assert "field 'centres': too few digits" in refused(real, tmp_path, fields)
+        return
+    said = matched(real, tmp_path, fields).doubts
+    assert any(f"{error} off" in note for note in said) == bool(error)
+    # Cameras of a made-up scene may be at whole metres, as they are here.
+    assert not any("lattice" in note for note in matched(world, tmp_path, centred(world)).doubts)
+
+
+def test_rotations_of_too_few_digits_are_refused_with_the_figure(
+    world: World, tmp_path: Path
+) -> None:
+    rotation, centres = world.truth.poses.rotation, world.truth.poses.centres + 0.123456789
+    translation, rounded = Poses(rotation=rotation, centres=centres).translation, rotation.round(6)
+    fields = world.named(poses=np.concatenate([rounded, translation[:, :, None]], axis=2))
+    said = float(refused(world, tmp_path, fields).split("move a camera by ")[1].split(" m")[0])
+    off = Poses.from_translations(rounded, translation).centres - centres
+    assert said == pytest.approx(np.sqrt((off**2).sum(axis=1).mean()), rel=0.6)
+    assert said > 0.3

@@ -28,7 +28,7 @@ from airzoo_bench.geometry.poses import (
 )
 from airzoo_bench.matching.solving import Status, solve_pose
 from tests.geometry.support import LENSES
-from tests.matching.pose_support import PROJECTED, SOLVER, errors, make_scene
+from tests.matching.world import PROJECTED, SOLVER, errors, make_scene
 
 SOLVERS = ("colmap", "colmap+refine", "poselib")
 SEEDS = range(6)

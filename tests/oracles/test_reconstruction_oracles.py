@@ -22,7 +22,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.reconstruction.clouds import VoxelGrid
 from airzoo_bench.reconstruction.distances import mutual_distances
 from airzoo_bench.reconstruction.metrics import curve, mean_distances
-from tests.reconstruction.support import surface
+from tests.reconstruction.world import surface
 
 FAR = np.array((1_000_000.0, 4_000_000.0, 100.0))
 

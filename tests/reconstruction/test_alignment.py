@@ -23,7 +23,7 @@ from airzoo_bench.reconstruction.alignment import (
 from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import refine
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.support import (
+from tests.reconstruction.world import (
     UTM,
     cameras,
     moved,

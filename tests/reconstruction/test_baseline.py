@@ -19,7 +19,7 @@ from airzoo_bench.reconstruction.alignment import PosedCameras, align
 from airzoo_bench.reconstruction.baseline import Model, sparse_reconstruction
 from airzoo_bench.reconstruction.info import SfmSettings
 from tests.geometry.support import looking_down
-from tests.reconstruction.support import ransac
+from tests.reconstruction.world import ransac
 
 UTM = np.array((576600.0, 5188100.0, 160.0))
 SIZE = (320, 240)

@@ -27,7 +27,7 @@ from airzoo_bench.reconstruction.clouds import (
 from airzoo_bench.reconstruction.distances import cloud_distances, mutual_distances
 from airzoo_bench.reconstruction.settings import Preparation
 from tests.geometry.support import looking_down, quick, seeds
-from tests.reconstruction.support import UTM, all_pairs, clouds, sphere, surface
+from tests.reconstruction.world import UTM, all_pairs, clouds, sphere, surface
 
 
 def settings(**changes: Any) -> Preparation:

@@ -27,7 +27,7 @@ from airzoo_bench.reconstruction.metrics import (
     step_errors,
 )
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.support import poses, shaken, similarity
+from tests.reconstruction.world import poses, shaken, similarity
 
 INF = math.inf
 SAME = np.tile(np.eye(3), (4, 1, 1))
@@ -192,31 +192,33 @@ def test_absolute_and_step_errors_by_hand() -> None:
 # --- the rule of Depth Anything 3 ---
 
 
-def test_the_area_of_depth_anything_3_by_hand() -> None:
-    truth = level(CORNER)
-    # The last camera is turned by 4.5 degrees: two of three pairs are right from 5 degrees on.
-    predicted = level(CORNER, np.stack((np.eye(3), np.eye(3), turned("z", 4.5))))
-    found = auc_of_depth_anything_3(predicted, truth, [3, 10])
-    assert found == pytest.approx([1 / 3, (4 * 1 + 6 * 3) / 3 / 10])
-    # One camera less: one pair is left, and the others have failed; and then none.
-    found = auc_of_depth_anything_3(without(predicted, 2), truth, [10])
-    assert found == pytest.approx([1 / 3])
-    assert auc_of_depth_anything_3(without(predicted, 1, 2), truth, [10]) == [0.0]
+TURNED = level(CORNER, np.stack((np.eye(3), np.eye(3), turned("z", 4.5))))
+FOUR = level(((0.0, 0, 0), (10, 0, 0), (0, 20, 0), (0, 20, 0)))
+# Predicted and true poses; the area below some whole degrees.
+OF_DEPTH_ANYTHING_3: dict[str, tuple[Poses, Poses, dict[int, float]]] = {
+    # Two of three pairs are right from 5 degrees on.
+    "one turned by 4.5": (TURNED, level(CORNER), {3: 1 / 3, 10: (4 * 1 + 6 * 3) / 3 / 10}),
+    "one pair left": (without(TURNED, 2), level(CORNER), {10: 1 / 3}),
+    "no pair left": (without(TURNED, 1, 2), level(CORNER), {10: 0.0}),
+    # Of 6 pairs, 1 has cameras that share a place: 90 degrees off, even without an error. The last
+    # bin of a histogram has both its borders: 90 degrees are right below 91, and at 90.
+    "exact": (FOUR, FOUR, {3: 5 / 6, 90: (5 * 90 + 1) / 90 / 6}),
+    "opposite directions are one": (level(-FOUR.centres), FOUR, {3: 5 / 6}),
+    # 02 and 03 are right; 12 and 13 are seen at 26.6 degrees from where they are; 01 and 23 are at
+    # 90 degrees, which is below 91 alone.
+    "no baseline of 0 and 1": (
+        level(FOUR.centres * (0, 1, 0)),
+        FOUR,
+        {89: (2 * 89 + 2 * 63) / 89 / 6, 91: (2 * 91 + 2 * 65 + 2 * 1) / 91 / 6},
+    ),
+}
 
 
-def test_depth_anything_3_folds_directions_and_counts_whole_degrees() -> None:
-    centres = np.array(((0.0, 0, 0), (10, 0, 0), (0, 20, 0), (0, 20, 0)))
-    truth = level(centres)
-    # Of 6 pairs, 1 has cameras that share a place: 90 degrees off, even without an error.
-    assert auc_of_depth_anything_3(truth, truth, [3]) == pytest.approx([5 / 6])
-    # A claim without a baseline: of 0 and 1. 02 and 03 are right; 12 and 13 are seen at 26.6
-    # degrees from where they are; 01 and 23 are at 90 degrees, which is below 91 alone.
-    found = auc_of_depth_anything_3(level(centres * (0, 1, 0)), truth, [89, 91])
-    assert found == pytest.approx([(2 * 89 + 2 * 63) / 89 / 6, (2 * 91 + 2 * 65 + 2 * 1) / 91 / 6])
-    # Opposite directions are one.
-    assert auc_of_depth_anything_3(level(-centres), truth, [3]) == pytest.approx([5 / 6])
-    # The last bin of a histogram has both its borders: 90 degrees are right below 91, and at 90.
-    assert auc_of_depth_anything_3(truth, truth, [90]) == pytest.approx([(5 * 90 + 1) / 90 / 6])
+@pytest.mark.parametrize("case", OF_DEPTH_ANYTHING_3)
+def test_the_area_of_depth_anything_3_by_hand(case: str) -> None:
+    predicted, truth, areas = OF_DEPTH_ANYTHING_3[case]
+    found = auc_of_depth_anything_3(predicted, truth, [*areas])
+    assert found == pytest.approx([*areas.values()])
 
 
 def test_the_first_camera_that_is_there_is_the_frame_of_depth_anything_3() -> None:

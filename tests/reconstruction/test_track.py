@@ -31,7 +31,6 @@ from airzoo_bench.reconstruction.track import (
 from airzoo_bench.reconstruction.truth import build_truth, open_true_cloud, read_truth
 from airzoo_bench.results.result import read_result
 from tests.formats.cloud_support import LIMIT, SAMPLING
-from tests.reconstruction.support import surface, write_laz
 from tests.reconstruction.world import (
     ORIGIN,
     PROTOCOL,
@@ -49,7 +48,9 @@ from tests.reconstruction.world import (
     protocol,
     replace_cloud,
     save,
+    surface,
     true_points,
+    write_laz,
 )
 from tests.support import files_below, run_main
 
@@ -130,19 +131,16 @@ def test_maps_without_a_pose_are_nowhere_and_bytes_are_the_same(
     assert (other["not_finite"], other["cameras_missing"]) == (0, 2)
 
 
-@pytest.mark.parametrize(
-    ("kind", "some"),
-    [
-        ("depth", np.array((0.1, 2.0, 2.00001, 9.0), np.float32)),
-        ("points", np.array((0, 2, 3, 255), np.uint8)),
-        ("cloud", np.array((0, 2, 3, 255), np.uint8)),
-    ],
-)
+BYTES = np.array((0, 2, 3, 255), np.uint8)
+CONFIDENCES = {"depth": np.array((0.1, 2.0, 2.00001, 9.0), "f4"), "points": BYTES, "cloud": BYTES}
+
+
+@pytest.mark.parametrize("kind", CONFIDENCES)
 def test_pixels_and_points_must_exceed_the_confidence(
-    kind: str, some: Array, world: World, tmp_path: Path
+    kind: str, world: World, tmp_path: Path
 ) -> None:
     fields, cameras = world.views("lot"), world.cameras("lot")
-    conf = np.resize(some, fields["depth"].shape)
+    conf = np.resize(CONFIDENCES[kind], fields["depth"].shape)
     points = np.resize(true_points("lot"), (*conf.shape, 3))
     given = {
         "depth": fields | {"conf": conf},
@@ -194,7 +192,6 @@ def test_cameras_may_be_required_and_photos_left_out_are_refused(
     assert any("no cameras" in note for note in notes_of(world, path))
     required = world.protocol(tmp_path / "c.toml", alignment={"cameras": "required"})
     assert run_main("eval", "reconstruction", path, "--protocol", required) == 2
-    capsys.readouterr()
     # A method that was given more photos than the others.
     names = ("depth", "intrinsics", "extrinsics")
     views = {name: world.views("lot")[name][[0, 1, 2, 3, 3]] for name in names}

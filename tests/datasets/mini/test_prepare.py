@@ -19,7 +19,7 @@ from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
 from tests.datasets.mini.conftest import Prepared
-from tests.datasets.parts import hold_crops, hold_tiles
+from tests.datasets.support import hold_crops, hold_tiles
 from tests.processor_truths import fingerprints
 from tests.support import run_main
 

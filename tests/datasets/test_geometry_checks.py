@@ -1,18 +1,24 @@
-"""Depth and frame chain: exact ones pass, and each fault that must be found is found, and named."""
+"""Geometry checks: depth of planes and boxes by a formula, the frame chain, splits of two sets."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import rasterio
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
+from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.datasets import geometry_checks
 from airzoo_bench.datasets.depth_maps import (
@@ -28,14 +34,131 @@ from airzoo_bench.datasets.depth_maps import (
 from airzoo_bench.datasets.geometry_checks import (
     CLOSES_M,
     CLOSES_PX,
+    PosedScene,
     SceneGeometry,
+    cast_corners,
     check_frame_chain,
+    compare_splits,
+    read_footprints,
 )
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
 from tests.support import run_main
 
-from .analytic import Flight, looking, orbit, scene, write_benchmark, write_depths, write_photos
+Box = tuple[Sequence[float], Sequence[float]]
+
+CRS = "EPSG:4547"
+ORIGIN = np.array([401_000.0, 3_120_000.0, 0.0])
+WIDTH, HEIGHT, FOCAL = 160, 120, 130.0
+
+
+def looking(azimuth: float, pitch: float) -> np.ndarray:
+    """World-to-camera rotation of a camera that looks `pitch` degrees below the horizon."""
+    a, p = np.radians([azimuth, pitch])
+    forward = np.array([np.sin(a) * np.cos(p), np.cos(a) * np.cos(p), -np.sin(p)])
+    right = np.array([np.cos(a), -np.sin(a), 0.0])
+    return np.array([right, np.cross(forward, right), forward])
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Cameras over boxes on the plane z = 0."""
+
+    rotation: np.ndarray
+    centres: np.ndarray
+    boxes: Sequence[Box] = ()
+
+    def depths(self, *, along_ray: bool = False) -> np.ndarray:
+        """Depth at pixel centres: the nearest of the ground and of the slabs of each box."""
+        v, u = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+        rays = np.stack([(u - WIDTH / 2) / FOCAL, (v - HEIGHT / 2) / FOCAL, np.ones_like(u)], -1)
+        found = []
+        for R, C in zip(self.rotation, self.centres, strict=True):
+            world = rays @ R
+            with np.errstate(divide="ignore", invalid="ignore"):
+                z = np.where(world[..., 2] < 0, -C[2] / world[..., 2], np.inf)
+                for low, high in self.boxes:
+                    near, far = (np.array(low) - C) / world, (np.array(high) - C) / world
+                    enter = np.minimum(near, far).max(axis=-1)
+                    leave = np.maximum(near, far).min(axis=-1)
+                    z = np.where((enter > 0) & (enter <= leave), np.minimum(z, enter), z)
+            found.append(np.where(z < 2000.0, z, 0.0))
+        lengths = np.linalg.norm(rays, axis=-1) if along_ray else 1.0
+        return (np.array(found) * lengths).astype(np.float32)
+
+    def turned(self, degrees: Sequence[float], frame: int) -> Flight:
+        """Turn a stated pose by a rotation vector in the camera's axes."""
+        rotation = self.rotation.copy()
+        rotation[frame] = Rotation.from_rotvec(np.radians(degrees)).as_matrix() @ rotation[frame]
+        return replace(self, rotation=rotation)
+
+
+def orbit(count: int) -> Flight:
+    """Go round a block of boxes, up and down, looking obliquely at it."""
+    rng = np.random.default_rng(3)
+    boxes: list[Box] = []
+    for _ in range(14):
+        x, y = rng.uniform(-60, 60, 2)
+        w, d, h = rng.uniform((4, 4, 4), (14, 14, 25))
+        boxes.append(((x - w, y - d, -1.0), (x + w, y + d, h)))
+    azimuth = np.arange(count) * 14.0
+    pitch = 45.0 + 15.0 * np.sin(np.arange(count) / 2.0)
+    a = np.radians(azimuth)
+    height = 90.0 + 25.0 * np.sin(np.arange(count) / 3.0)
+    centres = np.stack([-95 * np.sin(a), -95 * np.cos(a), height], axis=1)
+    rotation = np.array([looking(x, y) for x, y in zip(azimuth, pitch, strict=True)])
+    return Flight(rotation, centres, boxes)
+
+
+def scene(flight: Flight, **changes: float) -> PosedScene:
+    """State the poses of a flight, with a camera of perhaps other intrinsics."""
+    names = tuple(f"f{number:03d}.png" for number in range(len(flight.centres)))
+    values = {"f": FOCAL, "cx": WIDTH / 2, "cy": HEIGHT / 2} | changes
+    K = [[values["f"], 0, values["cx"]], [0, values["f"], values["cy"]], [0, 0, 1]]
+    cameras = Cameras.from_matrices([K] * len(names), WIDTH, HEIGHT)
+    poses = Poses.from_centres(flight.rotation, flight.centres + ORIGIN)
+    return PosedScene("made", names, names, cameras, poses, CRS, Path(), 0.0)
+
+
+def write_depths(folder: Path, depths: np.ndarray) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, depth in enumerate(depths):
+        np.save(folder / f"f{number:03d}.npy", depth)
+    return folder
+
+
+def write_photos(folder: Path, flight: Flight) -> list[object]:
+    """Write photos and their pose file, as a person has them; return the command's options."""
+    made, images = scene(flight), folder / "images"
+    images.mkdir(parents=True)
+    for name in made.images:
+        Image.new("L", (WIDTH, HEIGHT)).save(images / name)
+    posed = zip(made.images, flight.rotation, flight.centres + ORIGIN, strict=True)
+    content = {
+        "crs": CRS,
+        "K": made.cameras.matrices[0].tolist(),
+        "images": {n: {"R_w2c": R.tolist(), "center": C.tolist()} for n, R, C in posed},
+    }
+    (folder / "poses.json").write_text(json.dumps(content))
+    return ["--poses", folder / "poses.json", "--images", images]
+
+
+def write_benchmark(folder: Path, flight: Flight) -> Path:
+    made = scene(flight)
+    table = photo_table("park", made.images, made.cameras, made.poses, None, 0.0)
+    write_queries(folder / "scenes" / "park", table)
+    places = {"images": "data/park/images", "dom": "dom.tif", "crs": CRS, "plane_height_m": 0.0}
+    entries = (SceneFile(id="park", title="Park", **places),)
+    file = BenchmarkFile(
+        schema=1, name="made", version=1, title="m", tracks={}, scenes=entries, checksums={}
+    )
+    write_benchmark_file(folder, file)
+    return folder
+
+
+# --- depth and the frame chain ---
 
 EXACT = 1e-6  # depths are stored as float32
 FLIGHT = orbit(8)
@@ -237,3 +360,100 @@ class TestCommand:
         for words in ((), (folder, "--poses", folder)):
             assert run_main("check-geometry", *words) == 2
             assert "what is to be checked" in capsys.readouterr().err
+
+
+# --- splits ---
+
+SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+
+
+def footprints(*corners: tuple[float, float], size: float = 0.001) -> np.ndarray:
+    return np.array(corners)[:, None] + size * SQUARE
+
+
+def named(lonlat: np.ndarray) -> pd.DataFrame:
+    ids = [str(number) for number in range(len(lonlat))]
+    return pd.DataFrame(lonlat.reshape(-1, 8), ids, list(ANCHOR_COLUMNS))
+
+
+def pairs(train: np.ndarray, test: np.ndarray) -> list[tuple[int, int]]:
+    found = compare_splits(named(train), named(test))
+    return [(int(a), int(b)) for a, b in zip(found["train"], found["test"], strict=True)]
+
+
+def test_squares_worked_by_hand() -> None:
+    train = footprints((10.0, 0.0), (11.0, 0.0), (10.0005, 0.0))
+    test = footprints((10.0008, 0.0), (12.0, 0.0))
+    found = compare_splits(named(train), named(test))
+    assert found["train"].tolist() == ["0", "2"]
+    assert found["share_of_test"].tolist() == pytest.approx([0.2, 0.7], abs=1e-6)
+    assert found["shared_m2"][0] == pytest.approx(0.2 * (0.001 * 111_195) ** 2, rel=1e-4)
+    touching = footprints((10.0, 28.0)), footprints((10.001, 28.0), (10.0, 28.001))
+    assert pairs(*touching) == []
+    assert pairs(touching[0], touching[1] - (1e-8, 1e-8)) == [(0, 0), (0, 1)]
+    assert pairs(train, np.full((1, 4, 2), np.nan)) == []
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_same_pairs_as_every_pair_by_shapely(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    train, test = (
+        rng.uniform(-1, 1, (n, 1, 2)) * 0.01 + rng.uniform(-1, 1, (n, 4, 2)) * 0.002
+        for n in (30, 20)
+    )
+    hulls = [[shapely.MultiPoint(p).convex_hull for p in s] for s in (train, test)]
+    shapes = [[shapely.Polygon(p) for p in s] for s in (train, test)]
+    # Those that cross themselves count as their hull.
+    shapes = [
+        [s if s.is_valid else h for s, h in zip(*both, strict=True)]
+        for both in zip(shapes, hulls, strict=True)
+    ]
+    expected = {
+        (a, b)
+        for a, one in enumerate(shapes[0])
+        for b, other in enumerate(shapes[1])
+        if one.intersection(other).area * 111_195**2 > 2e-4
+    }
+    assert set(pairs(train, test)) == expected
+
+
+def test_corners_are_cast_and_cut() -> None:
+    rotation = np.array([looking(0, 90), looking(0, 5), looking(0, -60), looking(0, 90)])
+    centres = np.array([(0, 0, 100.0), (0, 0, 100), (0, 0, 100), (0, 0, -1)])
+    made = scene(Flight(rotation, centres))
+    lonlat = cast_corners(made, 500.0)
+    assert np.isnan(lonlat).any(axis=(1, 2)).tolist() == [False, False, True, True]
+    ground = from_lonlat(CRS, lonlat[:2]) - ORIGIN[:2]
+    half = 100 * np.array([80, 60]) / 130
+    nadir = half * np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+    assert ground[0] == pytest.approx(nadir, abs=1e-3)
+    # The upper corners of a level camera look at the sky: cut at 500 m along the ray.
+    assert (np.hypot(*ground[1, :2].T) <= 500.0).all()
+    assert (np.hypot(*ground[1, :2].T) > 400.0).all()
+    with pytest.raises(BenchmarkError, match="no ground plane"):
+        cast_corners(replace(made, plane_height_m=None), 500.0)
+
+
+def test_tables_and_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = named(footprints((10.0, 0.0), (10.0005, 0.0))).assign(id=["007", "b"])
+    table.to_csv(tmp_path / "train.csv", index=False)
+    train = read_footprints(tmp_path / "train.csv", 100.0)
+    assert [*train.index] == ["007", "b"]
+    assert len(compare_splits(train, train)) == 4
+    table.assign(anchor0_lon=401_000.0).to_csv(tmp_path / "metres.csv", index=False)
+    with pytest.raises(BenchmarkError, match="a number, at most 540 in size"):
+        read_footprints(tmp_path / "metres.csv", 100.0)
+    flight = orbit(4)
+    here = write_benchmark(tmp_path / "here", flight)
+    away = replace(flight, centres=flight.centres + np.array((50_000, 0, 0)))
+    assert run_main("check-split", here, write_benchmark(tmp_path / "there", away)) == 0
+    assert run_main("check-split", here, here, "--out", tmp_path / "pairs.csv") == 1
+    assert "f000" in capsys.readouterr().out
+    found = pd.read_csv(tmp_path / "pairs.csv")
+    assert found["test"].nunique() == len(flight.centres)
+    assert found["train"][0] == "park/f000"
+    table.assign(anchor0_lon="").to_csv(tmp_path / "unknown.csv", index=False)
+    assert run_main("check-split", here, tmp_path / "unknown.csv") == 1
+    for missing in (tmp_path, tmp_path / "no.csv"):
+        assert run_main("check-split", missing, here) == 2
