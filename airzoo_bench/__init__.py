@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING
 # Where each name is; the imports below say the same to editors and type checkers.
 _HOMES = {
     "api.benchmark": "BlindBenchmark load_benchmark",
-    "api.clouds": "align_cameras cloud_scores",
-    "api.intervals": "bootstrap_ci",
-    "api.poses": "pose_errors pose_scores solve_pose",
-    "api.results": "Check Comparison Result check compare evaluate load_result",
+    "api.geometry": "align_cameras cloud_scores pose_errors pose_scores solve_pose",
+    "api.results": "Check Comparison Result bootstrap_ci check compare evaluate load_result",
     "api.retrieval": "average_precision chance_level recall_at_k retrieval_scores",
     "api.arguments": "Scores",
     "api.writer": "PredictionWriter",
@@ -55,13 +53,18 @@ __all__ = [
 if TYPE_CHECKING:
     from airzoo_bench.api.arguments import Scores
     from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
-    from airzoo_bench.api.clouds import align_cameras, cloud_scores
-    from airzoo_bench.api.intervals import bootstrap_ci
-    from airzoo_bench.api.poses import pose_errors, pose_scores, solve_pose
+    from airzoo_bench.api.geometry import (
+        align_cameras,
+        cloud_scores,
+        pose_errors,
+        pose_scores,
+        solve_pose,
+    )
     from airzoo_bench.api.results import (
         Check,
         Comparison,
         Result,
+        bootstrap_ci,
         check,
         compare,
         evaluate,

@@ -19,6 +19,8 @@ from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 __all__ = ["Scores"]
 
+Shape = tuple[int | None, ...]
+
 
 class Scores:
     """Scores by name, as items and attributes: ``found["recall@1"]``, ``found.f1``.
@@ -26,9 +28,9 @@ class Scores:
     Parameters
     ----------
     scores : mapping of str to float, int, str or None
-        What it shows of itself, with four decimals.
+        Shown with four decimals.
     **more : object
-        Further attributes, such as the table or the arrays that scores are made of.
+        Further attributes: tables and arrays that the scores are made of.
     """
 
     def __init__(self, scores: Mapping[str, Any], **more: Any) -> None:
@@ -42,7 +44,7 @@ class Scores:
         raise AttributeError(f"there is no {name!r} among {', '.join(vars(self))}")
 
     def __repr__(self) -> str:
-        width = max(map(len, self.scores), default=0)
+        width = max(map(len, self.scores))
         shown = {n: f"{v:.4f}" if isinstance(v, float) else v for n, v in self.scores.items()}
         return "\n".join(["Scores", *(f"  {name:<{width}}  {v}" for name, v in shown.items())])
 
@@ -74,29 +76,24 @@ def as_array(name: str, values: Any) -> NDArray[Any]:
         raise fault(name, "has masked entries", "an array", "fill them: array.filled(np.nan)")
     try:
         return np.asarray(values)
-    except (ValueError, TypeError, RuntimeError) as error:
-        # NumPy for ragged lists; torch for tensors that need a gradient or lie on a GPU.
+    except (ValueError, TypeError) as error:  # ragged lists; tensors on a GPU
         raise fault(name, f"cannot be an array: {error}", "an array") from error
 
 
-def numbers(name: str, values: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
+def numbers(name: str, values: Any, shape: Shape) -> NDArray[Any]:
     """Return numbers of any type as an array of a shape, in which None is any length."""
     array = as_array(name, values)
     if array.shape == (0,):
         array = array.reshape([length or 0 for length in shape])
-    fits = len(shape) == array.ndim and all(
-        want in (None, have) for want, have in zip(shape, array.shape, strict=True)
-    )
-    if not fits or array.dtype.kind not in "biuf":
+    fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
+    if len(shape) != array.ndim or not all(fits) or array.dtype.kind not in "biuf":
         letters = [str(letter if n is None else n) for letter, n in zip("NMK", shape, strict=False)]
         expected = f"numbers of shape ({', '.join(letters)})"
         raise fault(name, f"is {array.dtype} of shape {array.shape}", expected)
     return array
 
 
-def floats(
-    name: str, values: Any, shape: tuple[int | None, ...], *, finite: bool = False
-) -> Floats:
+def floats(name: str, values: Any, shape: Shape, *, finite: bool = False) -> Floats:
     """Return `numbers` in double precision, as a copy; finite ones have squares that are too."""
     array = numbers(name, values, shape).astype(np.float64)
     if finite:
@@ -123,10 +120,10 @@ def check_digits(name: str, points: Floats, kind: Any, coarsest: float = COARSES
             raise fault(name, what, "float64, or coordinates from a local origin")
 
 
-def refuse_rows(name: str, bad: Any, what: str, expected: str, fix: str | None = None) -> None:
+def refuse_rows(name: str, bad: Any, what: str, expected: str) -> None:
     """Refuse an argument that has bad rows, and name the first of them."""
     if rows := np.flatnonzero(bad).tolist():
-        raise fault(name, f"{what} in {first_of(rows, np.size(bad), noun='row')}", expected, fix)
+        raise fault(name, f"{what} in {first_of(rows, np.size(bad), noun='row')}", expected)
 
 
 def check_pairs(**arguments: Any) -> None:
@@ -137,22 +134,20 @@ def check_pairs(**arguments: Any) -> None:
         if hasattr(rows, "__len__") and hasattr(other, "__len__") and len(rows) != len(other):
             raise fault(where, f"have {len(rows)} and {len(other)} rows", "as many, in one order")
         if hasattr(rows, "iloc") and hasattr(other, "iloc") and not rows.index.equals(other.index):
-            fix = "give one the index of the other: b.reindex(a.index), or pass .to_numpy()"
-            raise fault(where, "have different indexes", "the same labels", fix)
+            raise fault(where, "have different indexes", "the same labels: b.reindex(a.index)")
 
 
 def listed(name: str, values: Any) -> list[Any]:
     """Return several values as a list."""
     if hasattr(values, "__array__"):  # a DataFrame would give the names of its columns
-        array = as_array(name, values)
-        values = list(array) if array.ndim else array.item()
+        values = as_array(name, values).tolist()
     if isinstance(values, str | bytes | Mapping | Set) or not isinstance(values, Iterable):
         raise fault(name, f"is {values!r}"[:80], "a list")
     return list(values)
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
-    """Return a whole number from `least` to what solvers take as seeds."""
+    """Return a whole number from `least` to the largest that solvers take as seeds."""
     is_whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not is_whole or not least <= int(value) < 2**31:
         raise fault(name, f"is {value!r}", f"a whole number from {least} to 2,147,483,647")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, data_here, find_benchmark, needed
@@ -22,7 +20,6 @@ from airzoo_bench.benchmark.queries import (
     read_excluded,
     read_queries,
 )
-from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
 from airzoo_bench.matching.solving import lift
@@ -38,22 +35,9 @@ Window = tuple[int, int, int, int]
 def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> BlindBenchmark:
     """Open a benchmark for a method that is to be scored on it: all except the truth.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Its name, such as ``airzoo-mini``, or its folder, as ``airzoo-bench prepare`` wrote it.
-    data : str or Path, optional
-        The folder that holds benchmark folders; by default ``$AIRZOO_BENCH_DATA`` or the cache.
-
-    Returns
-    -------
-    BlindBenchmark
-        Scenes, photos, tiles, crops.
-
-    Raises
-    ------
-    BenchmarkError
-        It is not there, or a file of it is missing or was changed.
+    `name_or_path` is a name, such as ``airzoo-mini``, or a folder that ``airzoo-bench prepare``
+    wrote; `data` is the folder that holds named ones, by default ``$AIRZOO_BENCH_DATA`` or the
+    cache. Raises a `BenchmarkError` where it is not there, or a file is missing or was changed.
     """
     folder = data_here(name_or_path)
     if (folder / "benchmark.toml").is_file() or len(folder.parts) > 1:
@@ -64,21 +48,17 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
         BlindScene(one.id, one.title, one.crs, one.plane_height_m, source)
         for one in source.file.scenes
     ]
-    tracks = tuple(source.file.tracks)
-    return BlindBenchmark(source.name, source.folder, tracks, tuple(scenes), source)
+    return BlindBenchmark(
+        source.name, source.folder, tuple(source.file.tracks), tuple(scenes), source
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class BlindBenchmark:
     """A benchmark without its truth, as `load_benchmark` opens it.
 
-    Attributes
-    ----------
-    name : str
-    folder : Path
-    tracks : tuple of str
-        The tracks that it serves: retrieval, matching, reconstruction.
-    scenes : tuple of BlindScene
+    `name` is its own and `folder` is its place; `tracks` is a tuple of the tracks that it serves,
+    `scenes` is one of its scenes.
     """
 
     name: str
@@ -88,12 +68,8 @@ class BlindBenchmark:
     _source: Benchmark = field(repr=False)
 
     def scene(self, scene_id: str) -> BlindScene:
-        """Return a scene by its id, such as "city"; raise a `BenchmarkError` where none has it."""
-        by_id = {scene.id: scene for scene in self.scenes}
-        if scene_id not in by_id:
-            what = f"has no scene {scene_id!r}"
-            raise BenchmarkError(what, where=self.folder, expected=", ".join(by_id))
-        return by_id[scene_id]
+        """Return a scene by its id, such as "city"; raise a KeyError where none has it."""
+        return {scene.id: scene for scene in self.scenes}[scene_id]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,21 +88,35 @@ class BlindScene:
 
     def queries(self) -> tuple[Photo, ...]:
         """Return the queries of retrieval, sorted by id."""
-        return self.photos_of("retrieval")
+        return self.photos("retrieval")
 
-    def photos(self) -> tuple[Photo, ...]:
-        """Return the photos for a reconstruction, sorted by id."""
-        return self.photos_of("reconstruction")
-
-    def photos_of(self, track: str) -> tuple[Photo, ...]:
-        """Return the photos that a track asks for, sorted by id."""
-        folder = self._home(track).parent
+    def photos(self, track: str = "reconstruction") -> tuple[Photo, ...]:
+        """Return the photos for a track, sorted by id."""
+        folder, images = self._folder(track).parent, self._source.scene(self.id).images
         table = read_queries(folder, read_excluded(self._source, self.id, track))
-        return photos_of(table, self._source.resolve(self._source.scene(self.id).images))
+        texts: Any = conditions_of(table).select_dtypes(exclude="number").astype(str)
+        priors: list[Pose | None] = [None] * len(table)
+        cameras: list[Camera | None] = [None] * len(table)
+        if {*PRIOR_COLUMNS} <= {*table.columns}:
+            known = np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(float)).all(axis=1)
+            poses = poses_of(table[known], PRIOR_COLUMNS)
+            pairs = zip(poses.rotation, poses.centres, strict=True)
+            for row, pose in zip(np.flatnonzero(known), pairs, strict=True):
+                priors[row] = Pose(*pose)
+        if {*CAMERA_COLUMNS} <= {*table.columns}:
+            lens = cameras_of(table)
+            sizes = lens.width.tolist(), lens.height.tolist()
+            parts = zip(*sizes, lens.matrices, lens.distortion, strict=True)
+            cameras = [Camera(*part) for part in parts]
+        names, home = table["image"].tolist(), self._source.resolve(images)
+        paths = [home / name for name in names]
+        records = texts.to_dict("records")
+        columns = zip(table["id"], names, paths, records, priors, cameras, strict=True)
+        return tuple(Photo(*values) for values in columns)
 
     def tiles(self) -> tuple[Tile, ...]:
         """Return the tiles of the gallery, sorted by id."""
-        table, entry = read_tiles(self._home("retrieval")), self._source.scene(self.id)
+        table, entry = read_tiles(self._folder("retrieval")), self._source.scene(self.id)
         gallery = self._source.resolve(needed(entry.gallery or entry.dom, "gallery", self.id))
         if "image" in table.columns:
             pairs = zip(table["id"], table["image"], strict=True)
@@ -134,25 +124,17 @@ class BlindScene:
         windows = table[["x", "y", "width", "height"]].to_numpy(np.int64).tolist()
         sizes, boxes = table["size_m"].astype(float), boxes_of(table).tolist()
         rows = zip(table["id"], windows, boxes, sizes, strict=True)
-        return tuple(
-            Tile(name, gallery, tuple(window), tuple(box), size) for name, window, box, size in rows
-        )
+        return tuple(Tile(one, gallery, tuple(w), tuple(b), size) for one, w, b, size in rows)
 
     def crops(self) -> tuple[Crop, ...]:
         """Return the crop of each query of matching, sorted by the photo's id."""
-        photos, truth = self.photos_of("matching"), read_matching_truth(self._source, self.id)
+        photos, truth = self.photos("matching"), read_matching_truth(self._source, self.id)
         windows, maps = truth.crops.tolist(), map(truth.map_of, range(len(photos)))
-        return tuple(
-            Crop(photo.id, photo, tuple(window), one.dom, one.dsm)
-            for photo, window, one in zip(photos, windows, maps, strict=True)
-        )
+        rows = zip(photos, windows, maps, strict=True)
+        return tuple(Crop(one.id, one, tuple(w), its.dom, its.dsm) for one, w, its in rows)
 
-    def _home(self, track: str) -> Path:
-        source = self._source
-        if track not in source.file.tracks:
-            what, served = f"{source.name} does not serve {track}", ", ".join(source.file.tracks)
-            raise BenchmarkError(what, where=source.folder, expected=served)
-        return source.scene_folder(self.id) / track
+    def _folder(self, track: str) -> Path:
+        return self._source.scene_folder(self.id) / track
 
 
 class Camera(NamedTuple):
@@ -184,22 +166,15 @@ class Photo:
     """A photo as a method may know it, with the prior by its own GPS and gimbal.
 
     The id is ``scene/name``. Conditions that are numbers, such as altitude, are left out: they
-    come from the true pose.
+    come from the true pose. Prior and camera are None where they are not known.
     """
 
     id: str
     name: str = field(repr=False)
     path: Path = field(repr=False)
-    conditions: Mapping[str, str] = field(repr=False)
-    prior: Pose | None = field(default=None, repr=False)
-    _camera: Camera | None = field(default=None, repr=False)
-
-    @property
-    def camera(self) -> Camera:
-        """The camera of the photo at its full size."""
-        if self._camera is None:
-            raise BenchmarkError(f"the camera of {self.id} is not known", where=self.path)
-        return self._camera
+    conditions: dict[str, str] = field(repr=False)
+    prior: Pose | None = field(repr=False)
+    camera: Any = field(repr=False)  # Camera | None
 
     @property
     def image(self) -> Image:
@@ -208,29 +183,8 @@ class Photo:
 
     def read(self, long_side_px: int | None = None) -> Image:
         """Read the photo in colour, made smaller where a long side is given."""
-        size, camera = photo_size(self.path), self._camera
-        if camera is not None and size != camera[:2]:
-            what, expected = f"the photo is {size[0]} x {size[1]} px", "the size of its camera"
-            raise BenchmarkError(what, where=self.path, expected=expected)
-        return read_rgb_photo(self.path, long_side_px or max(size))
-
-
-def photos_of(table: pd.DataFrame, folder: Path) -> tuple[Photo, ...]:
-    """Make photos of a scene's table, without its columns of true poses."""
-    texts: Any = conditions_of(table).select_dtypes(exclude="number").astype(str).to_dict("records")
-    known: list[dict[str, Any]] = [{} for _ in texts]
-    if set(PRIOR_COLUMNS) <= set(table.columns):
-        rows = np.flatnonzero(np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(float)).all(axis=1))
-        poses = poses_of(table.iloc[rows], PRIOR_COLUMNS)
-        for row, rotation, centre in zip(rows, poses.rotation, poses.centres, strict=True):
-            known[row]["prior"] = Pose(rotation, centre)
-    if set(CAMERA_COLUMNS) <= set(table.columns):
-        batch = cameras_of(table)
-        sizes = zip(batch.width.tolist(), batch.height.tolist(), strict=True)
-        for place, size in enumerate(sizes):
-            known[place]["_camera"] = Camera(*size, batch.matrices[place], batch.distortion[place])
-    names = zip(table["id"], table["image"], texts, known, strict=True)
-    return tuple(Photo(one, name, folder / name, text, **more) for one, name, text, more in names)
+        whole = max(photo_size(self.path))
+        return read_rgb_photo(self.path, long_side_px or whole)
 
 
 @dataclass(frozen=True, eq=False)

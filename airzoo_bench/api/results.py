@@ -1,4 +1,4 @@
-"""Results from Python: predictions scored and checked, results read back, drawn and compared."""
+"""Results from Python: predictions scored and checked, results read, drawn, compared; intervals."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
+from airzoo_bench.api.arguments import Scores
 from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.evaluation.evaluate import ReadBy
@@ -25,7 +27,8 @@ from airzoo_bench.results.comparison import compare as compare_methods
 from airzoo_bench.results.comparison import score_intervals
 from airzoo_bench.results.records import Method, checked_records, read_methods, write_csv
 from airzoo_bench.results.result import write_result
-from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.statistics.intervals import Interval, sample_intervals
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample
 from airzoo_bench.storage.urls import local_path
 from airzoo_bench.tables.comparison import comparison_table, intervals_table, verdict
 from airzoo_bench.tables.layouts import scenes_table
@@ -35,26 +38,33 @@ from airzoo_bench.tables.render import render
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Check", "Comparison", "Result", "check", "compare", "evaluate", "load_result"]
+__all__ = [
+    "Check",
+    "Comparison",
+    "Result",
+    "bootstrap_ci",
+    "check",
+    "compare",
+    "evaluate",
+    "load_result",
+]
 
 Predictions = str | Path | Mapping[str, Any]
+Statistic = Literal["share", "mean", "median"]
 
 _COMPARED = """score method reference value reference_value difference low high p p_holm p_mcnemar
 wins ties losses verdict"""
+_MOST_CONFIDENCE = 0.999999  # limits of more are those of rounding
+_LARGEST = 1e100  # third powers of larger values overflow
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(Method):
     """A method's result with its records; it shows itself as the table that ``eval`` prints.
 
-    Attributes
-    ----------
-    name : str
-        The method's.
-    result : airzoo_bench.results.result.Result
-        The content of result.json: protocol, truth, predictions, counts, notes, scores.
-    records : DataFrame
-        A row a query, or a scene in reconstruction, sorted by ``query``.
+    `name` is the method's; `result` is the content of result.json: protocol, truth, predictions,
+    counts, notes, scores; `records` is a DataFrame with a row a query, or a scene in
+    reconstruction, sorted by ``query``.
     """
 
     @property
@@ -114,22 +124,9 @@ class Result(Method):
 def load_result(path: str | Path, *, name: str | None = None) -> Result:
     """Read a result that ``airzoo-bench eval ... --out DIR`` wrote, and its records.
 
-    Parameters
-    ----------
-    path : path
-        Of ``result.json``, or of the folder that holds it; or a URL.
-    name : str, optional
-        A name of the method instead of its own.
-
-    Returns
-    -------
-    Result
-        Shown as the table that ``eval`` prints.
-
-    Raises
-    ------
-    UserError
-        It is missing, was changed since it was written, or its records do not fit it.
+    `path` is that of ``result.json`` or its folder, or a URL; `name` is a name of the method
+    instead of its own. Raises a `UserError` where it is missing, was changed since it was written,
+    or its records do not fit it.
     """
     (found,) = read_methods([path])
     return Result(name or found.name, found.result, found.records)
@@ -148,6 +145,8 @@ def evaluate(
 ) -> Result:
     """Score predictions on a benchmark folder, as ``airzoo-bench eval`` does.
 
+    Raises a `UserError` where predictions, protocol or benchmark folder are not as they must be.
+
     Parameters
     ----------
     predictions : path or mapping of str to array-like
@@ -162,26 +161,12 @@ def evaluate(
         A list of images, a line each, in the order in which the method saw them.
     jobs, max_memory : int
         Threads, and bytes for the predictions; the numbers do not depend on them.
-
-    Returns
-    -------
-    Result
-        Scores by scene and overall, with `records`.
-
-    Raises
-    ------
-    UserError
-        The predictions, the protocol or the benchmark folder are not as they must be.
     """
+    read_by = ReadBy(reader, None if names is None else Path(names))
+    run = Run(memory_bytes=max_memory, jobs=jobs)
     with _as_path(predictions, protocol) as path:
-        done = score_predictions(
-            path,
-            data=data_here(data),
-            protocol=protocol,
-            method=method,
-            run=Run(memory_bytes=max_memory, jobs=jobs),
-            read_by=ReadBy(reader, None if names is None else Path(names)),
-        )
+        named: Any = {"protocol": protocol, "method": method}
+        done = score_predictions(path, data=data_here(data), run=run, read_by=read_by, **named)
     result, records = done.result, done.records
     if "query" not in records:
         records = records.assign(query=records["scene"])
@@ -191,13 +176,7 @@ def evaluate(
 
 @dataclass(frozen=True, repr=False)
 class Check:
-    """The errors of predictions that `evaluate` would raise, and notes on them.
-
-    Attributes
-    ----------
-    errors : tuple of UserError
-    notes : tuple of str
-    """
+    """What `evaluate` would refuse: `errors` is a tuple of `UserError`, `notes` is one of str."""
 
     errors: tuple[UserError, ...]
     notes: tuple[str, ...]
@@ -222,20 +201,12 @@ def check(
 ) -> Check:
     """Find errors of predictions, the first in each file or scene, without scoring them.
 
+    Raises a `UserError` where there is nothing to check: no such file, or no known protocol.
+
     Parameters
     ----------
     predictions, protocol, data, reader, names : optional
         As in `evaluate`; the truth of the benchmark may be sealed.
-
-    Returns
-    -------
-    Check
-        What is wrong, as sentences.
-
-    Raises
-    ------
-    UserError
-        There is nothing to check: no such file, or no known protocol.
     """
     read_by = ReadBy(reader, None if names is None else Path(names))
     with _as_path(predictions, protocol) as path:
@@ -250,11 +221,8 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
         yield local_path(predictions)
         return
     fields = {name: arg.as_array(name, values) for name, values in predictions.items()}
-    for name, array in fields.items():
-        if array.dtype == np.dtype(object):  # columns of pandas hold text so
-            if not all(isinstance(value, str) for value in array.ravel()):
-                raise arg.fault(name, "holds Python objects", "numbers or text")
-            fields[name] = array.astype(str)
+    # Columns of pandas hold text as objects.
+    fields = {name: one.astype(str) if one.dtype == object else one for name, one in fields.items()}
     named = protocol or fields.pop("protocol", None)
     if named is None:
         raise arg.fault("protocol", "is not named", "one of `airzoo-bench protocols`")
@@ -266,14 +234,9 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """A comparison of results; it shows itself as the table that ``compare`` prints.
+    """A comparison of results; it shows itself as `table` is, which is that of the command.
 
-    Attributes
-    ----------
-    table : Table
-        The table of ``airzoo-bench compare``.
-    frame : DataFrame
-        The numbers; see `compare`.
+    `frame` is a DataFrame of the numbers; see `compare`.
     """
 
     table: Table
@@ -296,6 +259,11 @@ def compare(
 ) -> Comparison:
     """Compare results query by query: differences, intervals, tests, a verdict in words.
 
+    Its `frame` has a row a score and method, with the difference to the reference, its interval and
+    tests; of a single result a row a scene (None for the average) and score. docs/statistics.md
+    explains them. Raises a `UserError` where results cannot be read or compared, and for a score,
+    method or scene that is not there.
+
     Parameters
     ----------
     results : path, Result, or several of them
@@ -306,18 +274,6 @@ def compare(
         The method to compare all others with, or "best"; by default the first.
     scene : str, optional
         This scene only, by id or title.
-
-    Returns
-    -------
-    Comparison
-        Its `frame` has a row a score and method, with the difference to the reference, its
-        interval and tests; of a single result a row a scene (None for the average) and score.
-        docs/statistics.md explains them.
-
-    Raises
-    ------
-    UserError
-        Results cannot be read or compared; there is no such score, method or scene.
     """
     kinds, plan = str | Path | Method, ResamplingConfig()
     listed = [results] if isinstance(results, kinds) else arg.listed("results", results)
@@ -347,3 +303,70 @@ def compare(
         for pair in made.pairs
     ]
     return Comparison(comparison_table(made), pd.DataFrame(rows)[_COMPARED.split()])
+
+
+def bootstrap_ci(
+    values: ArrayLike,
+    scenes: ArrayLike | None = None,
+    *,
+    statistic: Statistic,
+    confidence: float = 0.95,
+    seed: int = 0,
+) -> Scores:
+    """Return the confidence interval of an average; docs/statistics.md says how it is made.
+
+    Returns ``estimate``; its ``low`` and ``high``, which may be infinite, or None, with a
+    ``reason``, where a scene has fewer than 5 queries or all resampled values are alike;
+    ``method``: "wilson", "mover", "bca" or "percentile"; ``scenes``, the same of each scene by
+    name. Raises an `ArgumentError` for NaN, no value, shares outside 0 to 1, `scenes` of another
+    length, settings out of range.
+
+    Source: Wilson, JASA 22, 1927. Zou and Donner, Statistics in Medicine 27, 2008 (MOVER). Efron
+    and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 14 (BCa).
+
+    Parameters
+    ----------
+    values : (N,) array-like
+        A value a query. Infinite errors are values like all others.
+    scenes : (N,) array-like, optional
+        The scene of each: the average is the unweighted mean of theirs, resampled within scenes.
+    statistic : {"share", "mean", "median"}
+        Means of shares from 0 to 1, such as hits and AP, have Wilson's interval, over scenes
+        MOVER's; other means and medians are bootstrapped.
+    confidence, seed : float, int
+        Between 0 and 1; the seed of the 10,000 resamples.
+    """
+    arg.choice("statistic", statistic, get_args(Statistic))
+    share = arg.positive("confidence", confidence, _MOST_CONFIDENCE)
+    plan = ResamplingConfig(seed=arg.whole("seed", seed, 0), confidence=share)
+    numbers = arg.floats("values", values, (None,))
+    bad = ~(np.abs(numbers) <= _LARGEST) & ~np.isposinf(numbers)
+    if statistic == "share":
+        bad |= (numbers < 0.0) | (numbers > 1.0)
+    expected = "a number a query, infinite for failures; shares from 0 to 1, not percent"
+    arg.refuse_rows("values", bad, "NaN or a value out of range", expected)
+    if len(numbers) == 0:
+        raise arg.fault("values", "holds no value", expected)
+    groups = {"": numbers}
+    if scenes is not None:
+        labels = arg.as_array("scenes", scenes).astype(object)
+        if labels.shape != numbers.shape or pd.isna(labels).any():
+            what = f"has shape {labels.shape}, or names that are missing"
+            raise arg.fault("scenes", what, f"({len(numbers)},), the scene of each value")
+        arg.check_pairs(values=values, scenes=scenes)
+        rows, names = pd.factorize(labels.astype(str))
+        groups = {str(name): numbers[rows == place] for place, name in enumerate(names)}
+    kinds = (np.array([statistic == kind]) for kind in ("median", "share"))
+    sample = Sample("query", tuple(groups), tuple(one[None] for one in groups.values()), *kinds)
+    found = sample_intervals(sample, plan, groups=scenes is not None)
+    average = np.median if statistic == "median" else np.mean
+    means = {name: float(average(part)) for name, part in groups.items()}
+    parts = {name: _as_scores(means[name], one) for name, (one, *_) in found.groups.items()}
+    return _as_scores(float(np.mean(list(means.values()))), found.overall[0], scenes=parts)
+
+
+def _as_scores(estimate: float, found: Interval, **more: Any) -> Scores:
+    values = {"estimate": estimate, "low": found.low, "high": found.high}
+    kind = "reason" if found.low is None else "method"
+    values[kind] = getattr(found, kind)
+    return Scores(values, **{"reason": found.reason, "method": found.method} | more)

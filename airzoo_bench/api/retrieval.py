@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from itertools import chain
 from typing import Any, get_args
 
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.arguments import Scores
-from airzoo_bench.core.errors import first_of
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.predictions import check_lists
@@ -23,13 +22,12 @@ from airzoo_bench.retrieval.truth import Positives, offsets_of
 
 __all__ = ["average_precision", "chance_level", "recall_at_k", "retrieval_scores"]
 
-_ENDS = {"", -1}  # end a ranked list that is shorter than others
-
 
 def recall_at_k(hits: ArrayLike, k: int) -> float:
     """Return Recall@k: the share of queries with a positive among the first k.
 
-    Source: Arandjelovic et al., NetVLAD, CVPR 2016; measure ``success`` of trec_eval.
+    Raises an `ArgumentError` for no query, values other than 0 and 1, k below 1. Source:
+    Arandjelovic et al., NetVLAD, CVPR 2016; measure ``success`` of trec_eval.
 
     Parameters
     ----------
@@ -37,18 +35,8 @@ def recall_at_k(hits: ArrayLike, k: int) -> float:
         Whether each rank holds a positive, best first; a list a query, or (K,) of one query.
     k : int
         At least 1.
-
-    Returns
-    -------
-    float
-        0 to 1.
-
-    Raises
-    ------
-    ArgumentError
-        No query, values other than 0 and 1, k below 1.
     """
-    return float(metrics.recall_at(_hit_matrix(hits), arg.whole("k", k)).mean())
+    return float(metrics.recall_at(_read_hits(hits), arg.whole("k", k)).mean())
 
 
 def average_precision(
@@ -60,6 +48,7 @@ def average_precision(
     R positives: ``trec`` is :math:`\frac{1}{R} \sum_{i \le k} h_i P_i`; ``min`` divides by min(R,
     k), ``hits`` by the number of hits; ``precision`` is :math:`P_k`, the AP@5 of the AirZoo paper.
 
+    Raises an `ArgumentError` as `recall_at_k`, and for a query with fewer positives than hits.
     Source: ``map``, ``map_cut`` and ``P`` of trec_eval; ``min`` is Kaggle's (Landmark Retrieval).
 
     Parameters
@@ -71,38 +60,18 @@ def average_precision(
     k : int, optional
         How many ranks count; by default all.
     variant : {"trec", "min", "hits", "precision"}
-
-    Returns
-    -------
-    float
-        0 to 1.
-
-    Raises
-    ------
-    ArgumentError
-        As `recall_at_k`; a query with no positive, or fewer than hits.
+        The reading.
     """
     arg.choice("variant", variant, get_args(ApVariant))
-    matrix = _hit_matrix(hits)
+    matrix = _read_hits(hits)
     if hasattr(n_positives, "iloc"):
         arg.check_pairs(hits=hits, n_positives=n_positives)
-    counts = _positive_counts(n_positives, len(matrix), np.maximum(matrix.sum(axis=1), 1))
+    counts = _read_counts(n_positives, len(matrix), np.maximum(matrix.sum(axis=1), 1))
     depth = max(matrix.shape[1], 1) if k is None else arg.whole("k", k)
     return float(metrics.average_precision_at(matrix, counts, depth, variant).mean())
 
 
-def _positive_counts(values: Any, queries: int, least: ArrayLike) -> Ints:
-    """Return a number of positives a query, each as large as it must be."""
-    counts = arg.as_array("n_positives", values)
-    expected = f"{queries} whole numbers, at least 1 and at least the hits of each query"
-    if counts.dtype.kind not in "iu" or counts.shape not in ((), (queries,)):
-        raise arg.fault("n_positives", f"is {counts.dtype} of shape {counts.shape}", expected)
-    counts = np.broadcast_to(counts, queries).astype(np.int64)
-    arg.refuse_rows("n_positives", counts < least, "too small a number", expected)
-    return counts
-
-
-def _hit_matrix(hits: Any) -> Bools:
+def _read_hits(hits: Any) -> Bools:
     """Return hits as a matrix; shorter lists are filled up with misses."""
     if isinstance(hits, list | tuple) and hits and all(isinstance(one, Sequence) for one in hits):
         longest = max(map(len, hits))
@@ -117,46 +86,48 @@ def _hit_matrix(hits: Any) -> Bools:
     return matrix.astype(np.bool_)
 
 
+def _read_counts(values: Any, queries: int, least: ArrayLike) -> Ints:
+    """Return a number of positives a query, each as large as it must be."""
+    counts = arg.as_array("n_positives", values)
+    expected = f"{queries} whole numbers, at least 1 and at least the hits of each query"
+    if counts.dtype.kind not in "iu" or counts.shape not in ((), (queries,)):
+        raise arg.fault("n_positives", f"is {counts.dtype} of shape {counts.shape}", expected)
+    counts = np.broadcast_to(counts, queries).astype(np.int64)
+    arg.refuse_rows("n_positives", counts < least, "too small a number", expected)
+    return counts
+
+
 def retrieval_scores(
     ranked_ids: Any,
     positives: Any,
     ks: Iterable[int] = (1, 5, 10),
     *,
-    scores: Any = None,
+    scores: ArrayLike | None = None,
     ap: ApVariant = "precision",
 ) -> Scores:
     """Score ranked galleries of one scene: recall, AP and nDCG at each k, mAP and MRR.
 
-    Queries without a positive are left out and counted, as in the shipped protocols.
+    Returns ``recall@k``, ``ap@k``, ``ndcg@k``, ``map`` (over the whole lists) and ``mrr``; how many
+    ``queries``, ``without_positive`` (left out), ``without_answer`` (an empty list, which scores 0)
+    and ``tie_dependent``; and ``records``, a row a query. Raises an `ArgumentError` for lists that
+    do not fit, ids of two kinds, an id ranked twice, no query with a positive.
 
     Source: `recall_at_k`, `average_precision`; Järvelin and Kekäläinen, ACM TOIS 20(4), 2002
     (nDCG); Voorhees, TREC-8, 1999 (MRR).
 
     Parameters
     ----------
-    ranked_ids : (Q, K) array-like, sequence of sequences, mapping by query, or None
+    ranked_ids : (Q, K) array-like or Q lists, or None
         Ids of the gallery, whole numbers or texts, best first; -1 or an empty text ends a list.
-    positives : sequence of Q sets or lists, or mapping by query
-        Ids that answer each query, each once. A query that `ranked_ids` lacks scores 0.
+    positives : Q sets or lists
+        Ids that answer each query, each once.
     ks : iterable of int
         Ranks, each at least 1.
     scores : (Q, G) array-like, optional
-        Instead of `ranked_ids`: similarities to the whole gallery, larger is nearer. Of equal
-        scores the positives come last. Ids are the columns of a DataFrame, or 0 to G - 1.
+        Instead of `ranked_ids`: similarities to the whole gallery of ids 0 to G - 1, larger is
+        nearer. Of equal scores the positives come last.
     ap : {"precision", "min", "trec", "hits"}
         The reading of AP@k; all but the first name it: ``ap@5/trec``.
-
-    Returns
-    -------
-    Scores
-        ``recall@k``, ``ap@k``, ``ndcg@k``, ``map`` (over the whole lists) and ``mrr``; how many
-        ``queries``, ``without_positive``, ``without_answer``, ``tie_dependent``; and ``records``,
-        a row a query.
-
-    Raises
-    ------
-    ArgumentError
-        Lists that do not fit, ids of two kinds, an id ranked twice, no query with a positive.
 
     Examples
     --------
@@ -165,33 +136,37 @@ def retrieval_scores(
     (0.5, 0.75)
     """
     arg.choice("ap", ap, get_args(ApVariant))
-    depths, similar = _checked_ranks(ks), None
+    depths, similar = _read_ranks(ks), None
+    right = [[*ids] if isinstance(ids, Set) else ids for ids in arg.listed("positives", positives)]
+    right = _list_ids("positives", right)
     if (ranked_ids is None) == (scores is None):
         raise arg.fault("ranked_ids, scores", "do not go together", "one of them, and None")
     if scores is None:
-        names, lists, right = _pair_queries(ranked_ids, positives)
-        every = dict.fromkeys(chain(*lists, *right))
-        place = _number_ids([one for one in every if one not in _ENDS])
+        arg.check_pairs(ranked_ids=ranked_ids, positives=positives)
+        lists = _list_ids("ranked_ids", ranked_ids)
+        gallery = dict.fromkeys(one for one in chain(*lists, *right) if one not in ("", -1))
+        place = {one: row for row, one in enumerate(gallery)}
         tiles = np.full((len(lists), max(map(len, lists), default=0)), -1, np.int64)
         for line, ids in zip(tiles, lists, strict=True):
             line[: len(ids)] = [place.get(one, -1) for one in ids]
     else:
-        similar = arg.floats("scores", scores, (None, None), finite=True)
-        labels = [*getattr(scores, "columns", range(similar.shape[1]))]
-        place = _number_ids(_read_ids("scores", labels))
         arg.check_pairs(scores=scores, positives=positives)
-        names, _, right = _pair_queries([()] * len(similar), positives)
+        similar = arg.floats("scores", scores, (None, None), finite=True)
+        place = {row: row for row in range(similar.shape[1])}
         tiles = np.argsort(-similar, axis=1, kind="stable")
         similar = np.take_along_axis(similar, tiles, axis=1)
-    answers = _number_positives(right, place)
+    if len({isinstance(one, str) for one in place}) > 1:
+        raise arg.fault("ids", "are texts beside whole numbers", "one kind of id")
+    queries, size = range(len(right)), len(place)
     with arg.refused("ranked_ids"):
-        check_lists(tiles, similar, names)
+        check_lists(tiles, similar, queries)
+    answers = _number_positives(right, place)
     k, tie_ranks = max(tiles.shape[1], 1), max(depths)
-    ranking = rank_by_ids(tiles, similar, answers, n_tiles=len(place), k=k, tie_ranks=tie_ranks)
-    hits = metrics.hit_matrix(ranking.tiles, answers.offsets, answers.tiles, len(place))
+    ranking = rank_by_ids(tiles, similar, answers, n_tiles=size, k=k, tie_ranks=tie_ranks)
+    hits = metrics.hit_matrix(ranking.tiles, answers.offsets, answers.tiles, size)
     columns = hit_columns(hits, answers.counts, depths, dict.fromkeys(depths, (ap,)), depths)
     first = {
-        "query": names,
+        "query": queries,
         "answered": (tiles >= 0).any(axis=1),
         "positives": answers.counts,
         "tie_dependent": ranking.tie_dependent,
@@ -202,7 +177,7 @@ def retrieval_scores(
         raise arg.fault("positives", "hold nothing for any query", "some query with an answer")
     counts = {
         "queries": len(records),
-        "without_positive": len(names) - len(records),
+        "without_positive": len(queries) - len(records),
         "without_answer": int((~records["answered"]).sum()),
         "tie_dependent": int(records["tie_dependent"].sum()),
     }
@@ -213,29 +188,22 @@ def retrieval_scores(
 def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5, 10)) -> Scores:
     """Return the expected scores of a gallery in random order, exactly.
 
+    They are those of `retrieval_scores` for whole galleries, with the precision as ``ap@k``. Raises
+    an `ArgumentError` for no query, one with no positive or more than tiles, k below 1.
+
     Parameters
     ----------
     n_positives, n_tiles : (Q,) array-like of int, int
         How many tiles of the gallery answer each query, and how many it has.
     ks : iterable of int
         Ranks, each at least 1.
-
-    Returns
-    -------
-    Scores
-        Those of `retrieval_scores` for whole galleries, with the precision as ``ap@k``.
-
-    Raises
-    ------
-    ArgumentError
-        No query, one with no positive or more than tiles; k below 1.
     """
     size = arg.whole("n_tiles", n_tiles)
-    positives = _positive_counts(n_positives, arg.as_array("n_positives", n_positives).size, 1)
+    positives = _read_counts(n_positives, np.size(n_positives), 1)
     if not 0 < positives.max(initial=0) <= size:
         raise arg.fault("n_positives", "no query, or more than tiles", f"numbers up to {size}")
     columns: dict[str, Floats] = {}
-    for k in _checked_ranks(ks):
+    for k in _read_ranks(ks):
         depths = {"recall_at": (k,), "ap_at": k, "ndcg_at": (k,)}
         rules = arg.shipped("retrieval", "scores", ranks_kept=size, **depths)
         columns |= metrics.chance_scores(positives, size, rules)
@@ -244,54 +212,19 @@ def chance_level(n_positives: ArrayLike, n_tiles: int, ks: Iterable[int] = (1, 5
     return Scores(averages, records=pd.DataFrame({"positives": positives, **columns}))
 
 
-def _checked_ranks(ks: Any) -> tuple[int, ...]:
+def _read_ranks(ks: Any) -> tuple[int, ...]:
     depths = tuple(dict.fromkeys(arg.whole("ks", k) for k in arg.listed("ks", ks)))
     if not depths:
         raise arg.fault("ks", "is empty", "ranks such as (1, 5, 10)")
     return depths
 
 
-def _pair_queries(ranked: Any, positives: Any) -> tuple[list[Any], list[list[Any]], list[Any]]:
-    """Return the names of queries, their ranked ids and their positives."""
-    where = "ranked_ids, positives"
-    if isinstance(ranked, Mapping) != isinstance(positives, Mapping):
-        raise arg.fault(where, "one alone is a mapping by query", "both by query, or both in order")
-    if isinstance(positives, Mapping):
-        if strange := ranked.keys() - positives.keys():
-            what = f"queries that positives lacks: {first_of(strange, len(ranked))}"
-            raise arg.fault(where, what, "queries of positives")
-        ranked = [ranked.get(name, ()) for name in positives]
-        names, right = list(positives), list(positives.values())
-    else:
-        right = arg.listed("positives", positives)
-        names = list(range(len(right)))
-        arg.check_pairs(ranked_ids=ranked, positives=positives)
-    lists = enumerate(arg.listed("ranked_ids", ranked))
-    answers = enumerate([*ids] if isinstance(ids, Set) else ids for ids in right)
-    read = [_read_ids(f"positives[{n}]", ids) for n, ids in answers]
-    return names, [_read_ids(f"ranked_ids[{n}]", ids) for n, ids in lists], read
+def _list_ids(name: str, values: Any) -> list[list[Any]]:
+    rows = enumerate(arg.listed(name, values))
+    return [arg.listed(f"{name}[{row}]", ids) for row, ids in rows]
 
 
-def _read_ids(name: str, values: Any) -> list[Any]:
-    """Return ids as Python's whole numbers or texts."""
-    ids = [one.item() if isinstance(one, np.generic) else one for one in arg.listed(name, values)]
-    kinds = {type(one) for one in ids}
-    if kinds not in (set(), {int}, {str}):
-        what = f"holds {', '.join(sorted(kind.__name__ for kind in kinds))}"
-        raise arg.fault(name, what, "ids in a row that are all whole numbers, or all texts")
-    return ids
-
-
-def _number_ids(ids: list[Any]) -> dict[Any, int]:
-    """Return the row of each id of a gallery."""
-    place = {one: row for row, one in enumerate(ids)}
-    if len(place) < len(ids) or len({type(one) for one in place}) > 1:
-        what = "an id that is there twice, or texts beside whole numbers"
-        raise arg.fault("ids", what, "one kind of id, each once")
-    return place
-
-
-def _number_positives(right: Sequence[Sequence[Any]], place: Mapping[Any, int]) -> Positives:
+def _number_positives(right: Sequence[Sequence[Any]], place: dict[Any, int]) -> Positives:
     """Return the positives of each query as rows of the gallery."""
     for query, ids in enumerate(right):
         if len({*ids} & place.keys()) < len(ids):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.benchmark.folder import data_here
-from airzoo_bench.core.errors import PredictionError, UsageError, UserError, first_of
+from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.files import (
     atomic_entries,
     check_output_file,
@@ -30,15 +30,15 @@ __all__ = ["PredictionWriter"]
 
 Answer = dict[str, NDArray[Any]]
 
-# Of each kind of answer: its track, what its id is of, its fields, and those that it may have too.
-_KINDS = (
-    ("retrieval", "query", "ranked_ids", "scores"),
-    ("retrieval", "query or tile", "descriptor", ""),
-    ("matching", "query", "query_xy map_xy", ""),
-    ("matching", "query", "query_xy points3d", ""),
-    ("matching", "query", "rotation centre", ""),
-    ("reconstruction", "scene", "points", "colours"),
-    ("reconstruction", "photo", "rotation centre", "depth intrinsics confidence"),
+# Of each kind of answer: its track, the kinds of its id, its fields, and those that it may have.
+_KINDS: tuple[tuple[str, tuple[str, ...], str, str], ...] = (
+    ("retrieval", ("query",), "ranked_ids", "scores"),
+    ("retrieval", ("query", "tile"), "descriptor", ""),
+    ("matching", ("query",), "query_xy map_xy", ""),
+    ("matching", ("query",), "query_xy points3d", ""),
+    ("matching", ("query",), "rotation centre", ""),
+    ("reconstruction", ("scene",), "points", "colours"),
+    ("reconstruction", ("photo",), "rotation centre", "depth intrinsics confidence"),
 )
 _SHAPES: dict[str, tuple[int | None, ...]] = {
     **dict.fromkeys(("scores", "descriptor"), (None,)),
@@ -56,7 +56,8 @@ class PredictionWriter:
 
     When the ``with`` block ends, the file appears, whole, and is checked as ``airzoo-bench check``
     does; after an exception or Ctrl-C, an earlier file stays. A query without an answer scores as
-    a failure.
+    a failure. Raises a `UserError` where protocol and benchmark are not there or do not belong
+    together, or nothing can be written.
 
     Parameters
     ----------
@@ -66,22 +67,12 @@ class PredictionWriter:
         Name or path, such as ``airzoo-mini-retrieval``.
     benchmark : BlindBenchmark, optional
         As `load_benchmark` returns it; by default the protocol's, from the data root.
-
-    Raises
-    ------
-    UserError
-        Protocol and benchmark are not there or do not belong together, or nothing can be written.
-
-    Examples
-    --------
-    >>> with PredictionWriter("mine.npz", "airzoo-mini-retrieval") as writer:
-    ...     writer.add("city/0001", ranked_ids=["city/160_00000_00000"])  # doctest: +SKIP
     """
 
     def __init__(
         self, path: str | Path, protocol: str, benchmark: BlindBenchmark | None = None
     ) -> None:
-        self._path, self._closed = Path(path), False
+        self._path = Path(path)
         chosen: Any = find_protocol(protocol, benchmark.folder if benchmark else data_here())
         self._protocol, self._track = chosen, chosen.track
         opened = benchmark or load_benchmark(chosen.benchmark)
@@ -93,12 +84,11 @@ class PredictionWriter:
             check_npz(self._path)
             check_output_file(self._path)
         scenes = [opened.scene(scene.id) for scene in chosen.scenes]
-        self._photos = {scene.id: scene.photos_of(self._track) for scene in scenes}
+        self._photos = {scene.id: scene.photos(self._track) for scene in scenes}
         photos = [photo.id for some in self._photos.values() for photo in some]
-        self._ids = {"query": photos, "photo": photos, "scene": [*self._photos]}
-        if self._track == "retrieval":
-            self._ids["tile"] = [tile.id for scene in scenes for tile in scene.tiles()]
-        self._known = {kind: {*ids} for kind, ids in self._ids.items()}
+        tiles = self._track == "retrieval" and [t.id for scene in scenes for t in scene.tiles()]
+        ids = {"query": photos, "photo": photos, "scene": self._photos, "tile": tiles or ()}
+        self._ids = {kind: dict.fromkeys(names) for kind, names in ids.items()}  # ordered sets
         self._answers: dict[str, Answer] = {}
         self._forms: dict[str, dict[str, object]] = {}  # of each group of like answers
 
@@ -117,61 +107,27 @@ class PredictionWriter:
         Raises a `UserError` for an unknown or repeated id, or fields that do not belong together.
         """
         try:
-            if self._closed:
-                raise UsageError("the file is closed", fix="add all answers in the with block")
-            answer = self._checked(name, {n: one for n, one in fields.items() if one is not None})
+            answer = self._read_answer(
+                name, {n: one for n, one in fields.items() if one is not None}
+            )
         except UserError as error:
             raise error.inside(f"{self._path}, {str(name)[:80]}") from error
         self._answers[name] = answer
 
-    def close(self) -> None:
-        """Write the file and check it, as a ``with`` block does at its end.
-
-        Raises a `UserError` where there is no answer, or the file cannot be written or scored.
-        """
-        if self._closed:
-            return
-        self._closed = True
-        if not self._answers.keys() - self._known.get("tile", set()):
-            raise PredictionError("no answer was added", where=self._path)
-        if self._track == "reconstruction":
-            self._write_scenes()
-        else:
-            write_predictions(self._path, self._protocol.name, self._query_arrays())
-        found = find_errors(self._path, data=self._data, protocol=self._protocol.name)
-        if found.errors:
-            raise found.errors[0]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: object, traceback: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.close()
-        self._closed = True
-
-    def _check_id(self, name: str, kinds: str) -> None:
-        if not any(name in self._known[kind] for kind in kinds.split(" or ")):
-            example = self._ids[kinds.split(" or ")[0]][0]
-            what = f"{str(name)[:80]!r} is no {kinds} of the benchmark"
-            raise PredictionError(what, expected=f"an id such as {example}")
-
-    def _checked(self, name: str, fields: dict[str, Any]) -> Answer:
+    def _read_answer(self, name: str, fields: dict[str, Any]) -> Answer:
         """Return an answer as arrays that fit each other and those that were added before."""
-        known = [one for track, *one in _KINDS if track == self._track]
+        known = [(ids, one, more) for track, ids, one, more in _KINDS if track == self._track]
         fitting = [
             (kinds, needed)
             for kinds, needed, optional in known
             if {*needed.split()} <= fields.keys() <= {*needed.split(), *optional.split()}
         ]
         if not fitting:
+            forms = "; or ".join(f"{needed} ({optional})" for _, needed, optional in known)
             what = f"{' '.join(fields) or 'nothing'} is no answer of the {self._track} track"
-            forms = [f"{needed} ({optional})" for _, needed, optional in known]
-            raise PredictionError(what, expected="; or ".join(forms))
+            raise PredictionError(what, expected=forms)
         [(kinds, needed)] = fitting
-        self._check_id(name, kinds)
+        self._check_id(name, *kinds)
         if name in self._answers:
             raise PredictionError("was added before", expected="each id once")
         answer: Answer = {}
@@ -185,7 +141,7 @@ class PredictionWriter:
         if needed != "rotation centre":
             arg.check_pairs(**fields)
         # All answers are alike, in reconstruction those of a scene's photos.
-        group = {"scene": name, "photo": f"photos of {name.partition('/')[0]}"}.get(kinds, "all")
+        group = {"scene": name, "photo": f"photos of {name.partition('/')[0]}"}.get(kinds[0], "all")
         form: dict[str, object] = {
             key: (one.shape, one.dtype) if key in _STACKED else None for key, one in answer.items()
         }
@@ -194,33 +150,56 @@ class PredictionWriter:
             raise PredictionError(what, expected=f"{group}: all answers alike")
         return answer
 
+    def _check_id(self, name: str, *kinds: str) -> None:
+        if not any(name in self._ids[kind] for kind in kinds):
+            what = f"{str(name)[:80]!r} is no {' or '.join(kinds)} of the benchmark"
+            raise PredictionError(what, expected=f"an id such as {next(iter(self._ids[kinds[0]]))}")
+
+    def close(self) -> None:
+        """Write the file and check it, as a ``with`` block does at its end.
+
+        Raises a `UserError` where there is no answer, or the file cannot be written or scored.
+        """
+        if not self._answers.keys() - self._ids["tile"]:
+            raise PredictionError("no answer was added", where=self._path)
+        if self._track == "reconstruction":
+            self._write_scenes()
+        else:
+            write_predictions(self._path, self._protocol.name, self._query_arrays())
+        found = find_errors(self._path, data=self._data, protocol=self._protocol.name)
+        if found.errors:
+            raise found.errors[0]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
+        if kind is None:
+            self.close()
+
     def _query_arrays(self) -> Answer:
         """Return the arrays of a file of queries, in the order of the benchmark."""
         names = [name for name in self._ids["query"] if name in self._answers]
         answers = [self._answers[name] for name in names]
-        form = answers[0].keys()
-        if "descriptor" in form:
-            arrays = self._descriptors(answers)
-        elif "ranked_ids" in form:
-            arrays = _padded_lists(answers, self._protocol.scores.tie_ranks)
-        elif "query_xy" in form:
-            arrays = {key: np.concatenate([one[key] for one in answers]) for key in form}
-            counts = [0, *(len(one["query_xy"]) for one in answers)]
-            arrays["offsets"] = np.cumsum(counts, dtype=np.int64)
+        columns = {key: [one[key] for one in answers] for key in answers[0]}
+        if "descriptor" in columns:
+            tiles = [name for name in self._ids["tile"] if name in self._answers]
+            arrays = {"query_descriptors": np.stack(columns["descriptor"])}
+            described = [self._answers[name]["descriptor"] for name in tiles]
+            arrays["gallery_descriptors"] = np.reshape(
+                described, (len(tiles), len(columns["descriptor"][0]))
+            )
+            arrays["gallery_ids"] = np.array(tiles, dtype=str)
+        elif "ranked_ids" in columns:
+            width = max(self._protocol.scores.tie_ranks, *map(len, columns["ranked_ids"]))
+            fills: dict[str, Any] = {"ranked_ids": "", "scores": 0.0}
+            arrays = {key: _pad(rows, width, fills[key]) for key, rows in columns.items()}
+        elif "query_xy" in columns:
+            arrays = {key: np.concatenate(rows) for key, rows in columns.items()}
+            arrays["offsets"] = np.cumsum([0, *map(len, columns["query_xy"])], dtype=np.int64)
         else:
-            arrays = {f"{key}s": np.stack([one[key] for one in answers]) for key in form}
+            arrays = {f"{key}s": np.stack(rows) for key, rows in columns.items()}
         return {"query_ids": np.array(names, dtype=str), **arrays}
-
-    def _descriptors(self, answers: list[Answer]) -> Answer:
-        tiles = self._ids["tile"]
-        if lacking := [name for name in tiles if name not in self._answers]:
-            what = f"no descriptor of tiles: {first_of(lacking, len(tiles))}"
-            raise PredictionError(what, where=self._path, expected="every tile of the gallery")
-        return {
-            "query_descriptors": np.stack([one["descriptor"] for one in answers]),
-            "gallery_ids": np.array(tiles, dtype=str),
-            "gallery_descriptors": np.stack([self._answers[one]["descriptor"] for one in tiles]),
-        }
 
     def _write_scenes(self) -> None:
         endings = (".ply", ".cameras.npz", ".npz")
@@ -237,17 +216,9 @@ class PredictionWriter:
             (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
 
 
-def _padded_lists(answers: list[Answer], depth: int) -> Answer:
-    """Return ranked lists of one length: shorter ones are filled up with empty ids."""
-    shape = len(answers), max(depth, *(len(one["ranked_ids"]) for one in answers))
-    ids, scores = np.full(shape, "", dtype=object), np.zeros(shape)
-    for row, one in enumerate(answers):
-        count = len(one["ranked_ids"])
-        ids[row, :count] = one["ranked_ids"]
-        if "scores" in one and count:
-            scores[row, :count], scores[row, count:] = one["scores"], one["scores"][-1]
-    arrays = {"ranked_ids": ids.astype(str)}
-    return arrays | ({"scores": scores} if "scores" in answers[0] else {})
+def _pad(rows: Sequence[NDArray[Any]], width: int, fill: Any) -> NDArray[Any]:
+    """Return lists as rows of one length."""
+    return np.array([[*row.tolist(), *[fill] * (width - len(row))] for row in rows])
 
 
 def _view_arrays(answers: list[Answer]) -> Answer:

@@ -1,16 +1,20 @@
-"""A small benchmark of every track whose photos show its map: level ground seen from above."""
+"""A small benchmark of every track whose photos show its map, and calls that tests share."""
 
 from __future__ import annotations
 
+import csv
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 from PIL import Image
 from rasterio import Affine
 
+import airzoo_bench as ab
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.crs import to_lonlat
@@ -117,3 +121,23 @@ def _level_points() -> np.ndarray[Any, Any]:
     north_west = np.stack([east, -south], axis=1) + NORTH_WEST
     # Not level to the last bit: a cloud without any height has no cells.
     return np.column_stack([north_west, GROUND_M + 0.05 * np.sin(east / 7)])
+
+
+def refused(call: Callable[..., Any], *arguments: Any, where: str, **options: Any) -> str:
+    """Call, and return the message of the refusal, which names the argument."""
+    with pytest.raises(ab.ArgumentError) as caught:
+        call(*arguments, **options)
+    assert isinstance(caught.value, ValueError)
+    assert where in str(caught.value.where)
+    return str(caught.value)
+
+
+def scored(
+    track: str, path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> dict[str, str]:
+    """Return the averages that `eval` prints, by column, of a file that `check` finds sound."""
+    assert ab.check(path, data=data).ok
+    capsys.readouterr()
+    assert run_main("eval", track, path, "--data", data, "--format", "csv") == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    return next(row for row in rows if row["Scene"] == "Average")

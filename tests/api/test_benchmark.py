@@ -1,20 +1,20 @@
-"""Benchmarks from Python: photos, tiles and crops as they are, and nothing of the truth."""
+"""Benchmarks from Python, nothing of the truth in them, and the examples that use them."""
 
 from __future__ import annotations
 
 import dataclasses
+import runpy
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import rasterio
 from PIL import Image
 
-from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark, photos_of
+from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import POSE_COLUMNS
 from airzoo_bench.core.errors import BenchmarkError
@@ -23,9 +23,15 @@ from airzoo_bench.geometry.poses import Poses, world_to_camera
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval_truth
-from tests.api.place import NAME, NAMES, PHOTO_SIZE, PRIOR_OFF_M, true_poses
+from tests.api.place import NAME, NAMES, PHOTO_SIZE, PRIOR_OFF_M, scored, true_poses
+from tests.support import make_place, run_main, write_predictions
 
 IDS = [f"{NAME}/{Path(name).with_suffix('').as_posix()}" for name in NAMES]
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+# North-west corners of tiles that hold an anchor of each photo by more than 10 m.
+SURE = {"park/a": (0, 0), "park/b": (128, 0), "park/c": (0, 128), "park/sub/d": (128, 128)}
+# Of photo a, whose anchors lie at y = 31.19 and 96.81: from 5 m lower at 32.75 and 95.25.
+DOUBTFUL = SURE | {"park/a": (0, 32)}
 
 
 def truths(root: Path) -> tuple[Any, Any]:
@@ -60,6 +66,9 @@ def test_no_number_of_the_truth_is_given_to_a_method(root: Path, field: BlindBen
     assert len(numbers) > 100
     assert len(numbers_in(known)) > 1000
     assert np.intersect1d(numbers, np.round(numbers_in(known), 7)).tolist() == []
+    # Conditions that are numbers come from the true pose.
+    assert "altitude_m" in matching.queries
+    assert scene.photos()[0].conditions == {}
 
 
 def test_photos(field: BlindBenchmark) -> None:
@@ -74,18 +83,10 @@ def test_photos(field: BlindBenchmark) -> None:
     assert third.prior is not None
     _, centres = true_poses()
     np.testing.assert_allclose(third.prior.centre, centres[2] + PRIOR_OFF_M, atol=1e-3)
-    # The prior looks down where the camera stands, to within its errors.
+    # The prior looks down where the camera is, to within its errors.
     assert third.prior.rotation[2, 2] < -0.9
     np.testing.assert_allclose(third.camera.K[:2, 2], np.array(PHOTO_SIZE) / 2)
     assert (third.camera.scaled(32, 24).width, third.camera.scaled(32, 24).K[0, 0]) == (32, 32.0)
-
-
-def test_conditions_that_are_numbers_come_from_the_true_pose() -> None:
-    table = pd.DataFrame({"id": ["s/a"], "image": ["a.jpg"], "weather": ["foggy"]})
-    (photo,) = photos_of(table.assign(altitude_m=84.25, pitch_deg=70.5, speed_class=3), Path())
-    assert (photo.conditions, photo.prior) == ({"weather": "foggy"}, None)
-    with pytest.raises(BenchmarkError, match="camera of s/a is not known"):
-        _ = photo.camera
 
 
 def test_tiles(root: Path, field: BlindBenchmark) -> None:
@@ -130,26 +131,63 @@ def test_points_of_a_crop_are_where_the_photo_shows_them(field: BlindBenchmark) 
     assert np.abs(shown - on_map).max() < 30
 
 
-def test_what_is_opened_and_what_is_refused(
-    root: Path, field: BlindBenchmark, data: Path, tmp_path: Path
+def test_a_folder_is_opened_by_name_and_path_and_held_to_its_checksums(
+    root: Path, data: Path, tmp_path: Path
 ) -> None:
     folder = shutil.copytree(root / "data" / NAME, tmp_path / NAME)
     assert load_benchmark(folder).tracks == ("retrieval", "matching", "reconstruction")
     assert load_benchmark(NAME, tmp_path).scene(NAME).id == NAME
     made = load_benchmark("made").scenes[0]
     assert len(made.queries()) == 6
-    other = dataclasses.replace(field.scenes[0].photos()[0], path=tmp_path / "a.png")
-    Image.new("RGB", (64, 48)).save(other.path)
-    for call, message in (
-        (lambda: load_benchmark("nowhere"), "is not there"),
-        (lambda: load_benchmark(tmp_path), "no benchmark folder here"),
-        (lambda: field.scene("town"), "no scene 'town'"),
-        (made.crops, "does not serve matching"),
-        (other.read, "the photo is 64 x 48 px"),
-    ):
-        with pytest.raises(BenchmarkError, match=message):
+    for call in (lambda: load_benchmark("nowhere"), lambda: load_benchmark(tmp_path), made.crops):
+        with pytest.raises(BenchmarkError):
             call()
     queries = folder / "scenes" / NAME / "queries.csv"
     queries.write_text(queries.read_text().replace("a.png", "z.png"))
     with pytest.raises(BenchmarkError, match="was changed"):
         load_benchmark(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "track", "column", "least"),
+    [
+        ("retrieval_colours", "retrieval", "R@3", 90),  # chance: 30
+        ("matching_sift", "matching", "@1m", 100),  # the prior itself: 0
+        ("reconstruction_flat", "reconstruction", "F1@1m", 99),  # the ground is level
+    ],
+)
+def test_example_methods(
+    root: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    track: str,
+    column: str,
+    least: float,
+) -> None:
+    out = tmp_path / ("mine" if track == "reconstruction" else "mine.npz")
+    runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](NAME, f"{NAME}-{track}", str(out))
+    assert float(scored(track, out, root / "data", capsys)[column]) >= least
+
+
+@pytest.mark.slow
+def test_the_example_of_a_tile_that_answers_at_another_height(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
+    assert run_main(*make_place(tmp_path / "sources").arguments()) == 0
+    tiles = read_retrieval_truth(tmp_path / "data" / "park" / "scenes" / "park", "park").tiles
+    ids = {(t.x, t.y): t.id for t in tiles.itertuples() if (t.width, t.height) == (64, 64)}
+    for name, corners in {"sure": SURE, "doubtful": DOUBTFUL}.items():
+        firsts = [ids[corner] for corner in corners.values()]
+        ranked = [[first, *[t for t in ids.values() if t != first][:9]] for first in firsts]
+        arrays = {"query_ids": list(corners), "ranked_ids": ranked}
+        file = write_predictions(tmp_path / f"{name}.npz", "park-retrieval", **arrays)
+        assert run_main("eval", "retrieval", file, "--out", tmp_path / name) == 0
+    capsys.readouterr()
+    main = runpy.run_path(str(EXAMPLES / "sensitivity.py"))["main"]
+    main("park", tmp_path / "sure", tmp_path / "doubtful")
+    said = capsys.readouterr().out
+    assert "height 5 m: sure 100.00, between 100.00 and 100.00" in said
+    assert "height 5 m: doubtful 75.00, between 75.00 and 100.00" in said
+    assert "height 5 m: noise floor 25.00 points" in said

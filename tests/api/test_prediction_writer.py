@@ -12,8 +12,7 @@ from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.api.writer import PredictionWriter
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import sha256_of, sha256_of_tree
-from tests.api.place import MATCHING, NAME, RECONSTRUCTION, RETRIEVAL, TILES, A, B
-from tests.api.support import scored
+from tests.api.place import MATCHING, NAME, RECONSTRUCTION, RETRIEVAL, TILES, A, B, scored
 from tests.matching import world as matching_world
 from tests.reconstruction import world as reconstruction_world
 from tests.support import MadeScene, files_below
@@ -156,6 +155,7 @@ def test_an_answer_that_cannot_be_meant_is_refused_at_once(
     ("protocol", "fields"),
     [
         (RETRIEVAL, {"ranked_ids": TILES[:3], "scores": [1, 3, 2]}),
+        (RETRIEVAL, {"descriptor": [1.0]}),  # of no tile
         (MATCHING, XYS | {"map_xy": XY * np.nan}),
         (MATCHING, POSE | {"centre": POSE["centre"].astype("f4")}),
         (RECONSTRUCTION, VIEW | {"rotation": TURN * 2}),
@@ -181,13 +181,10 @@ def predict(
             raise error
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_an_exception_leaves_what_was_there(
-    field: BlindBenchmark, tmp_path: Path, error: type[BaseException]
-) -> None:
-    for track, name, fields in (
-        ("retrieval", A, RANKED),
-        ("reconstruction", NAME, {"points": np.eye(3)}),
+def test_an_exception_leaves_what_was_there(field: BlindBenchmark, tmp_path: Path) -> None:
+    for track, name, fields, error in (
+        ("retrieval", A, RANKED, KeyboardInterrupt),
+        ("reconstruction", NAME, {"points": np.eye(3)}, RuntimeError),
     ):
         out = tmp_path / ("mine" if track == "reconstruction" else "mine.npz")
         before, place = files_below(tmp_path), (out, f"{NAME}-{track}", field)
@@ -212,14 +209,7 @@ def test_places_and_protocols(field: BlindBenchmark, data: Path, tmp_path: Path)
         with pytest.raises(UserError, match=message):
             PredictionWriter(path, protocol, field)
     writer = PredictionWriter(out, RETRIEVAL, field)
-    tiles = field.scene(NAME).tiles()
-    writer.add(tiles[0].id, descriptor=[2.0])
+    writer.add(field.scene(NAME).tiles()[0].id, descriptor=[2.0])
     with pytest.raises(UserError, match="no answer was added"):
-        writer.close()
-    with pytest.raises(UserError, match="the file is closed"):
-        writer.add(A, descriptor=[1.0])
-    writer = PredictionWriter(out, RETRIEVAL, field)
-    writer.add(A, descriptor=[1.0])
-    with pytest.raises(UserError, match=f"no descriptor of tiles: 274 of 274 .*{tiles[0].id}"):
         writer.close()
     assert not out.exists()

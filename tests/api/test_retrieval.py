@@ -16,18 +16,15 @@ from tests.retrieval.ranking_support import rank, records_of
 from tests.support import MadeScene, made_protocol, made_truth, write_predictions
 
 KS = (1, 3, 5)
-SHARED = ("map", "mrr", "answered", "positives", "tie_dependent", "first_hit_rank")
+SHARED = ("map", "mrr", "answered", "positives", "tie_dependent", "first_hit_rank", "ndcg@5")
+SHARED += tuple(f"recall@{k}" for k in KS)
 
 
-def assert_alike(found: ab.Scores, records: pd.DataFrame) -> None:
-    """Hold all that both have to the last bit; of the track AP@5 has all its readings."""
-    for name in [*SHARED, *(f"recall@{k}" for k in KS), "ndcg@5"]:
+def assert_alike(found: ab.Scores, records: pd.DataFrame, *more: str) -> None:
+    """Hold all that both have to the last bit."""
+    for name in (*SHARED, *more):
         assert found.records[name].tolist() == records[name].tolist(), name
     assert len(records) == len(found.records) > 2
-
-
-def named_positives(scene: MadeScene) -> list[list[str]]:
-    return [[scene.tile(tile) for tile in found] for found in scene.positives]
 
 
 @pytest.mark.parametrize("ap", AP_VARIANTS)
@@ -40,12 +37,9 @@ def test_ranked_ids_score_as_in_the_track(
     path = write_predictions(tmp_path / "method.npz", "made-retrieval", **arrays)
     records = ab.evaluate(path, data=data).records
     records = records[records["scene"] == scene.id].reset_index(drop=True)
-    ranked = dict(zip(scene.query_ids[:-1], lists, strict=False))
-    positives = dict(zip(scene.query_ids, named_positives(scene), strict=True))
-    found = ab.retrieval_scores(ranked, positives, KS, ap=ap)
-    assert_alike(found, records)
-    assert found.records["query"].tolist() == records["query"].tolist()
-    assert found.records[ap_name(5, ap)].tolist() == records[ap_name(5, ap)].tolist()
+    positives = [[scene.tile(tile) for tile in found] for found in scene.positives]
+    found = ab.retrieval_scores([*lists[:-1], []], positives, KS, ap=ap)
+    assert_alike(found, records, ap_name(5, ap))
     assert found["without_answer"] == 1
     assert found["recall@5"] == records["recall@5"].mean()
     assert 0 < found["map"] < 1
@@ -61,16 +55,11 @@ def test_matrices_of_similarities_score_as_descriptors_in_the_track(
     gallery = random.integers(0, 3, (scene.n_tiles, 3)) + 0.5
     if metric == "cosine":  # lengths that are exact, so that products tie as cosines do
         queries, gallery = (np.sign(rows - 1) * 0.5 for rows in (queries, gallery))
-    ranking = rank(queries, gallery, metric, 100, 5, truth.positives)
-    records = records_of(truth, ranking, settings)
+    records = records_of(truth, rank(queries, gallery, metric, 100, 5, truth.positives), settings)
     assert records["tie_dependent"].any()
-    similar = queries @ gallery.T
-    found = ab.retrieval_scores(None, scene.positives, KS, scores=similar)
-    assert_alike(found, records)
-    order = random.permutation(scene.n_tiles)
-    named, right = np.array(scene.tile_ids)[order], named_positives(scene)
-    frame = pd.DataFrame(similar[:, order], columns=named)
-    assert ab.retrieval_scores(None, right, KS, scores=frame).scores == found.scores
+    assert_alike(
+        ab.retrieval_scores(None, scene.positives, KS, scores=queries @ gallery.T), records
+    )
 
 
 def test_trec_eval_agrees() -> None:
@@ -105,22 +94,18 @@ POSITIVES, TEXTS = [{1, 2}, [5]], [["c", "a"], ["e", "b"]]
 @pytest.mark.parametrize(
     ("ranked", "right"),
     [
-        ([[3, 1], [5, 2]], POSITIVES),
         (np.array([[3, 1], [5, 2]], np.int16), POSITIVES),
         (TORCH, tuple(POSITIVES)),
         (pd.DataFrame([[3, 1], [5, 2]]), pd.Series([[1, 2], [5]])),
         ([(3, 1), pd.Series([5, 2])], [np.array([1, 2]), frozenset({5})]),
-        ({"x": [3, 1], "y": [5, 2]}, {"x": {1, 2}, "y": [5]}),
         ([[3, 1, -1], [5, 2, -1]], POSITIVES),
-        (TEXTS, [{"a", "b"}, ["e"]]),
         (np.array(TEXTS, object), [{"a", "b"}, pd.Series(["e"])]),
         ([["c", "a", ""], ["e", "b"]], [{"a", "b"}, ["e"]]),
     ],
 )
 def test_every_kind_of_ids_and_lists_gives_the_same(ranked: Any, right: Any) -> None:
     found = ab.retrieval_scores(ranked, right, (1, 2))
-    scores = [found[name] for name in ("recall@1", "recall@2", "ap@2", "mrr")]
-    assert scores == [0.5, 1, 0.5, 0.75]
+    assert [found[name] for name in ("recall@1", "recall@2", "ap@2", "mrr")] == [0.5, 1, 0.5, 0.75]
 
 
 @pytest.mark.parametrize(
@@ -129,10 +114,8 @@ def test_every_kind_of_ids_and_lists_gives_the_same(ranked: Any, right: Any) -> 
         # Of negative numbers -1 alone ends a list.
         ([[-5, -1], [7, -1]], [{-5}, {-4}], 0.5),
         # Ids of 64 bits are not rounded.
-        ([[2**63 + 1], [5]], [[2**63 + 2], [5]], 0.5),
-        ([[2**62 + 1], [2**62 + 9], [2**63]], [[2**62 + 2], [2**62 + 10], [2**63]], 1 / 3),
         ([np.array([2**63 + 1], np.uint64), np.array([-1])], [[2**63 + 1], [5]], 0.5),
-        ([[2**63 + 1, 5]], [[5]], 0.0),
+        ([[2**62 + 1], [2**62 + 9], [2**63]], [[2**62 + 2], [2**62 + 10], [2**63]], 1 / 3),
         # Beyond the end of a list nothing is found.
         ([[3], []], [{1}, {5}], 0.0),
         # A query without a positive is left out.
@@ -145,17 +128,13 @@ def test_edges_of_lists(ranked: Any, positives: Any, expected: float) -> None:
     assert found["queries"] + found["without_positive"] == len(positives)
 
 
-def test_one_query_and_lists_shorter_than_k() -> None:
+def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike() -> None:
     assert ab.recall_at_k([False, True], 1) == 0.0
     assert ab.recall_at_k([False, True], 50) == 1.0
     assert ab.recall_at_k([[1], [0, 0, 1], []], 3) == 2 / 3
     assert ab.recall_at_k(np.array([[1.0, 0.0]]), 1) == 1.0
-    assert ab.recall_at_k(np.ma.masked_array([[1, 0], [0, 0]]), 1) == 0.5
     assert ab.average_precision([True, False], 1) == 1.0
     assert ab.average_precision([[1, 0], [0, 0]], [2, 1], 2, variant="min") == 0.25
-
-
-def test_a_scorer_that_finds_all_tiles_alike_finds_nothing() -> None:
     found = ab.retrieval_scores(None, [[0], [1], [2]], (1, 10), scores=np.ones((3, 10)))
     assert (found["recall@10"], found["tie_dependent"]) == (0.0, 3)
 
