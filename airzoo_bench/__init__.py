@@ -84,12 +84,10 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> object:
-        """Import a name from its home, once."""
         if name not in _HOME_OF:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
-        globals()[name] = value
-        return value
+        home = import_module(f"{__name__}.{_HOME_OF[name]}")
+        return globals().setdefault(name, getattr(home, name))
 
 
 def __dir__() -> list[str]:

@@ -46,7 +46,7 @@ def test_what_is_imported_when() -> None:
     of_arrays = [name for name in FUNCTIONS if name not in OF_FILES]
     loaded = modules_after(f"import airzoo_bench as ab\nfor n in {of_arrays}: getattr(ab, n)")
     assert "numpy" in loaded
-    assert loaded.isdisjoint({"open3d", "faiss", "rasterio", "matplotlib", "pycolmap"})
+    assert loaded.isdisjoint({"open3d", "faiss", "matplotlib", "pycolmap"})
 
 
 def test_all_the_lazy_table_and_what_type_checkers_see_agree() -> None:
