@@ -6,7 +6,6 @@ Each name is imported when it is first asked for: ``import airzoo_bench`` is che
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-# Where each name is; the imports below say the same to editors and type checkers.
 _HOMES = {
     "api.benchmark": "BlindBenchmark load_benchmark",
     "api.geometry": "align_cameras cloud_scores pose_errors pose_scores solve_pose",
