@@ -45,32 +45,21 @@ _MEMORY_BYTES = 4 << 30
 _SITE = Path("site")
 
 
-@app.callback()
-def _group() -> None:
-    """Make and run a board in a repository of your own."""
-
-
 @app.command(epilog=examples("leaderboard init board", "leaderboard init . --repository lab/board"))
 def init(
     folder: Annotated[Path, typer.Argument(help="A repository, or a folder to become one.")],
     repository: Annotated[Text, option("Its name where it is hosted, such as lab/board.")] = None,
 ) -> None:
-    """Write the files of a board: leaderboard.toml, workflows, folders, a page for submitters.
+    """Write the files of a board of AirZoo-Mini: leaderboard.toml, workflows, a README.
 
-    The board is of AirZoo-Mini, so that everything can be tried at once; put your
-    own benchmark in its place afterwards. No file is replaced.
+    Put your own benchmark in its place afterwards. No file is replaced.
     """
     for path in write_starter(folder, repository):
         put(f"{path}\n")
     say("docs/leaderboard.md of airzoo-bench, 'From an empty repository', has the settings to make")
 
 
-@app.command(
-    epilog=examples(
-        "leaderboard score --event event.json --remote . -o found.json",
-        "leaderboard score --remote . --out board-data",
-    )
-)
+@app.command(epilog=examples("leaderboard score --remote . --out board-data"))
 def score(
     out: OutOption,
     remote: RemoteOption = ".",
@@ -122,12 +111,7 @@ def comment(
         stream.write(comment_on(read_found(last)))
 
 
-@app.command(
-    epilog=examples(
-        "leaderboard keep board-data --remote URL",
-        "leaderboard keep found.json --started --remote URL -o found-try.json",
-    )
-)
+@app.command(epilog=examples("leaderboard keep board-data --remote URL"))
 def keep(
     found: Annotated[
         Path, typer.Argument(help="A folder of runs, or the findings on a sealed submission.")
@@ -141,8 +125,7 @@ def keep(
 ) -> None:
     """Put runs, tries and answers of sealed truths onto the branch of the board's data.
 
-    Exit code 1 if the account has no try left; of two jobs at once only one gets
-    the last try.
+    Exit code 1 if the account has no try left.
     """
     with tempfile.TemporaryDirectory() as folder:
         branch = DataBranch(Path(folder) / "data", remote)
@@ -173,13 +156,11 @@ def build(
 ) -> None:
     """Make the static site of a board: board.json, tables, pages. See docs/leaderboard.md.
 
-    A submission that cannot be shown is a grey row with the reason. The board there
-    is replaced in one step; a second build compares only changed results, by
-    SITE.cache, which is safe to delete.
+    A submission that cannot be shown is a grey row with the reason. A second build compares only
+    changed results, by SITE.cache, which is safe to delete.
     """
     if not (runs / "runs").is_dir():
-        what = "no folder of runs: the board would lose all that were scored"
-        raise UsageError(what, where=runs, expected="runs/benchmark/track/folder/number/ in it")
+        raise UsageError("no folder of runs", where=runs, expected="the --out of `score`")
     rules = read_board(root / BOARD_FILE)
     with working("building the board"):
         faults = build_board(runs / "runs", root / "submissions", rules, data_root(), out)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -72,16 +72,9 @@ def submit(
         with suppress(UserError):  # it is asked for
             read_by = ReadBy(reader)
             protocol = open_predictions(predictions, data=data, read_by=read_by).protocol.name
-    given = {
-        "protocol": protocol,
-        "method": method,
-        "team": team,
-        "contact": contact,
-        "authors": author,
-        "licence": licence,
-        "training_data": training_data,
-        "stages": stages,
-    }
+    given: dict[str, Any] = {"protocol": protocol, "method": method, "team": team}
+    given |= {"contact": contact, "authors": author, "licence": licence}
+    given |= {"training_data": training_data, "stages": stages}
     values = submitting.ask_missing(given, more or ())
     values = {"account": submitting.gh_account() if commit else None} | values
     place = submitting.find_place(values["protocol"], values["method"], rules, data)
@@ -124,18 +117,16 @@ def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     checked = check_submission(
         folder, rules, data, known=known_submissions(root), seconds=FETCHING_S * fetch, run=run
     )
-    done, said = "checked", [*checked.warnings]
-    if not checked.errors and checked.predictions is None:
-        said.append("not scored: the predictions are at an address; add --fetch")
-    elif not checked.errors:
+    done = "checked"
+    if not checked.errors:
         try:
             show(scenes_table(checked.score(data, run).result), Format.TERMINAL)
             done = "checked and scored"
         except BenchmarkError as error:  # the truth is not here, or sealed
-            said.append(f"not scored: {error.what}")
+            checked.warnings.append(f"not scored: {error.what}")
         except UserError as refusal:
             checked.errors.append(refusal)
-    for line in (*(f"{folder}: {one}" for one in said), *checked.errors):
+    for line in (*(f"{folder}: {one}" for one in checked.warnings), *checked.errors):
         say(str(line))
     if not checked.errors:
         put(f"{folder}: {done}, nothing wrong was found\n")

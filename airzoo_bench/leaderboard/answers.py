@@ -52,10 +52,7 @@ class Model(BaseModel):
 
 
 class Score(Model):
-    """A score with its interval, its standard error where the truth is sealed, and its ranks.
-
-    `near_best` says that a test of the two alone cannot tell the method from the best.
-    """
+    """A score; `near_best` if a test of the two alone cannot tell the method from the best."""
 
     value: Number = None
     low: Number = None
@@ -75,11 +72,7 @@ class Version(Model):
 
 
 class Row(Model):
-    """A method scored here, reported by a paper or not scored, or a floor such as chance.
-
-    Scores are by key, `scenes` by scene, then key; `conditions` by condition, then key: a value a
-    group. The newest version comes first in `history`.
-    """
+    """A method, or a floor such as chance; `scenes` and `conditions` are by name, then key."""
 
     id: str = ""
     kind: Literal["re-scored", "sealed", "reported", "floor", "failed"]
@@ -103,7 +96,7 @@ class Row(Model):
     scores: dict[str, Score] = {}
     scenes: dict[str, dict[str, Limits]] = {}
     conditions: dict[str, dict[str, tuple[Number, ...]]] = {}
-    history: tuple[Version, ...] = ()
+    history: tuple[Version, ...] = ()  # the newest first
 
 
 class Scene(Model):
@@ -139,14 +132,9 @@ class Head(Model):
 
 
 class Answer(Model):
-    """The numbers of a submission, scored at a time (UTC) by a version of airzoo-bench.
+    """The numbers of a submission; of a sealed truth there are neither floors nor values."""
 
-    `tree` is a hash of the submission's files. `row` has the method's scores, `floors` those
-    without a method. `values` are packed records (V, N), a row a headline score; `groups` are the
-    names and sizes of their parts. Of a sealed truth there are neither floors nor values.
-    """
-
-    tree: Hash
+    tree: Hash  # of the submission's files
     scored: str
     version: str
     head: Head
@@ -155,8 +143,8 @@ class Answer(Model):
     floors: tuple[Row, ...] = ()
     about_intervals: str = ""
     conditions: tuple[Conditions, ...] = ()
-    groups: tuple[tuple[str, int], ...] = ()
-    values: str = ""
+    groups: tuple[tuple[str, int], ...] = ()  # names and sizes of the parts of values
+    values: str = ""  # packed records (V, N), a row a headline score
 
 
 def now() -> str:
@@ -302,14 +290,11 @@ def read_answer(path: Path) -> Answer:
 
 
 class Entry(NamedTuple):
-    """A submission's row, without ranks; `protocol` is empty where submission.toml is unreadable.
-
-    An entry that cannot be shown has a row with the reason and no answer.
-    """
+    """A submission's row, without ranks; one that cannot be shown has a reason and no answer."""
 
     place: Place
     row: Row
-    protocol: str = ""
+    protocol: str = ""  # where submission.toml is readable
     answer: Answer | None = None
 
 

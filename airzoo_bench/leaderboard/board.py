@@ -47,11 +47,7 @@ class BoardBenchmark(Strict):
 
 
 class Board(Strict):
-    """The benchmarks of a board, and its rules.
-
-    Submissions are merged into `branch`. Maintainers are ids of accounts: names can change hands,
-    ids cannot.
-    """
+    """The benchmarks of a board, and its rules; docs/leaderboard.md explains each key."""
 
     schema_version: Literal[1] = Field(alias="schema")
     title: Title

@@ -6,6 +6,7 @@ import stat
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from airzoo_bench.core.errors import (
     BenchmarkError,
@@ -43,16 +44,11 @@ _NEAR_PRIOR = 0.01
 
 @dataclass(eq=False)
 class CheckedSubmission:
-    """A submission's folder, its errors and warnings.
-
-    `submission` is None where submission.toml cannot be read; `predictions` where they are missing,
-    not as announced, or were not to be fetched. A submission with any error is refused; warnings
-    are for submitter and maintainers.
-    """
+    """A submission's folder, and its errors and warnings; with any error it is refused."""
 
     folder: Path
-    submission: Submission | None = None
-    predictions: Path | None = None
+    submission: Submission | None = None  # where it can be read
+    predictions: Path | None = None  # where they are as announced, and here
     errors: list[UserError] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -60,11 +56,10 @@ class CheckedSubmission:
         """Score a sound submission; an error of its pipeline shows only then."""
         given = self.submission
         if given is None or self.predictions is None:
-            raise SubmissionError("no predictions to score", where=self.folder)
-        scored = evaluate(
-            self.predictions, data=data, protocol=given.protocol, method=given.method, run=run,
-            read_by=ReadBy(given.predictions.reader),
-        )  # fmt: skip
+            raise BenchmarkError("the predictions are not here; add --fetch", where=self.folder)
+        names: Any = {"protocol": given.protocol, "method": given.method}
+        read_by = ReadBy(given.predictions.reader)
+        scored = evaluate(self.predictions, data=data, **names, run=run, read_by=read_by)
         check_pipeline(given, scored.result)
         return scored
 

@@ -22,11 +22,8 @@ from airzoo_bench.tables.layouts import UNITS, score_texts
 from airzoo_bench.tables.model import plain
 
 MARK = "<!-- airzoo-bench leaderboard -->"
-MOST_BYTES = 65_300
-"""GitHub takes 65,536 characters."""
 
-_LONGEST_BLOCK, _LONGEST_SPAN, _MOST_SCENES = 4000, 120, 200
-_CUT = "\n_The rest did not fit into a comment; the job's log has all of it._\n"
+_LONGEST_BLOCK, _LONGEST_SPAN, _MOST_SCENES = 6000, 120, 200  # GitHub takes 65,536 characters
 _SAID = {
     "nothing": "This pull request changes no submission below `submissions/` that is for the "
     "board's branch.\n",
@@ -39,13 +36,7 @@ _SAID = {
 
 
 class Found(Model):
-    """The findings on a pull request at the commit `head`.
-
-    The kind is ``nothing`` where it changes no submission, and ``sealed`` where it is sound and to
-    be scored, or scored, against a sealed truth. `tree` is a hash of the submission's files, and
-    `opened` whether the truth was. The row of `answer` is the one that the board would show, among
-    `ranked` methods.
-    """
+    """The findings on a pull request; ``sealed`` is a sound one against a sealed truth."""
 
     kind: Literal["nothing", "refused", "scored", "sealed", "withdrawn"] = "nothing"
     pull_request: Account
@@ -57,9 +48,9 @@ class Found(Model):
     team: str = ""
     problems: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    answer: Answer | None = None
+    answer: Answer | None = None  # with the row that the board would show, among ranked methods
     ranked: int = 0
-    opened: bool = False
+    opened: bool = False  # the truth was
 
 
 def read_found(path: Path) -> Found:
@@ -71,19 +62,15 @@ def read_found(path: Path) -> Found:
 
 
 def comment_on(found: Found) -> str:
-    """Return the comment's text, at most `MOST_BYTES` long; its end is never cut."""
-    last = f"\nThis is about commit {found.head[:12]} alone; another push is looked at anew.\n"
+    """Return the comment's text; the job's log has what is too long for it."""
+    parts = [f"{MARK}\n", *_parts(found)]
+    parts.append(
+        f"\nThis is about commit {found.head[:12]} alone; another push is looked at anew.\n"
+    )
     if found.kind in ("scored", "sealed", "withdrawn"):
         merge = f"gh pr merge {found.pull_request} --squash --match-head-commit {found.head}"
-        last += f"Maintainers: `{merge}` merges it and nothing that was pushed later.\n"
-    room = MOST_BYTES - len(last.encode()) - len(_CUT.encode())
-    parts = [f"{MARK}\n"]
-    for part in _parts(found):
-        room -= len(part.encode()) + 1
-        if room < len(MARK):
-            return "\n".join([*parts, _CUT, last])
-        parts.append(part)
-    return "\n".join([*parts, last])
+        parts[-1] += f"Maintainers: `{merge}` merges it and nothing that was pushed later.\n"
+    return "\n".join(parts)
 
 
 def _parts(found: Found) -> Iterator[str]:
@@ -93,7 +80,8 @@ def _parts(found: Found) -> Iterator[str]:
         name = code("/".join(found.place)) if found.place else "This pull request"
         name = f"{code(found.method)} by {code(found.team)}" if found.method else name
         yield f"### {name}{f' is {kind}' if kind in ('refused', 'withdrawn') else ''}\n"
-    yield from map(_block, found.problems)
+    if found.problems:
+        yield _block("\n\n".join(found.problems))
     if answer is not None:
         yield from _scores(answer, found.ranked)
     if said := _SAID.get("not opened" if kind == "sealed" and answer is None else kind):

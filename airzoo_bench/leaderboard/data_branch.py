@@ -23,16 +23,12 @@ _TRIES_FILE = "tries.csv"
 
 
 class Try(NamedTuple):
-    """A line of the list of tries at sealed truths, by account and commit, with the time in UTC.
-
-    The outcome is ``started`` before the truth is opened, ``scored``, or ``failed``, by no fault of
-    the submission, which gives the try back.
-    """
+    """A line of the list of tries at sealed truths, by account and commit."""
 
     account: str
     benchmark: str
     head: str
-    outcome: str
+    outcome: str  # started, scored, or failed by no fault of the submission: it comes back
     time: str
 
 
@@ -47,17 +43,16 @@ def check_tries(tries: Sequence[Try], new: Try, limits: Limits) -> None:
         raise RefusedError(what, expected=f"at most {limits.tries}", fix="push again later")
 
 
-def answer_path(tree: str) -> str:
-    """Return where the data branch keeps the answer to a sealed submission until it is merged."""
-    return f"answers/{tree}.json"
-
-
 class DataBranch:
     """A clone of the branch, with a work tree: nobody but CI writes to it."""
 
     def __init__(self, folder: Path, remote: str) -> None:
         self.folder, self._repository = folder, Repository(folder, remote)
         self._update()
+
+    def answer_path(self, tree: str) -> Path:
+        """Return where the answer to a sealed submission is kept until it is merged."""
+        return self.folder / f"answers/{tree}.json"
 
     def copy_runs(self, places: Iterable[Place], out: Path) -> None:
         """Copy the runs of some submissions into a folder, below ``runs/``."""
@@ -81,7 +76,7 @@ class DataBranch:
             with (self.folder / _TRIES_FILE).open("w", encoding="utf-8", newline="") as stream:
                 csv.writer(stream, lineterminator="\n").writerows([Try._fields, *tries, line])
             if answer is not None:
-                path = self.folder / answer_path(answer.tree)
+                path = self.answer_path(answer.tree)
                 path.parent.mkdir(exist_ok=True)
                 path.write_text(answer.model_dump_json(), encoding="utf-8")
 

@@ -159,7 +159,7 @@ def render_pages(board: Json) -> dict[str, str]:
         lstrip_blocks=True,
         auto_reload=False,
     )
-    env.filters["number"] = _number
+    env.filters["number"] = float  # infinite ones are texts in board.json
     env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
     style = _read("style.css", "airzoo_bench.report") + _read("board.css")
 
@@ -207,24 +207,18 @@ def _show_visible(value: Any) -> Any:
                   value)  # fmt: skip
 
 
-def _number(value: Any) -> float | None:
-    """Return a number of board.json: infinite ones are texts there, and null is none."""
-    return None if value is None else float(value)
-
-
 def _text(column: Json, value: Any) -> str:
     """Write a number as tables show it: shares in percent."""
-    if value is None:
-        return "–"
-    return show_number(float(value) * (100 if column["unit"] == "share" else 1), 2)
+    factor = 100 if column["unit"] == "share" else 1
+    return "–" if value is None else show_number(float(value) * factor, 2)
 
 
 def _values(rows: Sequence[Json], lead: Json, *keys: str) -> Iterator[float]:
     """Yield the finite numbers of a score."""
     for row in rows:
         score = row["scores"].get(lead["key"], {})
-        numbers = (_number(score.get(key)) for key in keys)
-        yield from (value for value in numbers if value is not None and math.isfinite(value))
+        numbers = (float(score[key]) for key in keys if score.get(key) is not None)
+        yield from filter(math.isfinite, numbers)
 
 
 def _lead(table: Json) -> Json:
@@ -241,10 +235,7 @@ def _leaders(table: Json, lead: Json) -> list[Json]:
 
 
 def _timeline(table: Json, lead: Json) -> list[tuple[Any, ...]]:
-    """Return the scored methods by date: its place and the score's from 0 to 1, the best so far.
-
-    There are at least three, of more than one date and score.
-    """
+    """Return three or more scored methods by date: its place and the score's, the best so far."""
     dated = sorted(
         (row["rescored"], value, row["method"])
         for row in table["rows"]

@@ -87,10 +87,7 @@ class Repository:
             raise BoardError(f"git fetch failed: {said[-500:]}", where=self.remote)
 
     def resolve(self, name: str) -> str | None:
-        """Return the id of a commit or, for ``commit:path``, of a tree or file; None without one.
-
-        The name is made of our own words; a path in it has been checked.
-        """
+        """Return the id of a commit or, for ``commit:path``, of a tree or file, if there is one."""
         done = self.call("rev-parse", "--verify", "--quiet", "--end-of-options", name)
         return None if done.returncode else done.stdout.decode("ascii").strip()
 
@@ -132,16 +129,12 @@ class Repository:
 
 
 class PullRequest(NamedTuple):
-    """The parts of a pull request that count.
-
-    `head` is the commit to score, and no other; `base` the branch that it is to be merged into;
-    `account` its author, by the number that stays when a name changes.
-    """
+    """The parts of a pull request that count."""
 
     number: int
-    head: str
-    base: str
-    account: int
+    head: str  # the commit to score, and no other
+    base: str  # the branch that it is to be merged into
+    account: int  # of its author: the number stays when a name changes
 
 
 def read_event(path: Path) -> PullRequest:
@@ -165,8 +158,7 @@ def fetch_changed(
 ) -> tuple[Place, bool] | None:
     """Fetch a pull request without the files' content, and return which submission it changes.
 
-    Also return whether it leaves it there; None where it changes none. `former_owner` returns the
-    account of a folder that is no longer on the board.
+    Also return whether it leaves it there; None where it changes none.
     """
     refs = {f"refs/pull/{pull.number}/head": _HEAD, f"refs/heads/{pull.base}": _BASE}
     repository.fetch(refs, "--filter=blob:none")

@@ -30,7 +30,7 @@ from airzoo_bench.leaderboard.checks import (
     refuse_files,
 )
 from airzoo_bench.leaderboard.comment import Found
-from airzoo_bench.leaderboard.data_branch import DataBranch, answer_path
+from airzoo_bench.leaderboard.data_branch import DataBranch
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
 from airzoo_bench.leaderboard.sealing import commitment_of
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
@@ -44,14 +44,11 @@ _SAME = 0.99  # of all records: few methods agree in so many
 
 @dataclass(frozen=True)
 class Rules:
-    """The rules and the means of a board's CI.
-
-    `root` is a checkout of the board's own branch, `data` the folder of benchmark folders.
-    """
+    """The rules and the means of a board's CI."""
 
     board: Board
-    root: Path
-    data: Path
+    root: Path  # a checkout of the board's own branch
+    data: Path  # the folder of benchmark folders
     run: Run
     truths: dict[str, str] = field(default_factory=dict)
 
@@ -223,11 +220,10 @@ def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Fou
 
 
 def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, str | UserError]]:
-    """Score all submissions on the board's branch without a run that counts.
+    """Score all merged submissions without a run by today's predictions, protocol and truth.
 
-    A run counts while the predictions, the protocol and the truth are those of today. Against a
-    sealed truth nothing is scored here: the answer from before the merge is the run. The error of a
-    submission without a score is yielded, and left for the board to show.
+    Against a sealed truth nothing is scored here: the answer from before the merge is the run. The
+    error of a submission without a score is yielded, and left for the board to show.
     """
     names = {one.name for one in rules.board.benchmarks}
     found = sorted(rules.root.resolve().glob("submissions/*/*/*"))
@@ -271,14 +267,19 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     checked, given = rules.check_sound(folder, known)
     run = answers.next_run(out / place.runs)
     if sealed:
-        path = branch.folder / answer_path(tree)
+        path = branch.answer_path(tree)
         answer = answers.read_answer(path) if path.is_file() else None
         if answer is None or not rules.is_current(answer.head):
             what = "these files were not scored against the sealed truth before they were merged"
             fix = "revert the merge, and merge as the comment says once it has the scores"
             raise SubmissionError(what, where=place.path, fix=fix)
         answers.write_run(run, given, answer)
-    elif last and before and counts and _has_same_predictions(last, given):
+    elif (
+        last
+        and before
+        and counts
+        and _inputs_of(given) == _inputs_of(read_submission(last / SUBMISSION_FILE, public=True))
+    ):
         answers.write_run(last, given, before.model_copy(update={"tree": tree}))
         return "new words, the same scores"
     else:
@@ -288,8 +289,6 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     return "scored" if before is None or counts else "scored again: another protocol or truth"
 
 
-def _has_same_predictions(run: Path, given: Submission) -> bool:
-    """Whether a run has the scores of a submission: the same predictions, read alike."""
-    both = read_submission(run / SUBMISSION_FILE, public=True), given
-    read = [(s.protocol, s.predictions.sha256, s.predictions.reader, s.pipeline) for s in both]
-    return read[0] == read[1]
+def _inputs_of(given: Submission) -> tuple[Any, ...]:
+    """Return what the scores of a submission depend on."""
+    return given.protocol, given.predictions.sha256, given.predictions.reader, given.pipeline

@@ -1,16 +1,14 @@
 """Scoring against a sealed truth, and how coarse the answer is.
 
-Told are the headline scores over all scenes, in steps of half their standard error. It is that of a
-mean of scenes that are independent of each other; within a scene it is
+Told are the headline scores over all scenes, in steps of half their standard error: that of a mean
+of independent scenes. Within a scene it is
 
-- of **shares** (recalls, average precision) that of a rate, with two more queries at 0 and two at 1
-  (Agresti and Coull 1998), made from the score as it is told; steps are those of the largest
-  error that so many queries can have, and not smaller than what `FLIPS` queries of the smallest
-  scene move, so that they tell nothing;
+- of **shares** that of a rate with two more queries at 0 and two at 1 (Agresti and Coull 1998), of
+  the told score; steps are those of the largest error that so many queries can have, and not
+  smaller than what `FLIPS` queries of the smallest scene move;
 - of **means of errors** that of the sample;
-- of **medians** a quarter of the width of the interval of order statistics that the binomial
-  distribution gives for 95 %. Where its upper end is a failure the error is not known, and its
-  lower half decides how coarse the median is told.
+- of **medians** a quarter of the width of the binomial 95 % interval of order statistics. Where its
+  upper end is a failure the error is not known, and the lower half decides the step.
 
 Errors are rounded upward to one digit; of medians and means of errors to 1, 2 or 5. Reconstruction
 has one record a scene: shares are told to a hundredth, distances to two digits.

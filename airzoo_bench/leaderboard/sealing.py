@@ -20,16 +20,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile, SealedTruth, write_benchmark_file
-from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, POSE_COLUMNS, PRIOR_COLUMNS
+from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, POSE_COLUMNS, PRIOR_COLUMNS, poses_of
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core import files
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of
+from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.rasters import raster_files
+from airzoo_bench.matching.metrics import count_near
 from airzoo_bench.matching.truth import CROP_COLUMNS, photo_maps
 from airzoo_bench.retrieval.truth import IMAGE_COLUMNS, POSITION_COLUMNS, TILE_COLUMNS
 
@@ -53,7 +53,7 @@ _TABLES = {
 }
 _PUBLIC = ("matching/map.json", "retrieval/tiles/**/*.png", "matching/crops/**/*_d[os]m.tif")
 _TIME = 315_532_800  # 1980-01-01: that of files on the host's disk tells when a photo was taken
-_SAME_M, _SAME_ROTATION = 1e-3, 1e-6
+_SAME_M, _SAME_DEG = 1e-3, 0.1
 
 Kind = Literal["copy", "photo", "table"]
 
@@ -163,14 +163,16 @@ def _refuse_known_truth(benchmark: Benchmark) -> None:
         what = f"its methods are given the truth: prior.source is {prior!r}"
         raise BenchmarkError(what, where=benchmark.folder, expected="priors from metadata")
     for scene in benchmark.file.scenes:
-        path = benchmark.scene_folder(scene.id) / "queries.csv"
+        path, columns = (
+            benchmark.scene_folder(scene.id) / "queries.csv",
+            POSE_COLUMNS + PRIOR_COLUMNS,
+        )
         photos = read_table(path, ("id",))
-        if {*POSE_COLUMNS, *PRIOR_COLUMNS} <= {*photos.columns}:
-            pose, given = (photos[[*names]].to_numpy() for names in (POSE_COLUMNS, PRIOR_COLUMNS))
-            near = np.linalg.norm(pose[:, 4:] - given[:, 4:], axis=1) < _SAME_M
-            near &= np.abs((pose[:, :4] * given[:, :4]).sum(axis=1)) > 1 - _SAME_ROTATION
-            if near.any():
-                what = f"priors equal the true pose: {first_of(photos['id'][near], len(photos))}"
+        if {*columns} <= {*photos.columns}:
+            known = photos.dropna(subset=[*columns])
+            poses, priors = poses_of(known), poses_of(known, PRIOR_COLUMNS)
+            if near := count_near(poses, priors, _SAME_M, _SAME_DEG):
+                what = f"priors equal the true pose: {near} of {len(photos)}"
                 raise BenchmarkError(what, where=path, expected="priors that were measured apart")
 
 
@@ -259,9 +261,8 @@ def _publish(source: Path, target: Path, kind: Kind) -> bool:
 def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
     """Open the folder that was sealed, in memory where that can be, with links to public files."""
     home = _MEMORY if os.access(_MEMORY, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
-    committed = commitment_of(Benchmark.open(public, sealed=True))
     with files.temporary_folder(home, "airzoo-truth") as folder:
-        _extract(archive, key, committed, folder)
+        _extract(archive, key, commitment_of(Benchmark.open(public, sealed=True)), folder)
         for path in (path for path in public.rglob("*") if path.is_file()):
             link = folder / path.relative_to(public)
             if not link.exists():
@@ -308,12 +309,8 @@ def bare_photo(data: bytes, where: Path) -> bytes:
                 return b"".join(parts(data))
     except (IndexError, ValueError):
         pass
-    raise BenchmarkError(
-        "its metadata cannot be taken out",
-        where=where,
-        expected="a complete JPEG or PNG",
-        fix="write the photo again as one of these, and prepare the benchmark anew",
-    )
+    what, fix = "its metadata cannot be taken out", "write it again, and prepare the benchmark anew"
+    raise BenchmarkError(what, where=where, expected="a complete JPEG or PNG", fix=fix)
 
 
 def _jpeg_parts(data: bytes) -> Iterator[bytes]:

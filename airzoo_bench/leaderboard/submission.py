@@ -153,10 +153,7 @@ class Pipeline(Strict):
 
 
 class Submission(Strict):
-    """A method's predictions for one protocol, and all that a reader of the board may ask.
-
-    docs/submission.md explains each key. A board keeps it without the contact.
-    """
+    """A method's predictions for one protocol; docs/submission.md explains each key."""
 
     schema_version: Literal[1] = Field(alias="schema")
     protocol: Name = _question("The protocol that scores the predictions.", "airzoo-mini-retrieval")

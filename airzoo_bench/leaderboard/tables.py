@@ -30,30 +30,15 @@ from airzoo_bench.leaderboard.answers import (
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.statistics import significance
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.statistics.significance import (
-    LEVEL,
-    compare_all,
-    correct_pairs,
-    rank_ranges,
-    unpaired_p_values,
-)
-from airzoo_bench.tables.published import (
-    OVERALL,
-    published_sources,
-    published_values,
-    read_source_file,
-)
+from airzoo_bench.tables import published
 
 _OLD = "scored by another protocol or truth, earlier"
 
 
 class Table(Head):
-    """A table of the board.
-
-    `pairs` are by score: the ids of the ranked methods, and of every two of them low, high, p and
-    p_holm, the upper triangle as float32 (little endian), deflated, in base64.
-    """
+    """A table of the board; docs/leaderboard.md says how `pairs` are packed."""
 
     id: str
     title: str
@@ -84,7 +69,18 @@ def make_table(
     members, answers = [entry for entry, _ in ranked], [answer for _, answer in ranked]
     places = {entry.place for entry in members}
     first = answers[0] if answers else None
-    head = first.head if first else _head_of(protocol)
+    head = (
+        first.head
+        if first
+        else Head(
+            benchmark=protocol.benchmark,
+            track=protocol.track,
+            protocol=protocol.name,
+            protocol_version=protocol.version,
+            protocol_fingerprint=protocol.fingerprint,
+            scenes=tuple(Scene(id=s.id, title=s.title, queries=s.queries) for s in protocol.scenes),
+        )
+    )
     columns = _columns(answers, protocol)
     pairs = {c.key: _rank(members, answers, c, cache) for c in columns if c.headline and members}
     reported = [] if head.sealed else _reported(head, columns)
@@ -103,7 +99,10 @@ def make_table(
         if entry.place not in places
     ]
     rows = [*sorted(shown, key=lambda row: _order(lead, row)), *floors.values(), *failed]
-    name, sources = head.benchmark, map(read_source_file, published_sources().values())
+    name, sources = (
+        head.benchmark,
+        map(published.read_source_file, published.published_sources().values()),
+    )
     versions = ", ".join(sorted({answer.version for answer in answers}))
     return Table(
         **dict(head),
@@ -123,24 +122,12 @@ def make_table(
 
 
 def _basis(answer: Answer) -> tuple[Any, ...]:
-    head = answer.head
-    return head.protocol_fingerprint, head.truth, head.sealed
+    return answer.head.protocol_fingerprint, answer.head.truth, answer.head.sealed
 
 
 def _age(answer: Answer) -> tuple[Any, ...]:
     head = answer.head
     return head.protocol_version, head.benchmark_version or 0, answer.scored, head.truth
-
-
-def _head_of(protocol: Protocol) -> Head:
-    return Head(
-        benchmark=protocol.benchmark,
-        track=protocol.track,
-        protocol=protocol.name,
-        protocol_version=protocol.version,
-        protocol_fingerprint=protocol.fingerprint,
-        scenes=tuple(Scene(id=s.id, title=s.title, queries=s.queries) for s in protocol.scenes),
-    )
 
 
 def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]:
@@ -159,15 +146,17 @@ def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]
 def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
     """Return the methods that papers print numbers of; a number comes from the first that does."""
     shares = {column.key: column.unit == "share" for column in columns}
-    scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
+    scenes = {scene.title: scene.id for scene in head.scenes} | {
+        published.OVERALL: published.OVERALL
+    }
     numbers: dict[str, dict[str, dict[str, float]]] = {}
     sources: dict[str, dict[str, None]] = {}
     printed = [
         cell
-        for cell in published_values(head.benchmark, head.track)
+        for cell in published.published_values(head.benchmark, head.track)
         if cell.scene in scenes and cell.metric in shares
     ]
-    scenic = {cell.table for cell in printed if cell.scene != OVERALL}
+    scenic = {cell.table for cell in printed if cell.scene != published.OVERALL}
     for cell in sorted(printed, key=lambda cell: cell.table not in scenic):
         found = numbers.setdefault(cell.method, {}).setdefault(scenes[cell.scene], {})
         if cell.metric not in found:
@@ -178,7 +167,9 @@ def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
             kind="reported",
             method=method,
             source="; ".join(sources[method]),
-            scores={key: Score(value=v) for key, v in numbers[method].get(OVERALL, {}).items()},
+            scores={
+                key: Score(value=v) for key, v in numbers[method].get(published.OVERALL, {}).items()
+            },
             scenes={
                 scene: {key: (value, None, None) for key, value in part.items()}
                 for scene, part in numbers[method].items()
@@ -217,14 +208,14 @@ def _rank(
     limits: list[Floats] = []
     if answers[0].head.sealed:
         errors = np.array([score.standard_error for score in scores], np.float64)
-        p_values = unpaired_p_values(values, errors)
+        p_values = significance.unpaired_p_values(values, errors)
     else:
         ids = [one.place.folder for one in members]
         *limits, p_values = _compare_pairs(ids, answers, column, cache)
-    corrected = correct_pairs(p_values)
+    corrected = significance.correct_pairs(p_values)
     best = int(np.argmax(values if column.higher_is_better else -values))
-    near = ((p_values[best] > LEVEL) | (values == values[best])) & np.isfinite(values)
-    ranges = rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
+    near = ((p_values[best] > significance.LEVEL) | (values == values[best])) & np.isfinite(values)
+    ranges = significance.rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
     for n, (one, rank, is_near) in enumerate(zip(members, ranges.tolist(), near, strict=True)):
         update = {"rank": tuple(rank), "near_best": bool(is_near)}
         score = one.row.scores.get(column.key, Score()).model_copy(update=update)
@@ -277,7 +268,7 @@ def _compare_pairs(
     wanted[np.ix_(known, known)] = False
     found = np.ones((3, *wanted.shape))
     if np.triu(wanted, 1).any():
-        found = compare_all(_sample_of(answers, column), resampling, wanted)
+        found = significance.compare_all(_sample_of(answers, column), resampling, wanted)
     for matrix, stored_one in zip(found, matrices, strict=True):
         matrix[np.ix_(known, known)] = stored_one[np.ix_(old, old)]
     with atomic_write(path) as stream:

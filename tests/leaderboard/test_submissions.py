@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import confusable_homoglyphs
+import numpy as np
 import pytest
 import tomli_w
 from hypothesis import given
@@ -38,15 +39,15 @@ from airzoo_bench.leaderboard.submission import (
     skeleton,
     submission_text,
 )
-from tests.leaderboard.made import (
+from tests.leaderboard.conftest import (
     ADA,
     AUTHOR,
     BOARD,
     HOME,
     PROTOCOL,
-    Command,
     checked,
     git,
+    run,
     submission,
     values,
     write_submission,
@@ -132,27 +133,19 @@ def only_error(found: CheckedSubmission) -> str:
     return str(error)
 
 
-def refusal(path: Path, text: str) -> str:
-    path.write_bytes(text.encode())
-    with pytest.raises(SubmissionError) as error:
-        read_submission(path)
-    return str(error.value)
-
-
 def test_what_is_written_is_read_again_and_a_board_keeps_no_contact(tmp_path: Path) -> None:
     path, stated = tmp_path / "a.toml", submission(summary="A sentence.")
     path.write_text(submission_text(stated), encoding="utf-8")
     assert read_submission(path) == stated
-    text = submission_text(stated, public=True)
+    path.write_text(text := submission_text(stated, public=True), encoding="utf-8")
     assert "contact" not in text
     assert "ada@example.org" not in text
-    path.write_text(text, encoding="utf-8")
     assert read_submission(path, public=True) == stated.model_copy(update={"contact": None})
-    assert "key 'contact' is missing" in refusal(path, text)
 
 
 TWO_PLACES = {"file": "p.npz", "url": "https://a.b/p", "sha256": "0" * 64, "bytes": 1}
 WRONG: dict[str, dict[str, Any] | str] = {
+    "key 'contact' is missing": {"contact": None},
     "'training_data' is missing": {"training_data": None},
     "'methd' (did you mean 'method'?)": {"methd": "SALAD"},
     "'method' is 3": {"method": 3},
@@ -172,9 +165,11 @@ WRONG: dict[str, dict[str, Any] | str] = {
 
 @pytest.mark.parametrize("said", WRONG)
 def test_each_mistake_is_named(said: str, tmp_path: Path) -> None:
-    changes = WRONG[said]
-    text = changes if isinstance(changes, str) else tomli_w.dumps(values(**changes))
-    message = refusal(tmp_path / "submission.toml", text)
+    changes, path = WRONG[said], tmp_path / "submission.toml"
+    path.write_text(changes if isinstance(changes, str) else tomli_w.dumps(values(**changes)))
+    with pytest.raises(SubmissionError) as caught:
+        read_submission(path)
+    message = str(caught.value)
     assert said in message
     assert message.replace("\n", "").isprintable()
     assert len(message) < 2_000
@@ -196,12 +191,6 @@ def write_limits(root: Path, limits: str) -> None:
     (root / BOARD_FILE).write_text(BOARD.replace("[[", f"[limits]\n{limits}\n[[", 1))
 
 
-def test_a_sound_submission_has_no_fault(root: Path, data: Path, perfect: Any) -> None:
-    found = checked(write_submission(root, perfect), data)
-    assert (found.errors, found.warnings) == ([], [])
-    assert found.predictions == found.folder / "preds.npz"
-
-
 def _change(home: Path, content: Callable[[bytes], bytes]) -> None:
     (home / "preds.npz").write_bytes(content((home / "preds.npz").read_bytes()))
 
@@ -217,8 +206,19 @@ def _move(home: Path, place: str) -> Path:
     return Path(shutil.move(home, moved))
 
 
+def _repeat(home: Path) -> None:
+    """Answer with one tile twice, in a file that is announced as it is."""
+    with np.load(home / "preds.npz") as stored:
+        arrays = dict(stored)
+    arrays["ranked_ids"][0][1] = arrays["ranked_ids"][0][0]
+    shutil.rmtree(home)
+    arrays.pop("protocol")
+    write_submission(home.parents[3], arrays)
+
+
 # What is done to a sound folder, and what is said.
 FAULTS: list[tuple[Callable[[Path], object], str]] = [
+    (lambda home: None, ""),
     (lambda home: (home / "link").symlink_to("/etc/passwd"), "is no file: a link"),
     (lambda home: os.mkfifo(home / "pipe"), "a pipe or a device"),
     (lambda home: (home / "preds.npz").chmod(0o755), "executable"),
@@ -231,39 +231,28 @@ FAULTS: list[tuple[Callable[[Path], object], str]] = [
     (lambda home: _move(home, "made/retrieval/nul"), "which does not score"),
     (lambda home: _name(home, "uav-visloc-retrieval"), "which does not score"),
     (lambda home: _name(home, "own.toml"), "which does not score"),
+    (_repeat, "each tile once a query"),
+    (lambda home: write_limits(home.parents[3], "committed_bytes = 1000"), "at most 1,000 bytes"),
 ]
 
 
 def test_folders_that_ci_refuses(root: Path, data: Path, perfect: Any) -> None:
     for change, said in FAULTS:
-        found = change(home := write_submission(root, perfect))
-        assert said in only_error(checked(found if isinstance(found, Path) else home, data))
+        moved = change(home := write_submission(root, perfect))
+        found = checked(moved if isinstance(moved, Path) else home, data)
+        if said:
+            assert said in only_error(found)
+        else:
+            assert (found.errors, found.warnings) == ([], [])
+            assert found.predictions == home / "preds.npz"
         shutil.rmtree(root / "submissions")
-
-
-def test_predictions_are_held_to_the_benchmark(root: Path, data: Path, perfect: Any) -> None:
-    perfect["ranked_ids"][0][1] = perfect["ranked_ids"][0][0]
-    home = write_submission(root, perfect)
-    assert "each tile once a query" in only_error(checked(home, data))
-    write_limits(root, "committed_bytes = 1000")
-    assert "at most 1,000 bytes" in only_error(checked(home, data))
-
-
-def by_address(root: Path, perfect: Any, **changes: Any) -> tuple[Path, dict[str, Any], Path]:
-    """Write a submission whose predictions are elsewhere; return it, what it states, and them."""
-    file = write_predictions(root / "preds.npz", PROTOCOL, **perfect)
-    given = {"url": "https://example.org/preds.npz", "bytes": file.stat().st_size}
-    given |= {"sha256": sha256_of_tree(file)} | changes
-    home = write_submission(root, perfect, predictions=given)
-    (home / "preds.npz").unlink()
-    return home, given, file
 
 
 def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
     root: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    home, stated, file = by_address(root, perfect)
-    asked = []
+    file, asked = write_predictions(root / "preds.npz", PROTOCOL, **perfect), []
+    stated = {"bytes": file.stat().st_size, "sha256": sha256_of_tree(file)}
 
     def fetch(url: str, into: Path, *, size: int, sha256: str, seconds: float) -> Path:
         asked.append((url, size, sha256))
@@ -271,49 +260,51 @@ def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
         (into / ".preds.npz.part").touch()
         return Path(shutil.copy(file, into))
 
+    def by_address(url: str) -> Path:
+        home = write_submission(root, perfect, predictions={"url": url} | stated)
+        (home / "preds.npz").unlink()
+        return home
+
     monkeypatch.setattr("airzoo_bench.leaderboard.checks.fetch", fetch)
+    home = by_address("https://example.org/preds.npz")
     assert checked(home, data).predictions is None
     for seconds in (1.0, 0.0):
         found = checked(home, data, seconds)
         assert not found.errors
         assert found.predictions is not None
         assert found.predictions.is_relative_to(data / FETCHED)
-    assert asked == [(stated["url"], stated["bytes"], stated["sha256"])]
+    assert asked == [("https://example.org/preds.npz", stated["bytes"], stated["sha256"])]
     write_limits(root, "url_bytes = 100")
     assert "at most 100" in only_error(checked(home, data))
     shutil.rmtree(home)  # an address that is never fetched is refused before
-    home = by_address(root, perfect, url="https://169.254.169.254/preds.npz")[0]
+    home = by_address("https://169.254.169.254/preds.npz")
     assert "https://HOST/PATH" in only_error(checked(home, data))
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "warning"),
-    [
-        ({"method": "Salad", "team": "Other"}, "differs from 'SALAD' only in case", ""),
-        ({"folder": "Salad", "method": "New", "team": "Other"}, "only in case", ""),
-        ({"method": "New", "team": "Example Iab"}, "", "looks like 'Example Lab'"),
-        ({"method": "S-A-L-A-D"}, "", "looks like 'SALAD'"),
-        ({"method": "Mine", "team": "Other"}, "", "to the last byte those of 'SALAD'"),
-        ({"team": "Other"}, "", "'SALAD' is on this board already, of team 'Example Lab'"),
-        ({"team": "Other", "method": "Net (official)"}, "", "says that it is official"),
-        ({"supersedes": "nothing", "method": "Newer"}, "", "'supersedes' is ignored"),
-    ],
-)
-def test_names_and_predictions_that_are_there_already(
-    root: Path, data: Path, perfect: Any, changes: dict[str, Any], error: str, warning: str
-) -> None:
+CLAIMS: list[tuple[str, dict[str, Any], str]] = [
+    ("error", {"method": "Salad", "team": "Other"}, "differs from 'SALAD' only in case"),
+    ("error", {"folder": "Salad", "method": "New", "team": "Other"}, "only in case"),
+    ("note", {"method": "New", "team": "Example Iab"}, "looks like 'Example Lab'"),
+    ("note", {"method": "S-A-L-A-D"}, "looks like 'SALAD'"),
+    ("note", {"method": "Mine", "team": "Other"}, "to the last byte those of 'SALAD'"),
+    ("note", {"team": "Other"}, "'SALAD' is on this board already, of team 'Example Lab'"),
+    ("note", {"team": "Other", "method": "Net (official)"}, "says that it is official"),
+    ("note", {"supersedes": "nothing", "method": "Newer"}, "'supersedes' is ignored"),
+]
+
+
+def test_names_and_predictions_that_are_there_already(root: Path, data: Path, perfect: Any) -> None:
     write_submission(root, perfect)
-    folder = changes.pop("folder", "second")
-    home = write_submission(root, perfect, folder, **changes)
-    if "supersedes" in changes:  # as earlier submissions have it
-        toml = home / "submission.toml"
-        toml.write_text('supersedes = "nothing"\n' + toml.read_text())
-    found = checked(home, data)
-    if error:
-        assert error in only_error(found)
-    else:
-        assert not found.errors
-        assert any(warning in one for one in found.warnings)
+    for kind, changes, said in CLAIMS:
+        own = {key: value for key, value in changes.items() if key != "folder"}
+        home = write_submission(root, perfect, changes.get("folder", "second"), **own)
+        if "supersedes" in changes:  # as earlier submissions have it
+            toml = home / "submission.toml"
+            toml.write_text('supersedes = "nothing"\n' + toml.read_text())
+        found = checked(home, data)
+        assert any(said in str(one) for one in (found.errors, found.warnings)[kind == "note"])
+        assert bool(found.errors) == (kind == "error")
+        shutil.rmtree(home)
 
 
 def test_poses_that_are_the_prior_belong_to_its_class() -> None:
@@ -345,70 +336,57 @@ FOLDER = f"{HOME}/salad"
 
 
 @pytest.fixture
-def clone(root: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a clone of a board, which is the current folder."""
+def preds(tmp_path: Path, root: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return predictions; the current folder is that of a board."""
+    monkeypatch.chdir(root)
+    return write_predictions(tmp_path / "preds.npz", PROTOCOL, **perfect)
+
+
+def test_one_command_makes_a_branch_with_the_checked_folder(
+    root: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name, value in AUTHOR.items():
         monkeypatch.setenv(name, value)
     git(root, "init", "--quiet", "-b", "main")
     git(root, "add", "-A")
     git(root, "commit", "--quiet", "-m", "A board")
-    monkeypatch.chdir(root)
-    return root
-
-
-@pytest.fixture
-def preds(tmp_path: Path, perfect: Any) -> Path:
-    return write_predictions(tmp_path / "preds.npz", PROTOCOL, **perfect)
-
-
-def test_one_command_makes_a_branch_with_the_checked_folder(
-    clone: Path, preds: Path, command: Command
-) -> None:
     more = ("--set", 'pipeline.uses=["prior"]', "--set", "code=https://example.org/salad")
-    made = command("submit", preds, *OPTIONS, *more)
-    assert made.exit_code == 0, made.output
+    made = run("submit", preds, *OPTIONS, *more)
     assert "checked and scored, nothing wrong" in made.stdout
     steps = ["git push -u origin submit-salad", "gh pr create --fill"]
     assert made.stdout.splitlines()[-2:] == steps
-    assert git(clone, "branch", "--show-current") == "submit-salad"
-    changed = git(clone, "show", "--name-only", "--format=%s").splitlines()
+    changed = git(root, "show", "--name-only", "--format=%s", "submit-salad").splitlines()
     names = ("preds.npz", "submission.toml")
     assert changed == ["SALAD on made, retrieval", "", *(f"{FOLDER}/{name}" for name in names)]
-    stated = read_submission(clone / FOLDER / "submission.toml")
+    stated = read_submission(root / FOLDER / "submission.toml")
     assert (stated.protocol, stated.account, stated.training_data) == (PROTOCOL, ADA, ())
     assert stated.pipeline.uses == ("prior",)
 
 
-def test_options_that_are_wrong(clone: Path, preds: Path, command: Command) -> None:
+def test_options_that_are_wrong(root: Path, preds: Path) -> None:
     for options, said in (
         (OPTIONS[:2], "--team, --contact, --author, --licence, --training-data, --stages"),
         ([*OPTIONS, "--protocol", "made-retrieva"], "did you mean 'made-retrieval'"),
         ([*OPTIONS, "--set", "paper"], "key 'paper' is ''"),
         ([*OPTIONS, "--set", "papr=https://a.org"], "papr"),
     ):
-        made = command("submit", preds, *options)
-        assert made.exit_code != 0
-        assert said in str(made.exception) + made.output
-        assert not (clone / "submissions").exists()
+        assert said in str(run("submit", preds, *options, code=1).exception)
+        assert not (root / "submissions").exists()
 
 
-def test_an_earlier_version_is_replaced_only_by_force(
-    clone: Path, preds: Path, command: Command
-) -> None:
-    url = ("--url", "https://example.org/preds.npz")
-    made = command("submit", preds, *OPTIONS, "--no-commit", *url)  # which is not copied
-    assert made.exit_code == 0, made.output
-    assert [path.name for path in (clone / FOLDER).iterdir()] == ["submission.toml"]
-    stated = read_submission(clone / FOLDER / "submission.toml").predictions
-    assert (stated.url, stated.size) == (url[1], preds.stat().st_size)
-    assert "--force" in str(command("submit", preds, *OPTIONS, "--no-commit").exception)
-    again = command("submit", preds, *OPTIONS, "--no-commit", "--force", "--set", "summary=Newer")
-    assert again.exit_code == 0
-    assert read_submission(clone / FOLDER / "submission.toml").summary == "Newer"
+def test_an_earlier_version_is_replaced_only_by_force(root: Path, preds: Path) -> None:
+    call = ("submit", preds, *OPTIONS, "--no-commit")
+    run(*call, "--url", "https://example.org/preds.npz")  # which is not copied
+    assert [path.name for path in (root / FOLDER).iterdir()] == ["submission.toml"]
+    stated = read_submission(root / FOLDER / "submission.toml").predictions
+    assert (stated.url, stated.size) == ("https://example.org/preds.npz", preds.stat().st_size)
+    assert "--force" in str(run(*call, code=1).exception)
+    run(*call, "--force", "--set", "summary=Newer")
+    assert read_submission(root / FOLDER / "submission.toml").summary == "Newer"
 
 
 def test_eight_questions_at_most_on_a_terminal(
-    clone: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
+    root: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     terminal = SimpleNamespace(isatty=lambda: True)
     streams = SimpleNamespace(stdin=terminal, stderr=terminal)
@@ -418,6 +396,6 @@ def test_eight_questions_at_most_on_a_terminal(
     made = CliRunner().invoke(app, ["submit", str(preds), "--no-commit"], input=answers)
     assert made.exit_code == 0, made.output
     assert "'nobody'" in made.output  # asked again
-    stated = read_submission(clone / FOLDER / "submission.toml")
+    stated = read_submission(root / FOLDER / "submission.toml")
     assert (stated.method, stated.authors) == ("SALAD", ("Ada Example", "Grace Example"))
     assert (stated.training_data, stated.pipeline.stages) == ((), "single-stage")

@@ -139,13 +139,12 @@ def test_init_writes_a_board_that_can_be_read(tmp_path: Path) -> None:
 def test_init_replaces_no_file_and_then_writes_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for number, path in enumerate(("leaderboard.toml", ".github/workflows/board.yml")):
-        own = tmp_path / str(number) / path
-        own.parent.mkdir(parents=True)
-        own.write_text("mine")
-        assert run_main("leaderboard", "init", tmp_path / str(number)) == 2
-        assert f"none is replaced: 1 ({path})" in capsys.readouterr().err
-        assert [p for p in (tmp_path / str(number)).rglob("*") if p.is_file()] == [own]
+    own = tmp_path / ".github/workflows/board.yml"
+    own.parent.mkdir(parents=True)
+    own.write_text("mine")
+    assert run_main("leaderboard", "init", tmp_path) == 2
+    assert "none is replaced: 1 (.github/workflows/board.yml)" in capsys.readouterr().err
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [own]
 
 
 # --- the container of the workflows, in which a child reads what strangers wrote ---
