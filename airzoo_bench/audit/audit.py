@@ -10,10 +10,10 @@ from airzoo_bench.audit.averages import check_averages, check_gains
 from airzoo_bench.audit.counts import (
     check_counts,
     define_precision,
+    drop_averages,
     resolve_queries,
-    without_averages,
 )
-from airzoo_bench.audit.values import Finding, Grade, Outcome, Score, Value, grouped, read_values
+from airzoo_bench.audit.values import Finding, Grade, Outcome, Score, Value, group_by, read_values
 from airzoo_bench.core.errors import counted
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 from airzoo_bench.tables.published import PrintedValue
@@ -50,8 +50,8 @@ def audit(printed: Sequence[PrintedValue], counts: Mapping[str, int] | None = No
     precise, _ = define_precision(values, by_recalls, doubtful)
     queries, conclusions = resolve_queries(values, counts or {}, doubtful, precise)
     precise, definitions = define_precision(values, queries, doubtful)
-    hits = without_averages([value for value in values if value.score.kind == "hits"])
-    shares = [v for v in values if v.of_score in precise and not v.cell.is_summary] + hits
+    hits = drop_averages([value for value in values if value.score.kind == "hits"])
+    shares = [v for v in values if v.score_key in precise and not v.cell.is_summary] + hits
     outcomes = (
         check_counts(shares, queries),
         order,
@@ -68,7 +68,7 @@ def audit(printed: Sequence[PrintedValue], counts: Mapping[str, int] | None = No
 
 def _check_order(values: Sequence[Value]) -> Outcome:
     """Find recalls at a smaller threshold that exceed those at a larger one."""
-    rows = grouped(values, lambda value: value.row).values()
+    rows = group_by(values, lambda value: value.row).values()
     pairs = [
         (one, other)
         for row in rows
@@ -104,7 +104,7 @@ def _judge_order(first: Value, second: Value) -> Finding | None:
 
 def _check_bold(values: Sequence[Value]) -> Outcome:
     """Find bold values that are not the best of their column, and best ones that are not bold."""
-    columns = grouped(values, lambda value: value.column).values()
+    columns = group_by(values, lambda value: value.column).values()
     judged = [c for c in columns if c[0].score.better is not None and len(c) > 1]
     judged = [column for column in judged if any(value.cell.bold for value in column)]
     found = [finding for column in judged for finding in _judge_column(column)]

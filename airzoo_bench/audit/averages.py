@@ -9,7 +9,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import NamedTuple
 
-from airzoo_bench.audit.counts import Queries, narrowed
+from airzoo_bench.audit.counts import Queries, narrow_span
 from airzoo_bench.audit.values import (
     Finding,
     Grade,
@@ -17,9 +17,9 @@ from airzoo_bench.audit.values import (
     Outcome,
     Span,
     Value,
+    count_decimals,
     decimal_text,
-    decimals_of,
-    grouped,
+    group_by,
 )
 from airzoo_bench.core.errors import counted
 
@@ -48,12 +48,12 @@ def check_averages(
     scenes: dict[Key, dict[str, dict[str, Value]]] = {}
     for value in values:
         if not value.cell.is_summary:
-            by_scene = scenes.setdefault(value.of_score, {}).setdefault(value.cell.scene, {})
+            by_scene = scenes.setdefault(value.score_key, {}).setdefault(value.cell.scene, {})
             by_scene.setdefault(value.cell.method, value)
     findings, tested = list[Finding](), 0
     summaries = [value for value in values if value.cell.is_summary]
-    for cells in grouped(summaries, lambda v: (v.cell.table, *v.in_scene)).values():
-        made = [_average(v, scenes.get(v.of_score, {}), queries, precise) for v in cells]
+    for cells in group_by(summaries, lambda v: (v.cell.table, *v.scene_key)).values():
+        made = [_average(v, scenes.get(v.score_key, {}), queries, precise) for v in cells]
         known = [one for one in made if one is not None]
         pooled = False
         for is_weighed in (True, False):
@@ -80,9 +80,9 @@ def _average(
     parts = [by_method[method] for by_method in scenes.values() if method in by_method]
     if len(parts) < 2 or len(parts) < len(scenes):
         return None
-    is_count = value.score.kind == "hits" or value.of_score in precise
-    spans = [narrowed(v, queries.get(v.in_scene) if is_count else None) for v in parts]
-    counts = [queries[part.in_scene].number for part in parts if part.in_scene in queries]
+    is_count = value.score.kind == "hits" or value.score_key in precise
+    spans = [narrow_span(v, queries.get(v.scene_key) if is_count else None) for v in parts]
+    counts = [queries[part.scene_key].number for part in parts if part.scene_key in queries]
     is_weighed = value.score.kind in ("hits", "ap") and len(counts) == len(parts)
     # Whatever the weights, a mean or a median of all lies between those of the parts.
     over_queries = Span(min(span.low for span in spans), max(span.high for span in spans))
@@ -111,7 +111,7 @@ def _judge_average(average: _Average, *, pooled: bool) -> Finding | None:
     of_rounded = sum((part.number for part in average.scenes), Fraction(0)) / len(average.scenes)
     if not pooled and abs(value.number - of_rounded) <= value.half:
         why += ", the mean of the scenes' values as printed"
-    elif not value.span.widened(2 * value.half).meets(mean):
+    elif not value.span.widen(2 * value.half).meets(mean):
         return Finding(Grade.INCONSISTENT, "average", cell, why)
     return Finding(Grade.ROUNDING, "average", cell, why + ": off by the last digit")
 
@@ -123,7 +123,7 @@ class _Gain(NamedTuple):
     gain: Decimal
     base: Value
 
-    def is_off_by(self, most: Fraction) -> bool:
+    def is_off(self, most: Fraction) -> bool:
         """Whether the gain is further from the difference; of errors, either way counts as one."""
         signs = (1, -1) if self.value.score.better is False else (1,)
         difference, gain = self.value.number - self.base.number, Fraction(self.gain)
@@ -132,27 +132,27 @@ class _Gain(NamedTuple):
     @property
     def half(self) -> Fraction:
         """Half a step of its last digit."""
-        return Fraction(1, 2 * 10 ** decimals_of(self.gain))
+        return Fraction(1, 2 * 10 ** count_decimals(self.gain))
 
     @property
     def is_explained(self) -> bool:
         """Whether it is the difference, where all three were rounded, or cut off."""
-        slack = self.value.half + self.own_slack + self.half + self.base.half
-        return not self.is_off_by(slack)
+        reach = self.value.half + self.slack + self.half + self.base.half
+        return not self.is_off(reach)
 
     @property
-    def own_slack(self) -> Fraction:
+    def slack(self) -> Fraction:
         """How far the gain may be off where it has fewer digits than the values."""
         most = max(self.value.decimals, self.base.decimals)
-        return self.half if decimals_of(self.gain) < most else Fraction(0)
+        return self.half if count_decimals(self.gain) < most else Fraction(0)
 
 
 def check_gains(values: Sequence[Value]) -> Outcome:
     """Find printed gains that are not the difference of the printed values."""
     findings, tested = list[Finding](), 0
-    columns = grouped(values, lambda value: value.column)
+    columns = group_by(values, lambda value: value.column)
     printed = [value for value in values if value.cell.gain is not None]
-    for gained in grouped(printed, lambda v: (v.cell.table, v.cell.method)).values():
+    for gained in group_by(printed, lambda v: (v.cell.table, v.cell.method)).values():
         gains = _find_baseline(gained, columns)
         tested += len(gains)
         findings += filter(None, map(_judge_gain, gains))
@@ -192,7 +192,7 @@ def _find_baseline(
 
 
 def _judge_gain(gain: _Gain) -> Finding | None:
-    if not gain.is_off_by(gain.own_slack):
+    if not gain.is_off(gain.slack):
         return None
     cell, other = gain.value.cell, gain.base.cell
     why = (

@@ -20,7 +20,7 @@ from airzoo_bench.audit.values import (
     Span,
     Value,
     decimal_text,
-    grouped,
+    group_by,
 )
 from airzoo_bench.core.errors import UsageError, counted, first_of
 from airzoo_bench.core.validation import nearest
@@ -67,7 +67,7 @@ def resolve_queries(
 
     Nothing is concluded from rows that are doubtful; `precise` are scores of mean precision.
     """
-    groups = grouped(values, lambda value: value.in_scene)
+    groups = group_by(values, lambda value: value.scene_key)
     known = {scene for _, _, scene in groups} | {f"{b}/{scene}" for b, _, scene in groups if b}
     for name in counts:
         if name not in known:
@@ -76,8 +76,8 @@ def resolve_queries(
                 where="--counts",
                 expected=first_of(sorted(known), shown=20),
             )
-    shares = [v for v in values if v.score.kind == "hits" or v.of_score in precise]
-    of_scenes = grouped(without_averages(shares), lambda value: value.in_scene)
+    shares = [v for v in values if v.score.kind == "hits" or v.score_key in precise]
+    of_scenes = group_by(drop_averages(shares), lambda value: value.scene_key)
     queries: dict[Key, Queries] = {}
     conclusions: list[str] = []
     for key, cells in groups.items():
@@ -94,10 +94,10 @@ def resolve_queries(
     return queries, conclusions
 
 
-def without_averages(shares: Sequence[Value]) -> list[Value]:
+def drop_averages(shares: Sequence[Value]) -> list[Value]:
     """Leave out averages over scenes that are printed as well."""
-    with_scenes = {value.of_score for value in shares if not value.cell.is_summary}
-    return [v for v in shares if not (v.cell.is_summary and v.of_score in with_scenes)]
+    with_scenes = {value.score_key for value in shares if not value.cell.is_summary}
+    return [v for v in shares if not (v.cell.is_summary and v.score_key in with_scenes)]
 
 
 def _implied_count(shares: Sequence[Value]) -> tuple[int, str]:
@@ -142,7 +142,7 @@ def _chance(totals: NDArray[np.int64], full: int) -> NDArray[np.float64]:
     return np.asarray(np.minimum(1.0, (totals + halves) / full))
 
 
-def _count_of(value: Value, queries: Queries) -> tuple[int, Fraction, list[int], Fraction]:
+def _find_count(value: Value, queries: Queries) -> tuple[int, Fraction, list[int], Fraction]:
     """Return out of how many, how many exactly, the whole numbers near, and digits to the next."""
     total = queries.number * value.score.places
     exact = value.number * total / value.full
@@ -154,13 +154,13 @@ def _count_of(value: Value, queries: Queries) -> tuple[int, Fraction, list[int],
 
 def check_counts(values: Sequence[Value], queries: Mapping[Key, Queries]) -> Outcome:
     """Find shares that are no whole number of queries, or of positives among K places of each."""
-    shares = [value for value in values if value.in_scene in queries]
-    found = (_judge_share(value, queries[value.in_scene]) for value in shares)
+    shares = [value for value in values if value.scene_key in queries]
+    found = (_judge_share(value, queries[value.scene_key]) for value in shares)
     return Outcome("counts", len(shares), [*filter(None, found)])
 
 
 def _judge_share(value: Value, queries: Queries) -> Finding | None:
-    total, exact, near, off = _count_of(value, queries)
+    total, exact, near, off = _find_count(value, queries)
     if off <= Fraction(1, 2):
         return None
     n, places = queries.number, value.score.places
@@ -193,11 +193,11 @@ def define_precision(
     precise: set[Key] = set()
     conclusions = []
     precisions = [value for value in values if value.score.kind == "ap"]
-    for name, cells in grouped(precisions, lambda value: value.of_score).items():
-        own = [v for v in cells if v.in_scene in queries and not v.cell.is_summary]
-        offs = {v: _count_of(v, queries[v.in_scene])[-1] for v in own}
+    for name, cells in group_by(precisions, lambda value: value.score_key).items():
+        own = [v for v in cells if v.scene_key in queries and not v.cell.is_summary]
+        offs = {v: _find_count(v, queries[v.scene_key])[-1] for v in own}
         variant, text = cells[0].score.variant, "it cannot be told which"
-        sure = {v: queries[v.in_scene].number for v in own if v.row not in doubtful}
+        sure = {v: queries[v.scene_key].number for v in own if v.row not in doubtful}
         misfits = sum(offs[v] > Fraction(1, 2) for v in sure)
         if variant == "precision" or (not variant and _is_precision(sure, misfits)):
             precise.add(name)
@@ -223,7 +223,7 @@ def _is_precision(numbers: Mapping[Value, int], misfits: int) -> bool:
     return bool(fits and bdtrc(fits - 1, len(numbers), sum(chances) / len(numbers)) < _RARE)
 
 
-def narrowed(value: Value, queries: Queries | None) -> Span:
+def narrow_span(value: Value, queries: Queries | None) -> Span:
     """Return where the true number lies: at a count, where one is printed so."""
     if queries is None:
         return value.span

@@ -97,7 +97,7 @@ class Span(NamedTuple):
         """Whether a number lies in both."""
         return self.low <= other.high and other.low <= self.high
 
-    def widened(self, by: Fraction) -> Span:
+    def widen(self, by: Fraction) -> Span:
         """Return the interval with so much more at either end."""
         return Span(self.low - by, self.high + by)
 
@@ -107,7 +107,7 @@ class Value:
     """A printed number, exact, with its score; a share of all is printed as `full`, 100 or 1.
 
     `half` is half a step of its last digit. Keys are those of its row, of its column, of what has
-    one number of queries (`in_scene`) and of what has one definition (`of_score`).
+    one number of queries (`scene_key`) and of what has one definition (`score_key`).
     """
 
     cell: PrintedValue
@@ -118,16 +118,16 @@ class Value:
     half: Fraction
     row: tuple[str, ...]
     column: tuple[str, ...]
-    in_scene: Key
-    of_score: Key
+    scene_key: Key
+    score_key: Key
 
     @property
     def span(self) -> Span:
         """Where the true number lies; closed, so that halves may have gone up, down or to even."""
-        return Span(self.number, self.number).widened(self.half)
+        return Span(self.number, self.number).widen(self.half)
 
 
-def decimals_of(number: Decimal) -> int:
+def count_decimals(number: Decimal) -> int:
     """Return how many digits are printed behind the point."""
     return -int(number.as_tuple().exponent)
 
@@ -152,12 +152,12 @@ def read_values(cells: Sequence[PrintedValue]) -> list[Value]:
         if score.kind in ("hits", "ap") and score.variant in ("", "precision") and key in clouds:
             score = score._replace(kind="cloud")
         full = 1 if cell.is_share or small or score.kind == "other" else 100
-        decimals, group = decimals_of(cell.value), (cell.benchmark, cell.track)
-        in_scene, of_score = (*group, cell.scene), (*group, cell.metric)
-        row, column = ((cell.table, *in_scene, name) for name in (cell.method, cell.metric))
+        decimals, group = count_decimals(cell.value), (cell.benchmark, cell.track)
+        scene_key, score_key = (*group, cell.scene), (*group, cell.metric)
+        row, column = ((cell.table, *scene_key, name) for name in (cell.method, cell.metric))
         number, half = Fraction(cell.value), Fraction(1, 2 * 10**decimals)
         values.append(
-            Value(cell, score, full, number, decimals, half, row, column, in_scene, of_score)
+            Value(cell, score, full, number, decimals, half, row, column, scene_key, score_key)
         )
     return values
 
@@ -170,7 +170,7 @@ def decimal_text(number: Fraction, decimals: int) -> str:
         return f"{exact.quantize(half, ROUND_HALF_UP):zf}"
 
 
-def grouped(items: Iterable[S], key: Callable[[S], T]) -> dict[T, list[S]]:
+def group_by(items: Iterable[S], key: Callable[[S], T]) -> dict[T, list[S]]:
     """Group items, in their order."""
     groups: dict[T, list[S]] = {}
     for item in items:

@@ -1,4 +1,4 @@
-"""The sections of a report, whose results measure the same, and the places of their queries."""
+"""The sections of a report: results of one protocol and truth, and places of their queries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Methods beside each other, those of papers and floors among them, and how they are laid out."""
+"""Tables of methods, scored here or printed in papers, with floors, and their layouts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Renderers of the table model: terminal, CSV, Markdown, HTML, JSON; LaTeX is beside."""
+"""Renderers of the table model: terminal, CSV, Markdown, HTML, JSON; LaTeX has its own file."""
 
 from __future__ import annotations
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from airzoo_bench.audit.counts import parse_counts
@@ -69,59 +67,39 @@ CASES = [
 
 
 @pytest.mark.parametrize(("text", "counts", "finding"), CASES)
-def test_what_is_found(tmp_path: Path, text: str, counts: str, finding: str) -> None:
-    found = audited(tmp_path, rows_of_wide(text), **parse_counts([counts] if counts else []))
+def test_what_is_found(text: str, counts: str, finding: str) -> None:
+    found = audited(rows_of_wide(text), parse_counts([counts] if counts else []))
     assert [" ".join(one) for one in told(found)] == [finding] * bool(finding)
 
 
-def test_nothing_is_concluded_from_an_impossible_row(tmp_path: Path) -> None:
+def test_nothing_is_concluded_from_an_impossible_row() -> None:
     text = "method,scene,R@1,R@5,AP@5; A,City,7.45,28.57,7.20; B,City,27.37,23.16,3.42"
-    notes = audited(tmp_path, rows_of_wide(text)).notes
+    notes = audited(rows_of_wide(text)).notes
     assert sum("it cannot be told which" in note for note in notes) == 1
 
 
-SCORES = [
-    ("R@1", "hits", True),
-    ("Recall@5", "hits", True),
-    ("recall@(5m,1deg)", "hits", True),
-    ("Acc@10m", "hits", True),
-    ("@20m", "hits", True),
-    ("R@1%", "hits", True),
-    ("AP@5", "ap", True),
-    ("F1 ↑", "cloud", True),
-    ("F-score", "cloud", True),
-    ("Precision", "cloud", True),
-    ("Recall", "cloud", True),
-    ("Chamfer distance", "other", False),
-    ("CD", "other", False),
-    ("Comp", "other", None),
-    ("median_translation_error", "other", False),
-    ("Med. ↓", "other", False),
-    ("ATE", "other", False),
-    ("nDCG@10", "other", True),
-    ("mAP", "other", True),
-    ("beauty", "other", None),
-    ("AUC@5", "other", True),
-    ("R@", "other", None),
-    ("AP@0", "other", None),
-]
+# Names of scores, by kind and by whether more is better.
+SCORES = {
+    ("hits", True): ["R@1", "Recall@5", "recall@(5m,1deg)", "Acc@10m", "@20m", "R@1%"],
+    ("ap", True): ["AP@5"],
+    ("cloud", True): ["F1 ↑", "F-score", "Precision", "Recall"],
+    ("other", False): ["Chamfer distance", "CD", "median_translation_error", "Med. ↓", "ATE"],
+    ("other", True): ["nDCG@10", "mAP", "AUC@5"],
+    ("other", None): ["Comp", "beauty", "R@", "AP@0"],
+}
+VARIANTS = {"AP@5": "", "AP@5/trec": "trec", "ap@5/min": "min", "P@5": "precision"}
 
 
-@pytest.mark.parametrize(("name", "kind", "better"), SCORES)
-def test_scores_are_known_by_their_names(name: str, kind: str, better: bool | None) -> None:
-    score = read_score(name)
-    assert (score.kind, score.better) == (kind, better)
-
-
-@pytest.mark.parametrize(
-    ("name", "variant"),
-    [("AP@5", ""), ("AP@5/trec", "trec"), ("ap@5/min", "min"), ("P@5", "precision")],
-)
-def test_an_average_precision_may_name_its_definition(name: str, variant: str) -> None:
-    assert (read_score(name).places, read_score(name).variant) == (5, variant)
+def test_scores_are_known_by_their_names() -> None:
+    for known, names in SCORES.items():
+        for name in names:
+            score = read_score(name)
+            assert (name, score.kind, score.better) == (name, *known)
+    for name, variant in VARIANTS.items():
+        assert (read_score(name).places, read_score(name).variant) == (5, variant)
 
 
 @pytest.mark.parametrize(("unit", "full"), [("share", 1), ("%", 100), ("", 1)])
-def test_shares_from_0_to_1(tmp_path: Path, unit: str, full: int) -> None:
+def test_shares_from_0_to_1(unit: str, full: int) -> None:
     rows = [{"method": "A", "scene": "E", "metric": "R@1", "value": "0.5", "unit": unit}]
-    assert [value.full for value in read_values(published(tmp_path, rows))] == [full]
+    assert [value.full for value in read_values(published(rows))] == [full]

@@ -15,8 +15,7 @@ import pytest
 from airzoo_bench.cli.common import progress, working
 from airzoo_bench.results.result import write_result
 from tests.cli.environment import environment
-from tests.results.made import result
-from tests.statistics.support import made_method, write_method
+from tests.statistics.support import made_method, small_result, write_method
 from tests.support import files_below, run_main, write_predictions
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="shells and signals of POSIX")
@@ -136,7 +135,7 @@ def test_a_folder_stands_for_the_result_in_it(
 def test_files_are_utf_8_whatever_the_terminal_takes(form: str, tmp_path: Path) -> None:
     zurich = "Z\N{LATIN SMALL LETTER U WITH DIAERESIS}rich"
     for name in (zurich, "Other"):
-        write_result(tmp_path / f"{name[-1]}.json", result(name))
+        write_result(tmp_path / f"{name[-1]}.json", small_result(name))
     call = [sys.executable, "-m", "airzoo_bench", "table", "h.json", "r.json", "-f", form]
     done = subprocess.run(call, capture_output=True, env=environment(**LOCALE), cwd=tmp_path)
     assert done.returncode == 0
@@ -156,7 +155,7 @@ def test_files_are_utf_8_whatever_the_terminal_takes(form: str, tmp_path: Path) 
     ],
 )
 def test_closed_streams_are_no_fault(call: str, code: int, said: bytes, tmp_path: Path) -> None:
-    write_result(tmp_path / "r.json", result())
+    write_result(tmp_path / "r.json", small_result())
     shell = ["bash", "-o", "pipefail", "-c", f'"{sys.executable}" -m airzoo_bench {call}']
     done = subprocess.run(shell, cwd=tmp_path, capture_output=True, env=environment())
     assert done.returncode == code

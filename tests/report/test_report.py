@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import math
 import re
 from pathlib import Path
 
@@ -103,26 +102,6 @@ def test_marks_and_pairs_are_those_of_compare() -> None:
     assert cells[2][6].value == middle.test.p_value
     assert [len(pane.tables[1].rows) for pane in pairs] == [3, 10, 10]
     assert pair_panes(Section(methods[:1])) == []
-
-
-@pytest.mark.parametrize(
-    ("medians", "shown"),
-    [
-        ([1.001, 1.002, 3.0], ["★", "★", ""]),
-        ([math.inf, 2.0, math.inf], ["", "★", ""]),  # the only finite one
-        ([math.inf, math.inf], ["", ""]),
-        ([1.0], [""]),  # by itself
-    ],
-)
-def test_stars(medians: list[float], shown: list[str]) -> None:
-    made = [retrieval_method(str(n), n, 4) for n in range(len(medians))]
-    methods = [
-        Method(one.name, made_result(records, (ERROR,), one.name), records)
-        for one, median in zip(made, medians, strict=True)
-        for records in [one.records.assign(error_m=median)]
-    ]
-    rows = tables_of(Section(methods))["overall"].rows
-    assert [marks(row)[0].replace(TIED, "") for row in rows] == shown
 
 
 def test_intervals_are_those_of_compare_and_left_out_where_they_take_too_long() -> None:

@@ -13,15 +13,14 @@ import pytest
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.results.result import Reference, Result, read_result, summarise, write_result
-from tests.results.made import result
-from tests.statistics.support import ERROR, HIT
+from tests.statistics.support import ERROR, HIT, small_result
 
 LEVEL = {"recall@1": 0.25}
 CHANCE = Reference(meaning="A random order.", scenes={"s": LEVEL}, overall=LEVEL, pooled=LEVEL)
 
 
 def beside_chance(method: str = "Method") -> Result:
-    made = result(method, **{"recall@1": 1 / 3})
+    made = small_result(method, **{"recall@1": 1 / 3})
     return made.model_copy(update={"references": {"chance": CHANCE}}).with_checksum()
 
 
@@ -81,12 +80,12 @@ def test_what_is_no_result_or_was_changed(text: str, message: str, tmp_path: Pat
 
 
 def test_a_result_of_a_version_without_references_is_read(tmp_path: Path) -> None:
-    content = json.loads(result().model_dump_json(by_alias=True))
+    content = json.loads(small_result().model_dump_json(by_alias=True))
     assert content.pop("references") == {}
     # As that version wrote it.
     assert content["checksum"] == "534c4d2bb46b689577a72e9f013c539ec783f46e722f6402f1391fe1cbbaaa0c"
     (tmp_path / "result.json").write_text(json.dumps(content))
-    assert read_result(tmp_path / "result.json") == result()
+    assert read_result(tmp_path / "result.json") == small_result()
 
 
 def test_averages_by_hand() -> None:

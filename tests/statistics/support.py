@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -79,6 +80,25 @@ def made_method(
     """Return a method with its records."""
     records = made_records(scenes)
     return Method(name, made_result(records, columns, name, **result), records)
+
+
+def small_result(method: str = "Method", **overall: float) -> Result:
+    """Return a result of one scene with three queries, and with all its parts."""
+    values = {"recall@1": 0.1 + 0.2, "distance_m": math.inf} | overall
+    return Result(
+        track="retrieval",
+        protocol=ProtocolUsed(name="p", version=1, fingerprint="f", settings={"k": [1, None]}),
+        truth=TruthUsed(benchmark="b", version=1, fingerprint="t", scene_titles={"s": "Scene"}),
+        predictions=PredictionsUsed(file="p.npz", sha256="0", kind="ranked_ids", method=method),
+        versions={"airzoo-bench": "1"},
+        columns=(HIT, ScoreColumn.error("distance_m", "Distance", "m", "median")),
+        counts={"s": {"queries": 3}},
+        extra_queries=0,
+        notes=("A note.",),
+        scenes={"s": values},
+        overall=values,
+        pooled=values,
+    ).with_checksum()
 
 
 def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:

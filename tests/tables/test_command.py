@@ -24,7 +24,7 @@ from airzoo_bench.tables.layouts import (
     with_floors,
 )
 from airzoo_bench.tables.marks import mark_best
-from tests.results.made import result
+from tests.statistics.support import small_result
 from tests.support import run_main, write_predictions
 from tests.tables.typeset import document, typeset
 
@@ -34,7 +34,7 @@ NUMBERS = {"City": 161, "Rural": 190}
 
 def made(method: str, city: float, rural: float, *, shipped: bool = True, **parts: Any) -> Result:
     """Return a result of the paper's real benchmark, by the shipped protocol or another."""
-    base = result(method)
+    base = small_result(method)
     protocol = load_protocol(shipped_protocols()["airzoo-real-retrieval"])
     scenes = {n: base.overall | {"recall@1": v} for n, v in (("City", city), ("Rural", rural))}
     pooled = (161 * city + 190 * rural) / 351
@@ -76,19 +76,22 @@ def show(capsys: pytest.CaptureFixture[str]) -> Show:
 
 
 def test_one_result_by_scene() -> None:
-    table = scenes_table(result(), methods=method_table([result()], every_score=True))
+    table = scenes_table(small_result(), methods=method_table([small_result()], every_score=True))
     assert table.texts() == [
         ["Scene", "3", "30.00", "inf"],
         ["Average", "–", "30.00", "inf"],
         ["Pooled", "3", "30.00", "inf"],
     ]
     assert [column.heading for column in table.columns][2:] == ["R@1 [%] ↑", "Distance [m] ↓"]
-    assert len(scenes_table(result()).columns) == 3
+    assert len(scenes_table(small_result()).columns) == 3
     assert "A note." in table.notes
 
 
 def test_several_results_side_by_side() -> None:
-    one, other = result("one", **{"recall@1": 0.5}), result("other", **{"recall@1": 0.6})
+    one, other = (
+        small_result("one", **{"recall@1": 0.5}),
+        small_result("other", **{"recall@1": 0.6}),
+    )
     for scene in (None, "s", "Scene"):
         table = mark_best(methods_layout(method_table([one, other]), scene))
         assert table.texts() == [["one", "50.00"], ["other", "60.00"]]
@@ -98,7 +101,7 @@ def test_several_results_side_by_side() -> None:
 
 
 def test_benchmarks_go_by_their_titles() -> None:
-    board = method_table([result("m")])
+    board = method_table([small_result("m")])
     boards = [
         replace(board, benchmark=name, title=f"{name} v1") for name in ("airzoo-mini", "lake")
     ]
@@ -111,9 +114,9 @@ def test_benchmarks_go_by_their_titles() -> None:
 
 def test_units_of_grouped_columns_are_told_in_short() -> None:
     for some, note in ((False, "R@1 in %"), (True, "R@1 in %; Distance in m")):
-        made = scenes_layout(method_table([result()], every_score=some))
+        made = scenes_layout(method_table([small_result()], every_score=some))
         assert sorted(made.notes[0].split("; ")) == sorted(note.split("; "))
-    board = method_table([result()], every_score=True)
+    board = method_table([small_result()], every_score=True)
     more = [board.scores[0].model_copy(update={"title": f"R@{k}"}) for k in (3, 5)]
     notes = scenes_layout(replace(board, scores=(*board.scores, *more))).notes
     assert notes[0] == "Distance in m; all other scores in %"
@@ -148,7 +151,7 @@ def test_scenes_and_published_numbers(files: list[Path], show: Show, capsys: Any
     assert "nothing is published on airzoo-demo-retrieval" in capsys.readouterr().err
     for one, said in (
         (made("Mine", 0.5, 0.5, shipped=False), "is not the shipped protocol"),
-        (result(), "nothing is published on b (retrieval)"),
+        (small_result(), "nothing is published on b (retrieval)"),
     ):
         write_result(files[0], one)
         assert run_main("table", files[0], "--published") == 0

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import shutil
 import subprocess
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -38,7 +36,7 @@ def document(table: str) -> str:
 
 def typeset(document: str, folder: Path) -> str:
     """Compile a document and return its text, a line of the table a line; skip without LaTeX."""
-    for program in ("pdflatex", "pdftotext", "pdftohtml"):
+    for program in ("pdflatex", "pdftotext"):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not installed")
     (folder / "table.tex").write_text(document, encoding="utf-8")
@@ -51,40 +49,6 @@ def typeset(document: str, folder: Path) -> str:
     for warning in ("Overfull", "Missing character"):
         assert warning not in log, log[-2000:]
     assert "(1 page," in log
-    return _run("pdftotext", "-layout", folder / "table.pdf", "-")
-
-
-def bold_words(folder: Path) -> list[str]:
-    """Return what stands in bold in the document that was typeset last."""
-    xml = _run("pdftohtml", "-xml", "-i", "-stdout", folder / "table.pdf")
-    page = ElementTree.fromstring(xml[xml.index("<pdf2xml") :])
-    bold = {font.get("id") for font in page.iter("fontspec") if _is_bold(font.get("family", ""))}
-    pieces = [text for text in page.iter("text") if text.get("font") in bold]
-    words: list[str] = []
-    for before, piece in itertools.pairwise([None, *pieces]):
-        assert piece is not None
-        text = "".join(piece.itertext())
-        if before is not None and _touch(before, piece):
-            words[-1] += text
-        else:
-            words.append(text)
-    return [word for text in words for word in text.split()]
-
-
-def _is_bold(family: str) -> bool:
-    return "BX" in family or family.endswith("IB10")
-
-
-def _touch(before: ElementTree.Element, piece: ElementTree.Element) -> bool:
-    def number(element: ElementTree.Element, key: str) -> int:
-        return int(element.get(key, "0"))
-
-    end = number(before, "left") + number(before, "width")
-    return abs(number(piece, "left") - end) <= 2 and (
-        abs(number(piece, "top") - number(before, "top")) <= 2
-    )
-
-
-def _run(*command: object) -> str:
-    done = subprocess.run([str(part) for part in command], capture_output=True, check=True)
+    command = ["pdftotext", "-layout", "table.pdf", "-"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, check=True)
     return done.stdout.decode()

@@ -1,20 +1,85 @@
-"""Every kind of fault that is put into an honest table is found, at a rate that is stated."""
+"""Honest tables have no grave findings, however printed; faults put into them are found."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
+from decimal import ROUND_HALF_EVEN, ROUND_HALF_UP
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from airzoo_bench.audit.audit import audit
-from tests.audit.honest import METHODS, Manner, honest
-from tests.audit.support import Rows, published
+from airzoo_bench.audit.audit import Audit
+from tests.audit.support import (
+    GAINS,
+    METHODS,
+    ROUNDINGS,
+    Manner,
+    Rows,
+    audited,
+    draw_manner,
+    honest,
+    told,
+)
 
 SCENES = (97, 161, 190, 444)
+manners = st.builds(
+    Manner,
+    seed=st.integers(0, 10**6),
+    scenes=st.lists(st.integers(1, 2000), min_size=1, max_size=5).map(tuple),
+    rounding=st.sampled_from(ROUNDINGS),
+    decimals=st.integers(0, 4),
+    pooled=st.booleans(),
+    gains=st.sampled_from(GAINS),
+    all_bold=st.booleans(),
+)
+
+
+def audit_honest(manner: Manner, *, with_counts: bool) -> Audit:
+    return audited(honest(manner), manner.counts if with_counts else {})
+
+
+def grave(found: Audit) -> list[tuple[str, str, str, str]]:
+    return [finding for finding in told(found) if finding[0] != "rounding"]
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(manners, st.booleans())
+def test_an_honest_table_has_no_grave_findings(manner: Manner, with_counts: bool) -> None:
+    assert not grave(audit_honest(manner, with_counts=with_counts))
+
+
+@pytest.mark.parametrize("rounding", [ROUND_HALF_UP, ROUND_HALF_EVEN])
+@pytest.mark.parametrize("seed", range(6))
+def test_averages_over_scenes(seed: int, rounding: str) -> None:
+    found = audit_honest(Manner(seed, SCENES[:3], rounding), with_counts=True)
+    # What is off by the last digit is a gain of exact values, never an average.
+    assert {finding[:2] for finding in told(found)} <= {("rounding", "gain")}
+    assert "average: 32 checked, 0 found" in found.notes
+
+
+def test_every_check_has_been_at_work() -> None:
+    notes = audit_honest(Manner(0, SCENES[:3]), with_counts=True).notes
+    tested = {note.partition(":")[0]: int(note.split()[1]) for note in notes[:5]}
+    assert list(tested) == ["counts", "order", "average", "gain", "bold"]
+    assert min(tested.values()) > 30
+
+
+@pytest.mark.slow
+def test_of_a_thousand_honest_tables_none_has_a_grave_finding() -> None:
+    """No rule was fitted to these seeds; docs/audit.md states the result."""
+    found = [
+        (seed, with_counts)
+        for seed in range(3000, 4000)
+        for with_counts in (True, False)
+        if grave(audit_honest(draw_manner(seed), with_counts=with_counts))
+    ]
+    assert found == []
+
+
+# --- faults ---
 
 Fault = Callable[[Rows, np.random.Generator], None]
 
@@ -65,10 +130,8 @@ FAULTS: dict[str, tuple[Fault, float, float]] = {
 
 
 def found_in(rows: Rows, counts: dict[str, int]) -> set[tuple[object, ...]]:
-    with tempfile.TemporaryDirectory() as folder:
-        table = published(Path(folder), rows)
-    found = audit(table, counts)
-    return {(f.grade, f.check, f.cell.method, f.cell.scene, f.cell.metric) for f in found.findings}
+    found = audited(rows, counts).findings
+    return {(f.grade, f.check, f.cell.method, f.cell.scene, f.cell.metric) for f in found}
 
 
 @cache
