@@ -131,9 +131,6 @@ def local_cluster(workers: int) -> Iterator[DaskEngine]:
 def connect(address: str) -> Iterator[DaskEngine]:
     """Use the cluster of a scheduler; it stays when the block ends."""
     place = f"--engine {address}"
-    for name in ("distributed", *logging.root.manager.loggerDict):
-        if name.partition(".")[0] == "distributed":  # its loggers have levels of their own
-            logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set(_SETTINGS):
         try:
             if not address.startswith("tls"):  # Dask would wait for a dashboard's port for ever

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ SAMPLING = MeshSampling(seed=7, count=500, per_square_unit=None, max_points=100_
 COLOURS = ("red", "green", "blue")
 Columns = dict[str, NDArray[Any]]
 _PLY_NAMES = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int", "u2": "ushort"}
+_PCD = ("ascii", "binary", "binary_compressed")
+_PLY = {"little": "<", "big": ">", "text": ""}
 _ORDERS = {"<": "binary_little_endian", ">": "binary_big_endian", "": "ascii"}
 
 
@@ -72,13 +75,12 @@ def write_ply(
     columns: Columns,
     order: str = "<",
     *,
-    promised: int | None = None,
     before: bytes = b"",
     before_header: str = "",
     faces_header: str = "",
     faces: bytes = b"",
 ) -> Path:
-    count = len(next(iter(columns.values()))) if promised is None else promised
+    count = len(next(iter(columns.values())))
     header = [f"ply\nformat {_ORDERS[order]} 1.0\ncomment made", before_header]
     header += [f"element vertex {count}"]
     header += [f"property {_PLY_NAMES[c.dtype.str[1:]]} {name}" for name, c in columns.items()]
@@ -131,3 +133,24 @@ def write_las(path: Path, columns: Columns, point_format: int = 3) -> Path:
     las.x, las.y, las.z = (columns[axis] for axis in "xyz")
     las.write(path)
     return path
+
+
+def write_text(path: Path, columns: Columns) -> None:
+    path.write_text(f"{len(columns['x'])}\n{text_rows({axis: columns[axis] for axis in 'xyz'})}")
+
+
+WRITERS: dict[str, Callable[[Path, Columns], object]] = {
+    **{f"{data}.pcd": partial(write_pcd, data=data) for data in _PCD},
+    **{f"{name}.ply": partial(write_ply, order=order) for name, order in _PLY.items()},
+    **{
+        f"format{kind}.{suffix}": partial(write_las, point_format=kind)
+        for kind in (0, 3, 7)
+        for suffix in ("las", "laz")
+    },
+    "a.npz": lambda path, columns: np.savez(
+        path, points=points_of(columns), confidence=columns["confidence"]
+    ),
+    "a.npy": lambda path, columns: np.save(path, points_of(columns)),
+    "a.pts": write_text,
+}
+"""Writers of each format of clouds, by a file's name."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import laspy
@@ -20,6 +18,7 @@ from airzoo_bench.formats.clouds.las import open_shards
 from airzoo_bench.formats.clouds.pcd import unpack_lzf
 from tests.formats.cloud_support import (
     COLOURS,
+    WRITERS,
     Columns,
     joined,
     made,
@@ -29,35 +28,15 @@ from tests.formats.cloud_support import (
     refused,
     text_rows,
     write_las,
-    write_pcd,
     write_ply,
 )
 
 COLUMNS = made()
 POINTS = points_of(COLUMNS)
 COLOURED = {name: COLUMNS[name] for name in ("x", "y", "z", *COLOURS)}
-PCD = ("ascii", "binary", "binary_compressed")
-LAS = [f"format{kind}.{suffix}" for kind in (0, 3, 7) for suffix in ("las", "laz")]
+LAS = [name for name in WRITERS if name.startswith("format")]
 
 
-def write_npz(path: Path, columns: Columns) -> None:
-    np.savez(path, points=points_of(columns), confidence=columns["confidence"])
-
-
-def write_text(path: Path, columns: Columns) -> None:
-    path.write_text(f"{len(columns['x'])}\n{text_rows({axis: columns[axis] for axis in 'xyz'})}")
-
-
-WRITERS: dict[str, Callable[[Path, Columns], object]] = {
-    "little.ply": write_ply,
-    "big.ply": partial(write_ply, order=">"),
-    "text.ply": partial(write_ply, order=""),
-    **{f"{data}.pcd": partial(write_pcd, data=data) for data in PCD},
-    **{name: partial(write_las, point_format=int(name[6])) for name in LAS},
-    "a.npz": write_npz,
-    "a.npy": lambda path, columns: np.save(path, points_of(columns)),
-    "a.pts": write_text,
-}
 FORMATS = pytest.mark.parametrize("name", WRITERS)
 
 

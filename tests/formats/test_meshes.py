@@ -7,7 +7,6 @@ import copy
 import hashlib
 import json
 import struct
-from array import array
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.formats.clouds.cloud import MeshSampling
-from airzoo_bench.formats.clouds.meshes import Mesh, add_fan, cloud_of_mesh, cut_fans
+from airzoo_bench.formats.clouds.meshes import Mesh, cloud_of_mesh, cut_fans
 from tests.formats.cloud_support import opened, read, refused, write_ply
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
@@ -99,14 +98,6 @@ def test_faces_without_area_get_no_point_and_far_ones_lose_nothing() -> None:
     offset = np.array([2.0**22, 2.0**23, 0.0])
     far = sample_mesh(CUBE + offset, FACES, count=500, seed=7)
     assert np.abs(far - offset - SAMPLE).max() < 2e-9
-
-
-def test_polygons_become_fans_in_their_order() -> None:
-    triangles = array("q")
-    for polygon in ([0, 1, 2, 3], [4, 5], [6, 7, 8], [], [9, 10, 11, 12, 13]):
-        add_fan(triangles, polygon)
-    want = [[0, 1, 2], [0, 2, 3], [6, 7, 8], [9, 10, 11], [9, 11, 12], [9, 12, 13]]
-    assert np.array(triangles).reshape(-1, 3).tolist() == want
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
@@ -257,11 +248,8 @@ def test_gltf_with_the_transforms_of_its_nodes(tmp_path: Path) -> None:
 def test_wrong_glb(document: Any, tmp_path: Path) -> None:
     with pytest.raises(PredictionError):
         read(write_glb(tmp_path / "a.glb", document))
-
-
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
-def test_a_file_that_is_cut_off(share: float, tmp_path: Path) -> None:
-    path = write_glb(tmp_path / "a.glb", DOCUMENT)
-    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
-    with pytest.raises(PredictionError):
-        opened(path)
+    whole = write_glb(tmp_path / "a.glb", DOCUMENT).read_bytes()
+    for share in (0.1, 0.5, 0.99):
+        (tmp_path / "a.glb").write_bytes(whole[: int(len(whole) * share)])
+        with pytest.raises(PredictionError):
+            opened(tmp_path / "a.glb")

@@ -16,6 +16,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,32 +83,16 @@ def make_inputs(home: Path) -> list[Input]:
 def _clouds(folder: Path) -> list[str]:
     """Write a cloud of a scene in every format, each in a folder of its own."""
     columns = clouds.made(40)
-    coloured = {name: columns[name] for name in ("x", "y", "z", *clouds.COLOURS)}
-    rows = clouds.text_rows(coloured)
+    rows = clouds.text_rows({name: columns[name] for name in ("x", "y", "z", *clouds.COLOURS)})
     quads = {"faces_header": meshes.QUAD_HEADER, "faces": meshes.BINARY_QUADS["<"]}
-    points = clouds.points_of(columns)
-    writers = {
-        **{
-            f"ply{n}.ply": lambda p, o=o: clouds.write_ply(p, columns, o)
-            for n, o in zip("abc", ("", "<", ">"), strict=True)
-        },
-        **{
-            f"{data}.pcd": lambda p, d=data: clouds.write_pcd(p, columns, d)
-            for data in ("ascii", "binary", "binary_compressed")
-        },
-        **{
-            f"{kind}{end}": lambda p, k=kind: clouds.write_las(p, columns, k)
-            for kind in (0, 3, 7)
-            for end in (".las", ".laz")
-        },
-        "a.npz": lambda p: np.savez(p, points=points, confidence=np.ones(40)),
-        "a.npy": lambda p: np.save(p, np.hstack((points, points))),
-        "a.obj": lambda p: p.write_text(meshes.OBJ),
-        "a.glb": lambda p: meshes.write_glb(p, meshes.DOCUMENT),
-        "mesh.ply": lambda p: clouds.write_ply(p, meshes.COLUMNS, **quads),
-        "a.xyz": lambda p: p.write_text(rows),
-        "a.csv": lambda p: p.write_text("x,y,z,r,g,b\n" + clouds.text_rows(coloured, ",")),
-        "a.pts": lambda p: p.write_text("40\n" + rows),
+    writers: dict[str, Callable[[Path], object]] = {
+        name: partial(write, columns=columns) for name, write in clouds.WRITERS.items()
+    }
+    writers |= {
+        "a.obj": lambda path: path.write_text(meshes.OBJ),
+        "a.glb": lambda path: meshes.write_glb(path, meshes.DOCUMENT),
+        "mesh.ply": lambda path: clouds.write_ply(path, meshes.COLUMNS, **quads),
+        "a.csv": lambda path: path.write_text("x,y,z,r,g,b\n" + rows.replace(" ", ",")),
     }
     made = []
     for name, write in writers.items():

@@ -28,38 +28,25 @@ NAMES = ImageNames(
 )
 
 
+MEANT = {
+    "city/g": ("g.JPG", "g", "g.png"),
+    "city/b": ("/data/city/photos/b.JPG",),
+    "city/a": ("C:\\data\\city\\a.jpg", "/rural/exports/city/a.jpg"),
+    "rural/a": ("rural/a.jpg", "/x/rural/images/a.jpg"),
+    "rural/day/c": ("day/c.png",),
+    "rural/night/c": ("/x/night/c.png",),
+    "city/1.5": ("1.5.jpg", "1.5", "/coast/exports/city/1.5.jpg"),
+    "city/north-2/d": ("north-2/d.jpg",),
+    None: (
+        *("z.jpg", "other/c.png", "rural/b.JPG", "C:\\data\\rural\\b.JPG", "/data/coast/1.5.jpg"),
+        *("/city/exports/coast/1.5.jpg", "/data/city/photos/day/c.png", "city/e.jpg", "e.jpg"),
+        *("/data/city/photos/east/b.JPG", "f.jpg", "rural/f.jpg", "/data/rural/north-2/d.jpg", ""),
+    ),
+}
+
+
 @pytest.mark.parametrize(
-    ("path", "expected"),
-    [
-        ("g.JPG", "city/g"),
-        ("g", "city/g"),
-        ("g.png", "city/g"),
-        ("/data/city/photos/b.JPG", "city/b"),
-        ("C:\\data\\city\\a.jpg", "city/a"),
-        ("rural/a.jpg", "rural/a"),
-        ("/x/rural/images/a.jpg", "rural/a"),
-        ("day/c.png", "rural/day/c"),
-        ("/x/night/c.png", "rural/night/c"),
-        ("1.5.jpg", "city/1.5"),
-        ("1.5", "city/1.5"),
-        ("z.jpg", None),
-        ("other/c.png", None),
-        ("rural/b.JPG", None),
-        ("C:\\data\\rural\\b.JPG", None),
-        ("/data/coast/1.5.jpg", None),
-        ("/coast/exports/city/1.5.jpg", "city/1.5"),
-        ("/city/exports/coast/1.5.jpg", None),
-        ("/rural/exports/city/a.jpg", "city/a"),
-        ("/data/city/photos/day/c.png", None),
-        ("/data/city/photos/east/b.JPG", None),
-        ("city/e.jpg", None),
-        ("e.jpg", None),
-        ("f.jpg", None),
-        ("rural/f.jpg", None),
-        ("north-2/d.jpg", "city/north-2/d"),
-        ("/data/rural/north-2/d.jpg", None),
-        ("", None),
-    ],
+    ("path", "expected"), [(path, one) for one, paths in MEANT.items() for path in paths]
 )
 def test_paths_by_hand(path: str, expected: str | None) -> None:
     assert NAMES.find(path) == expected

@@ -22,7 +22,6 @@ from tests.support import run_main
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [DOCS / "methods.md", *sorted((DOCS / "recipes").glob("*.md"))]
-EACH_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 
 
 def blocks(page: Path, kinds: tuple[str, ...]) -> list[str]:
@@ -31,20 +30,13 @@ def blocks(page: Path, kinds: tuple[str, ...]) -> list[str]:
     return [text for kind, text in found if kind in kinds]
 
 
-@EACH_PAGE
-def test_python_can_be_parsed(page: Path) -> None:
-    for text in blocks(page, ("python",)):
-        ast.parse(text)
-
-
-@EACH_PAGE
-def test_readers_are_there(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    named = re.findall(r"--reader ([a-z][\w-]+)|reader `([\w-]+)`", text)
-    assert {"".join(one) for one in named} <= {*READERS.names()}
-
-
-def test_methods_lists_every_recipe_and_reader() -> None:
+def test_pages_parse_and_name_every_recipe_and_reader() -> None:
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        named = re.findall(r"--reader ([a-z][\w-]+)|reader `([\w-]+)`", text)
+        assert {"".join(one) for one in named} <= {*READERS.names()}, page
+        for block in blocks(page, ("python",)):
+            ast.parse(block)
     text = (DOCS / "methods.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\(recipes/([\w-]+)\.md#", text)) == {page.stem for page in PAGES[1:]}
     for name in READERS.names():

@@ -1,4 +1,4 @@
-"""Words of messages, registries of names, lines about long work, and what is imported when."""
+"""Registries of names, keys that nobody knows, lines about long work, and light imports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TypeVar
 import matplotlib
 import pytest
 
-from airzoo_bench.core.errors import SubmissionError, agreeing, counted, first_of, plural
+from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.progress import Headed, report_progress, with_progress
 from airzoo_bench.core.registry import TRACKS
@@ -22,15 +22,6 @@ from airzoo_bench.report.figures import figure_bytes, new_canvas
 from tests.support import HANGS_S
 
 T = TypeVar("T")
-
-
-def test_words_agree_with_numbers() -> None:
-    nouns = {"query": "queries", "scene": "scenes", "match": "matches", "key": "keys"}
-    assert {noun: plural(noun) for noun in nouns} == nouns
-    assert [counted(n, "photo") for n in (0, 1, 12_000)] == ["0 photos", "1 photo", "12,000 photos"]
-    assert [agreeing(n, "is", "are") for n in (0, 1, 2)] == ["are", "is", "are"]
-    assert first_of(["a"], 5, noun="query") == "1 of 5 queries (a)"
-    assert first_of("abcd", noun="row") == "4 rows (first 3: a, b, c)"
 
 
 def test_a_package_adds_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
