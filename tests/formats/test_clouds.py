@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.formats.clouds.las import open_shards
-from airzoo_bench.formats.clouds.pcd import unpack_lzf
+from airzoo_bench.formats.clouds.rows import unpack_lzf
 from tests.formats.cloud_support import (
     COLOURS,
     WRITERS,

@@ -35,7 +35,7 @@ _LOOKS: tuple[tuple[bytes, str, tuple[str, ...], str], ...] = (
     (rb"\x93NUMPY", "npy", (".npy",), "cloud:open_npy"),
     (rb"PK[\x03\x05][\x04\x06]", "npz or zip", (".npz",), "cloud:open_npz"),
     (rb"glTF", "GLB", (".glb",), "mesh_files:open_gltf"),
-    (_COMMENTS + rb"(VERSION|FIELDS)\s", "PCD", (".pcd",), "pcd:open_pcd"),
+    (_COMMENTS + rb"(VERSION|FIELDS)\s", "PCD", (".pcd",), "rows:open_pcd"),
     (rb"version https://git-lfs", "a Git LFS pointer, not the file itself", (), ""),
     (rb"\x1f\x8b", "a gzip file, which is to be unpacked", (), ""),
     (rb"\s*<", "HTML or XML", (), ""),
