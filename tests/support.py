@@ -5,11 +5,15 @@ from __future__ import annotations
 import atexit
 import functools
 import json
+import os
 import pickle
 import shutil
+import subprocess
 import sys
 import tempfile
+import tomllib
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,7 @@ from unittest import mock
 
 import numpy as np
 import pandas as pd
+import pytest
 import tomli_w
 
 from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
@@ -25,13 +30,14 @@ from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of, write_truth
 
-BRIGHTON = Path(__file__).resolve().parents[1] / ".." / "shared" / "real" / "brighton"
+ROOT = Path(__file__).resolve().parents[1]
+BRIGHTON = ROOT / ".." / "shared" / "real" / "brighton"
 HANGS_S = 300.0
 """Seconds after which a process hangs: what is merely slow ends before, on a busy machine too."""
 
-PAPER = Path(__file__).resolve().parents[1] / ".." / "shared" / "paper"
+PAPER = ROOT / ".." / "shared" / "paper"
 # Every number of the paper's result tables, as it travels with the package.
-PUBLISHED = Path(__file__).resolve().parents[1] / "protocols" / "published" / "airzoo-paper.csv"
+PUBLISHED = ROOT / "protocols" / "published" / "airzoo-paper.csv"
 
 TILE_SIZE_DEG = 0.001
 
@@ -288,3 +294,56 @@ def run_main(*arguments: object) -> int:
         except SystemExit as done:
             return int(done.code or 0)
     return 0
+
+
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+    """Return a folder that is made once a session, whichever worker asks first; it is only read.
+
+    The others wait, and the next one makes it where that fails.
+    """
+    from airzoo_bench.datasets.mini.world import sole_maker
+
+    base = factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / f"shared-{name}"
+    made = folder.with_name(f"{folder.name}.made")
+    with sole_maker(folder):
+        if not made.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            make(folder)
+            made.touch()
+    return folder
+
+
+# --- packages that add datasets and readers ---
+
+
+def add_package(example: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put a package's source and entry points, as an installed one has them, on the path."""
+    project = tomllib.loads((example / "pyproject.toml").read_text())["project"]
+    shutil.copytree(example / "src", folder)
+    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir()
+    stated = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    (info / "METADATA").write_text(stated)
+    lines = []
+    for group, points in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {place}" for name, place in points.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(folder)
+
+
+def listed_when_installed(example: Path, home: Path, *command: str) -> str:
+    """Install a package, and return what a command prints in a process that sees it."""
+    source, target = home / "package", home / "target"
+    shutil.copytree(example, source, ignore=shutil.ignore_patterns("*.egg-info", "build", "dist"))
+    _run("-m", "pip", "install", "--no-deps", "--quiet", "--target", target, source)
+    return _run("-m", "airzoo_bench", *command, path=target)
+
+
+def _run(*arguments: object, path: Path = ROOT) -> str:
+    environment = os.environ | {"PYTHONPATH": f"{path}{os.pathsep}{ROOT}", "COLUMNS": "200"}
+    words = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=HANGS_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout

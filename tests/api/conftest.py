@@ -7,7 +7,7 @@ import pytest
 
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from tests.api.place import NAME, make_field
-from tests.shared import made_once
+from tests.support import made_once
 
 
 @pytest.fixture(scope="session")

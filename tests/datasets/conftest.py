@@ -10,8 +10,7 @@ import pytest
 
 from tests.datasets.support import LEVEL, NAMES, tag
 from tests.goldens.run import unpack
-from tests.shared import made_once
-from tests.support import Place, make_place, write_raster
+from tests.support import Place, made_once, make_place, write_raster
 
 
 def _make_tagged(folder: Path) -> None:

@@ -28,8 +28,15 @@ from airzoo_bench.engines.engine import HERE, Engine, Processes
 from airzoo_bench.geometry.crs import to_lonlat
 from tests.engines.work import Scattered
 from tests.goldens.run import CASES, run
-from tests.packages import ROOT, add_package, listed_when_installed
-from tests.support import NORTH_WEST, PLACE_CRS, make_place, run_main
+from tests.support import (
+    NORTH_WEST,
+    PLACE_CRS,
+    ROOT,
+    add_package,
+    listed_when_installed,
+    make_place,
+    run_main,
+)
 
 SHARED = {"out", "tiles", "crops", "copy", "force", "jobs", "engine"}
 PREPARED = [

@@ -24,8 +24,15 @@ from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from tests.datasets.support import NAMES, hold_crops, hold_tiles, tag
 from tests.reconstruction.world import write_laz
-from tests.shared import made_once
-from tests.support import NORTH_WEST, PLACE_CRS, PLACE_PHOTOS, Place, make_place, run_main
+from tests.support import (
+    NORTH_WEST,
+    PLACE_CRS,
+    PLACE_PHOTOS,
+    Place,
+    made_once,
+    make_place,
+    run_main,
+)
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark-folder.md"
 

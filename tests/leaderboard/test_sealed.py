@@ -43,9 +43,8 @@ from airzoo_bench.leaderboard.sealing import KEY_VARIABLE, bare_photo, opened_tr
 from airzoo_bench.results.result import ScoreColumn
 from tests.api.place import NAME, make_field
 from tests.leaderboard.conftest import BOARD, Board, Hosted, files_of, git, run, submission
-from tests.shared import made_once
 from tests.statistics.support import ERROR, HIT
-from tests.support import run_main, write_raster
+from tests.support import made_once, run_main, write_raster
 
 SALT = "5a" * 32
 TRUE_PLACE = "401234.5 3120234.5"

@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.registry import READERS
-from tests.packages import ROOT, add_package, listed_when_installed
 from tests.readers.conftest import Worlds
 from tests.readers.method_files import PROTOCOL, Place, tile_file
-from tests.support import run_main
+from tests.support import ROOT, add_package, listed_when_installed, run_main
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [DOCS / "methods.md", *sorted((DOCS / "recipes").glob("*.md"))]

@@ -19,8 +19,8 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
-from tests.shared import made_once
 from tests.statistics.support import ERROR, HIT, made_result
+from tests.support import made_once
 
 NAMES = ["first", "second", HOSTILE]
 

@@ -14,7 +14,7 @@ from airzoo_bench.datasets.mini.world import World, load_world
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.arrays import Floats
-from tests.shared import made_once
+from tests.support import made_once
 
 
 @dataclass(frozen=True)
