@@ -17,7 +17,7 @@ from pyproj import Transformer
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.positives import positives_from_points
+from airzoo_bench.retrieval.positives import find_holding_tiles
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from airzoo_bench.retrieval.truth import Positives
 
@@ -56,7 +56,7 @@ def find_positives(folder: Path, **_: Any) -> Work:
     points, boxes = arrays["points"], arrays["boxes"]
 
     def work() -> dict[str, Any]:
-        found = positives_from_points(points, boxes)
+        found = find_holding_tiles(points, boxes)
         return {"offsets": found.offsets, "tiles": found.tiles}
 
     return work

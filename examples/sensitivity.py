@@ -45,7 +45,7 @@ def recalls(benchmark, scene, rules, results, off, random):
     asked = np.flatnonzero(positives.counts)  # a query that no tile answers is left out
     firsts = [one.records.set_index("query").loc[truth.queries["id"], "tile@1"] for one in results]
     return [
-        np.mean([first.iloc[q] in ids[positives.of_query(q)] for q in asked]) for first in firsts
+        np.mean([first.iloc[q] in ids[positives.tiles_of(q)] for q in asked]) for first in firsts
     ]
 
 

@@ -17,10 +17,9 @@ from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.arguments import Scores
 from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.errors import UserError
-from airzoo_bench.evaluation.evaluate import ReadBy
 from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.evaluate import evaluate as score_predictions
-from airzoo_bench.evaluation.queries import write_predictions
+from airzoo_bench.evaluation.predictions import ReadBy, write_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.comparison import compare as compare_methods

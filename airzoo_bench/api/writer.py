@@ -20,7 +20,7 @@ from airzoo_bench.core.files import (
     write_npz,
 )
 from airzoo_bench.evaluation.evaluate import check as find_errors
-from airzoo_bench.evaluation.queries import check_npz, write_predictions
+from airzoo_bench.evaluation.predictions import check_npz, write_predictions
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.poses import Poses
@@ -191,7 +191,7 @@ class PredictionWriter:
             )
             arrays["gallery_ids"] = np.array(tiles, dtype=str)
         elif "ranked_ids" in columns:
-            width = max(self._protocol.scores.tie_ranks, *map(len, columns["ranked_ids"]))
+            width = max(*self._protocol.scores.recall_at, *map(len, columns["ranked_ids"]))
             fills: dict[str, Any] = {"ranked_ids": "", "scores": 0.0}
             arrays = {key: _pad(rows, width, fills[key]) for key, rows in columns.items()}
         elif "query_xy" in columns:

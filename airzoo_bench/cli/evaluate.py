@@ -75,9 +75,9 @@ def evaluate(
 
     Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures
     """
-    from airzoo_bench.evaluation.evaluate import ReadBy
+    from airzoo_bench.evaluation.evaluate import SceneStore, check_run_folder, save
     from airzoo_bench.evaluation.evaluate import evaluate as score
-    from airzoo_bench.evaluation.run_files import SceneStore, check_run_folder, save
+    from airzoo_bench.evaluation.predictions import ReadBy
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -161,8 +161,8 @@ def check(
 
     Example: airzoo-bench check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval
     """
-    from airzoo_bench.evaluation.evaluate import ReadBy
     from airzoo_bench.evaluation.evaluate import check as find_errors
+    from airzoo_bench.evaluation.predictions import ReadBy
     from airzoo_bench.evaluation.track import Run
 
     memory = cli.memory_bytes(max_memory)

@@ -30,7 +30,7 @@ def readers(
 
     Example: airzoo-bench eval retrieval logs/2026-01-01_12-00-00 --protocol uav-visloc-retrieval
     """
-    from airzoo_bench.evaluation.reader import reader_named
+    from airzoo_bench.evaluation.predictions import reader_named
 
     if name is not None:
         one = reader_named(name)
@@ -138,8 +138,7 @@ def demo(
     """
     from airzoo_bench.benchmark.folder import find_benchmark
     from airzoo_bench.core.files import check_output_folder, data_root
-    from airzoo_bench.evaluation.evaluate import evaluate, run_baseline
-    from airzoo_bench.evaluation.run_files import save
+    from airzoo_bench.evaluation.evaluate import evaluate, run_baseline, save
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 

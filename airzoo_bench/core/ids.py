@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, first_of
 
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")  # their ids leave it out
-IMAGE_SUFFIXES = (
-    *PHOTO_SUFFIXES,
-    *(".webp", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jp2", ".dng", ".ppm", ".pgm", ".exr"),
-)
+_OTHERS = ".webp .bmp .gif .heic .heif .avif .jp2 .dng .ppm .pgm .exr"
+IMAGE_SUFFIXES = (*PHOTO_SUFFIXES, *_OTHERS.split())
 
 Texts = NDArray[np.str_]
 

@@ -65,7 +65,7 @@ def _installed(group: str, _: tuple[str, ...]) -> dict[str, EntryPoint]:
 
 TRACKS = Registry("tracks")  # each an `evaluation.info.TrackInfo`
 DATASETS = Registry("datasets")  # each a `datasets.dataset.Dataset`
-READERS = Registry("readers")  # each an `evaluation.reader.Reader`
+READERS = Registry("readers")  # each an `evaluation.predictions.Reader`
 
 
 def load_track(name: str) -> Any:

@@ -1,10 +1,9 @@
 """Reading what strangers wrote in a child process, under limits of memory, processor and clock.
 
-The child calls one function of the suite and leaves a description of what it returns: JSON and
-plain ``.npy`` files. Nothing that the child leaves is run. These are limits, not isolation: the
-child may read what its user may read. A command of ``$AIRZOO_BENCH_CONTAINER``, such as
-``bwrap ... {files} --bind {folder} {folder}``, runs the child instead; ``{files}`` becomes
-``--ro-bind PATH PATH`` for the predictions, and for each further file that the child is told of.
+The child calls one function of the suite and leaves its result as JSON and plain ``.npy`` files,
+of which nothing is run. These are limits, not isolation: the child reads what its user may read.
+A command of ``$AIRZOO_BENCH_CONTAINER``, such as ``bwrap ... {files} --bind {folder} {folder}``,
+runs the child instead; ``{files}`` becomes ``--ro-bind PATH PATH`` for each file that it needs.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
+from mmap import mmap
 from pathlib import Path
 from typing import Any
 
@@ -59,19 +59,18 @@ def call_limited(
 ) -> Any:
     """Call ``module:function`` of the suite in a child, and return what it returned.
 
-    Arguments and result are numbers, texts, arrays, paths, lists and dataclasses of these, or a
-    context manager, which is entered while it is written; what has a method ``stored(folder)`` is
-    written as what that returns. `where` are the predictions; `folder` holds the arrays in use.
+    Values are numbers, texts, arrays, paths, lists and dataclasses of these, context managers
+    (entered and written), or have a method ``stored(folder)``, whose result is written. `where`
+    are the predictions, whose maps are not copied; `folder` holds the other arrays in use.
     """
     check_limits()
-    _write(folder, "job.json", [function, dict(arguments), limits])
+    _write(folder, "job.json", [function, dict(arguments), limits], where)
     # What arguments name is seen in a container too; the folder of benchmarks, with its truth, not.
-    given = list(arguments.values())
-    given += [part for one in given if dataclasses.is_dataclass(one) for part in vars(one).values()]
-    also = [one for one in given if isinstance(one, Path) and one.is_file()]
+    parts = [getattr(one, "__dict__", {"": one}).values() for one in arguments.values()]
+    also = [one for some in parts for one in some if isinstance(one, Path) and one.is_file()]
     _run_child(where, limits, folder, [str(one.absolute()) for one in (where, *also)])
     try:
-        found = _read(folder, "answer.json")
+        found = _read(folder, "answer.json", where)
     except (ArithmeticError, AttributeError, LookupError, OSError, TypeError, ValueError) as error:
         raise _refusal(where, f"what was read of it is wrong: {error}") from error
     if isinstance(found, UserError):
@@ -97,8 +96,7 @@ def _run_child(where: Path, limits: Limits, folder: Path, files: Sequence[str]) 
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGKILL)
             child.wait()
-    if container and code > 128:  # as a shell says that a signal ended it
-        code = 128 - code
+    code = 128 - code if container and code > 128 else code  # a shell's way to name a signal
     if code == -signal.SIGXCPU:
         raise _refusal(where, f"it takes more than {limits.cpu_s:,} seconds of a processor")
     if code:
@@ -113,7 +111,7 @@ def _refusal(where: Path, why: str) -> PredictionError:
 
 def main(folder: Path, where: Path) -> None:
     """Do the job in a folder; this process is the child."""
-    function, arguments, limits = _read(folder, "job.json")
+    function, arguments, limits = _read(folder, "job.json", where)
     memory = limits.memory_bytes + _LIBRARIES_BYTES
     for kind, soft, hard in (
         (resource.RLIMIT_DATA, memory, memory),
@@ -126,7 +124,7 @@ def main(folder: Path, where: Path) -> None:
     try:
         found = resolve(function)(**arguments)
         with found if isinstance(found, AbstractContextManager) else nullcontext(found) as value:
-            _write(folder, "answer.json", value)
+            _write(folder, "answer.json", value, where)
         return
     except UserError as error:
         fault = error
@@ -134,23 +132,23 @@ def main(folder: Path, where: Path) -> None:
         fault = _refusal(where, f"it takes more than {limits.memory_bytes:,} bytes of memory")
     except Exception as error:  # noqa: BLE001 - whatever a library makes of hostile bytes
         fault = _refusal(where, f"{type(error).__name__}: {printable(error)}")
-    _write(folder, "answer.json", fault)
+    _write(folder, "answer.json", fault, where)
 
 
 # --- values as JSON, where a list after a "$" describes what JSON has not ---
 
 
-def _write(folder: Path, name: str, value: Any) -> None:
-    (folder / name).write_text(json.dumps(value, default=partial(_describe, folder)))
+def _write(folder: Path, name: str, value: Any, where: Path) -> None:
+    (folder / name).write_text(json.dumps(value, default=partial(_describe, folder, where)))
 
 
-def _read(folder: Path, name: str) -> Any:
+def _read(folder: Path, name: str, where: Path) -> Any:
     if (folder / name).stat().st_size > 1 << 28:  # as much memory would be taken here
         raise ValueError("it has far too many entries")
-    return json.loads((folder / name).read_text(), object_hook=partial(_restore, folder))
+    return json.loads((folder / name).read_text(), object_hook=partial(_restore, folder, where))
 
 
-def _describe(folder: Path, value: Any) -> Any:
+def _describe(folder: Path, where: Path, value: Any) -> Any:
     value = value.stored(folder) if hasattr(value, "stored") else value
     match value:
         case np.generic():
@@ -162,6 +160,8 @@ def _describe(folder: Path, value: Any) -> Any:
         case UserError():
             texts = {name: getattr(value, name) for name in ("what", "where", "expected", "fix")}
             return {"$": ["error", type(value).__name__, texts]}
+        case np.memmap(base=mmap(), filename=at) if where.samefile(str(at)) and value.flags["C"]:
+            return {"$": ["map", value.offset, value.dtype.str, value.shape]}
         case np.ndarray():
             number = len(list(folder.glob("[0-9]*.npy")))
             np.save(folder / f"{number}.npy", value, allow_pickle=False)
@@ -171,7 +171,7 @@ def _describe(folder: Path, value: Any) -> Any:
     return {"$": ["dataclass", kind, {name: getattr(value, name) for name in fields}]}
 
 
-def _restore(folder: Path, found: dict[str, Any]) -> Any:
+def _restore(folder: Path, where: Path, found: dict[str, Any]) -> Any:
     match found.get("$"):
         case ["path", text]:
             return Path(text)
@@ -180,6 +180,8 @@ def _restore(folder: Path, found: dict[str, Any]) -> Any:
         case ["array", number]:
             path = folder / f"{int(number)}.npy"
             return np.load(path, mmap_mode="c" if path.stat().st_size > 1 << 20 else None)
+        case ["map", offset, str(dtype), shape] if np.dtype(dtype).kind in "biuf":
+            return np.memmap(where, dtype, "r", offset, tuple(shape))  # of this file alone
         case ["error", kind, texts]:
             made: Any = getattr(errors, kind, UserError)
             if isinstance(made, type) and issubclass(made, UserError):

@@ -31,7 +31,7 @@ from airzoo_bench.datasets.facts import fact_lines
 from airzoo_bench.datasets.scene_warnings import scene_warnings
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings, SceneSummary, TrackSummary
 from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
-from airzoo_bench.evaluation.evaluate import read_truth
+from airzoo_bench.evaluation.predictions import read_truth
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     opened,
@@ -95,7 +95,7 @@ def write_scene(
     write_queries(home, scene.inputs.photos)
     if truths.retrieval is not None:
         write_retrieval_truth(home, truths.retrieval.truth, truths.retrieval.overlaps)
-        if settings.tiles_on_disk and not truths.retrieval.truth.of_images:
+        if settings.tiles_on_disk and not truths.retrieval.truth.has_images:
             _write_tiles(home / "retrieval" / "tiles", scene, settings)
     if truths.matching is not None:
         write_matching_truth(home, truths.matching)

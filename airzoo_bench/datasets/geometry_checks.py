@@ -49,7 +49,7 @@ from airzoo_bench.geometry.crs import (
 )
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import intersect_plane
-from airzoo_bench.retrieval.footprints import untangled
+from airzoo_bench.retrieval.positives import untangled
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 

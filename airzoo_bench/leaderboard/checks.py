@@ -18,7 +18,8 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.evaluate import Evaluation, ReadBy, check, evaluate
+from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
+from airzoo_bench.evaluation.predictions import ReadBy
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
@@ -111,8 +112,7 @@ def refuse_files(folder: Path, limits: Limits) -> None:
 
 def check_listing(listing: Iterable[tuple[str, int, int]], where: object, limits: Limits) -> None:
     """Refuse the first fault of the files, by path in the folder, mode and size."""
-    names: set[str] = set()
-    total = 0
+    names, total = set[str](), 0
     for path, mode, size in listing:
         is_file, parts = stat.S_ISREG(mode), path.split("/")
         total += size * is_file

@@ -16,8 +16,8 @@ from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core import errors
 from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.evaluation.evaluate import read_truths, truth_fingerprint
-from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.evaluation.evaluate import save, truth_fingerprint
+from airzoo_bench.evaluation.predictions import read_truths
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import answers, pull_request
 from airzoo_bench.leaderboard.answers import Answer, run_folders

@@ -19,7 +19,7 @@ from PIL import Image
 from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Headed
-from airzoo_bench.evaluation.queries import check_npz, write_predictions
+from airzoo_bench.evaluation.predictions import check_npz, write_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.photos import opened_photo
 from airzoo_bench.geometry.arrays import Floats

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES, check_ids
-from airzoo_bench.evaluation.queries import Fields, QueryPredictions, read_fields
+from airzoo_bench.evaluation.predictions import Fields, QueryPredictions, read_fields
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix

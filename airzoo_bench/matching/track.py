@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import conditions_of
 from airzoo_bench.core.errors import PredictionError, counted
-from airzoo_bench.evaluation.queries import assign_queries, write_predictions
+from airzoo_bench.evaluation.predictions import assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses

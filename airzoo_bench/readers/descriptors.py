@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-from airzoo_bench.evaluation.queries import QueryPredictions
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import as_floating, check_fields, gather, temporary_array, texts
 from airzoo_bench.formats.foreign_arrays import Hdf5File, dataset_names, mat_names, read_mat
 from airzoo_bench.formats.npz import NpzFile, map_numbers
@@ -58,7 +57,7 @@ class SceneImages:
 
 def tile_images(truth: RetrievalTruth) -> Iterator[tuple[str, str]]:
     """Yield ids of tiles with the names of their files, as `prepare --tiles files` writes them."""
-    if truth.of_images:
+    if truth.has_images:
         return names_in([truth.tiles])
     return ((one, f"{one.split('/', 1)[1]}.png") for one in truth.tiles["id"].tolist())
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.foreign_arrays import Hdf5File, dataset_names
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.pictures import (

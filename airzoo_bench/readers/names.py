@@ -21,7 +21,7 @@ import pandas as pd
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
-from airzoo_bench.evaluation.reader import Reading
+from airzoo_bench.evaluation.predictions import Reading
 
 _LIMIT_BYTES = 256 << 20
 _ENDINGS = {suffix.removeprefix(".") for suffix in (*PHOTO_SUFFIXES, ".npy", ".txt")}

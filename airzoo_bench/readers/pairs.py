@@ -12,7 +12,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted
 from airzoo_bench.core.files import first_bytes, npz_fields
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import Arrays, numbers
 from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers, read_header
 from airzoo_bench.geometry.arrays import Floats

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.evaluation.queries import QueryPredictions
-from airzoo_bench.evaluation.reader import Reading
+from airzoo_bench.evaluation.predictions import QueryPredictions, Reading
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions

@@ -11,8 +11,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted
-from airzoo_bench.evaluation.queries import QueryPredictions
-from airzoo_bench.evaluation.reader import SURE, Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.predictions import PredictedPoses, make_poses
@@ -28,6 +27,7 @@ from airzoo_bench.readers.pose_files import (
     unit_share,
 )
 
+_MOST = 0.5  # of the rows, which are then taken to be quaternions
 _BY_TRACK = 0.4  # other tracks have such files, too: it must be known that matching is meant
 
 
@@ -95,9 +95,9 @@ class _HlocPoses(PoseReader):
         """See `Reader.recognise`; names with a scene mean the suite's own pose lists."""
         rows = first_rows(path)
         values = numbers_of(rows, 1) if {len(row) for row in rows} == {TUM} else None
-        if values is None or unit_share(values[:, :4]) < SURE:
+        if values is None or unit_share(values[:, :4]) < _MOST:
             return 0.0
-        if unit_share(values[:, 3:]) >= SURE and numbers_of(rows, 0) is not None:
+        if unit_share(values[:, 3:]) >= _MOST and numbers_of(rows, 0) is not None:
             return 0.0  # a time stamp and an odd place
         return 0.2 if any("/" in row[0] for row in rows) else 0.8
 

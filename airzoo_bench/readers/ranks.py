@@ -12,8 +12,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import first_bytes
-from airzoo_bench.evaluation.queries import QueryPredictions
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
 from airzoo_bench.readers.descriptors import SceneImages, note_strange
 from airzoo_bench.readers.names import ImageNames
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions

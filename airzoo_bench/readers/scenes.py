@@ -19,7 +19,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import gather, texts
 from airzoo_bench.formats.npz import Budget, NpzFile
 from airzoo_bench.geometry.arrays import Floats

@@ -16,7 +16,7 @@ import numpy as np
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
 from airzoo_bench.core.ids import rows_among
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.readers.descriptors import (
     NamedRows,
@@ -31,7 +31,7 @@ from airzoo_bench.readers.descriptors import (
 )
 from airzoo_bench.readers.names import names_in, read_names
 from airzoo_bench.readers.ranks import ranked_lists, tile_ids
-from airzoo_bench.retrieval.search import blocks
+from airzoo_bench.retrieval.ranking import blocks
 
 _QUERIES, _DATABASE, _LISTS = "queries_descriptors.npy", "database_descriptors.npy", "preds"
 _DEEPEST = 3  # logs/NAME/TIME, above which a folder of logs may stand

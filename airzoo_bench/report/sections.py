@@ -206,7 +206,7 @@ def places_of(section: Section, benchmark: Benchmark) -> list[Place]:
 def _retrieval(benchmark: Benchmark, scene: str) -> Place:
     truth, entry = scene_truth(benchmark, scene), benchmark.scene(scene)
     photos = _photos(truth.queries, benchmark, scene)
-    if truth.of_images:
+    if truth.has_images:
         gallery = benchmark.resolve(needed(entry.gallery, "gallery", scene))
         return Place(scene, truth, photos, gallery=gallery)
     dom = open_info(benchmark.resolve(needed(entry.dom, "map", scene)))

@@ -23,7 +23,7 @@ from airzoo_bench.benchmark.folder import Benchmark, needed
 from airzoo_bench.benchmark.images import read_grey, read_tile
 from airzoo_bench.core.progress import Headed, Progress, silent
 from airzoo_bench.engines.engine import HERE, Engine
-from airzoo_bench.evaluation.queries import check_npz, write_predictions
+from airzoo_bench.evaluation.predictions import check_npz, write_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.sift import extract
 from airzoo_bench.retrieval.info import VladSettings
@@ -75,7 +75,7 @@ def _readers(
     photos: list[Reader] = [
         partial(read_grey, images / name, long_side_px) for name in truth.queries["image"]
     ]
-    if truth.of_images:
+    if truth.has_images:
         names = truth.tiles["image"]
         return [partial(read_grey, gallery / name, long_side_px) for name in names], photos
     return [partial(_grey_tile, gallery, tile) for _, tile in truth.tiles.iterrows()], photos

@@ -2,32 +2,45 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from rasterio.enums import MaskFlags
+from rasterio.windows import Window
 
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of, with_unposed
-from airzoo_bench.core.errors import BenchmarkError, RasterError, counted, first_of
+from airzoo_bench.core.errors import RasterError, counted
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.crs import LONLAT_CRS
+from airzoo_bench.geometry.crs import (
+    LONLAT_CRS,
+    describe_crs,
+    geodesic_distance_m,
+    to_lonlat,
+    unwrapped,
+)
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import to_map_pixels
-from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
-from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, middle_lon, windows_of
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world, to_map_pixels
 from airzoo_bench.retrieval.positives import (
-    overlap_of,
-    overlaps,
-    positives_from_iou,
-    positives_from_points,
+    Footprints,
+    cast_footprints,
+    find_overlaps,
+    find_positives,
+    polygon_areas,
+    with_overlap,
 )
 from airzoo_bench.retrieval.settings import GeometricRules, MapGallery, StatedRules
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
+    BOX_COLUMNS,
     FOOTPRINT_COLUMNS,
+    LONLAT_DECIMALS,
     NO_GROUND_POINT,
     POSITION_COLUMNS,
     TOO_EMPTY,
@@ -38,6 +51,7 @@ from airzoo_bench.retrieval.truth import (
 )
 
 _PIXEL_DECIMALS = 6
+_STRIP = 1024  # rows of a mask that are read at a time, at most
 
 
 class PreparedScene(NamedTuple):
@@ -62,12 +76,14 @@ def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules)
             where=info.path,
             fix="look at the nodata value and the alpha band of the map",
         )
-    footprints = _footprints(inputs, rules)
-    missed = footprints.missed_rays
+    footprints = _cast_scene(inputs, rules)
     points, boxes, outside = _in_one_frame(inputs, footprints, rules, tiles, dropped)
-    positives, on_dropped = (_positives(points, some, rules) for some in (boxes, outside))
-    shared = overlaps(points, boxes)
-    kept = positives.counts > 0
+    shared = find_overlaps(points, boxes)
+    positives, on_dropped = (
+        find_positives(points, some, rules.iou_above) for some in (boxes, outside)
+    )
+    positives = with_overlap(points, boxes, positives)
+    kept, missed = positives.counts > 0, footprints.missed_rays
     # The first that holds says why no tile answers a photo.
     between = "the footprint overlaps tiles, but none of its 4 points lies in one"
     too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
@@ -81,29 +97,28 @@ def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules)
     left_out = inputs.photos[["id", "image"]].assign(reason=reasons.astype(object))[~kept]
     if rules.without_positive == "miss":
         kept, left_out = np.ones_like(kept), left_out.iloc[:0]
-    rows = np.flatnonzero(kept)
     columns = np.concatenate([footprints.lonlat.reshape(-1, 8), footprints.centres], axis=1)
     named = zip((*ANCHOR_COLUMNS, *FOOTPRINT_COLUMNS), columns.T, strict=True)
     table = inputs.photos[["id"]].assign(**dict(named))
     truth = RetrievalTruth(
         inputs.scene,
-        inputs.photos.iloc[rows].reset_index(drop=True),
-        table.iloc[rows].reset_index(drop=True),
+        inputs.photos[kept].reset_index(drop=True),
+        table[kept].reset_index(drop=True),
         tiles,
-        positives.take(rows),
+        positives.take(np.flatnonzero(kept)),
         with_unposed(left_out.reset_index(drop=True), inputs),
         dropped,
     )
-    return PreparedScene(truth, shared.take(rows))
+    return PreparedScene(truth, shared.take(np.flatnonzero(kept)))
 
 
 def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GeometricRules) -> Positives:
     """Find which tiles of a gallery that was cut before answer each photo."""
-    points, boxes = _in_one_frame(inputs, _footprints(inputs, rules), rules, tiles)
-    return _positives(points, boxes, rules)
+    points, boxes = _in_one_frame(inputs, _cast_scene(inputs, rules), rules, tiles)
+    return find_positives(points, boxes, rules.iou_above)
 
 
-def _footprints(inputs: SceneInputs, rules: GeometricRules) -> Footprints:
+def _cast_scene(inputs: SceneInputs, rules: GeometricRules) -> Footprints:
     ground: float | HeightField
     if rules.rule == "dsm":
         ground = HeightField.read(needed(inputs.dsm, "surface model", inputs.scene))
@@ -116,7 +131,7 @@ def _footprints(inputs: SceneInputs, rules: GeometricRules) -> Footprints:
         ground,
         inset=rules.anchor_inset,
         max_range_m=rules.max_range_m,
-        about_lon=middle_lon(inputs.gallery_map),
+        about_lon=_middle_lon(inputs.gallery_map),
     )
 
 
@@ -131,14 +146,111 @@ def _in_one_frame(
     if box_growth(info, tables[0]) <= rules.box_growth:
         return [footprints.lonlat, *map(boxes_of, tables)]
     points = np.round(to_map_pixels(LONLAT_CRS, info)(footprints.lonlat), _PIXEL_DECIMALS)
-    return [points, *(windows_of(table).astype(np.float64) for table in tables)]
+    return [points, *(_windows_of(table).astype(np.float64) for table in tables)]
 
 
-def _positives(points: Floats, boxes: Floats, rules: GeometricRules) -> Positives:
-    if rules.iou_above is not None:
-        return positives_from_iou(points, boxes, rules.iou_above)
-    found = positives_from_points(points, boxes)
-    return Positives(found.offsets, found.tiles, overlap_of(points, boxes, found))
+# --- the gallery, cut from a map ---
+
+
+def cut_gallery(info: RasterInfo, gallery: MapGallery, scene: str) -> pd.DataFrame:
+    """Cut a map into tiles, as windows."""
+    found = gsd_m(info)
+    if gallery.gsd_m != "any":
+        off = max(abs(axis / gallery.gsd_m - 1) for axis in found)
+        if off > gallery.gsd_tolerance:
+            raise RasterError(
+                f"has {found[0]:.3f} x {found[1]:.3f} m per pixel on the ground",
+                where=info.path,
+                expected=f"{gallery.gsd_m} m, give or take {gallery.gsd_tolerance:.0%}",
+                fix="resample the map (gdalwarp -tr), or choose a protocol of this resolution",
+            )
+    parts = [_cut_scale(info, size, gallery.overlap, scene) for size in gallery.tile_sizes_px]
+    tiles = pd.concat(parts).sort_values("id", ignore_index=True)
+    return tiles.assign(valid_share=_valid_shares(info.path, _windows_of(tiles)))
+
+
+def tile_starts(length: int, size: int, overlap: float) -> Ints:
+    """Return where tiles begin along one axis of the map; the last ends at its edge."""
+    stride = max(1, math.floor(size * (1 - overlap) + 0.5))
+    last = max(0, length - size)
+    starts = np.arange(0, last + 1, stride)
+    return starts if starts[-1] == last else np.append(starts, last)
+
+
+def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.DataFrame:
+    columns = tile_starts(info.width, size, overlap)
+    rows = tile_starts(info.height, size, overlap)
+    row, column = (index.ravel() for index in np.indices((len(rows), len(columns))))
+    tiles = pd.DataFrame({"id": "", "size_px": size, "x": columns[column], "y": rows[row]})
+    tiles["id"] = [f"{scene}/{size}_{r:05d}_{c:05d}" for r, c in zip(row, column, strict=True)]
+    tiles["width"] = np.minimum(size, info.width - tiles["x"])
+    tiles["height"] = np.minimum(size, info.height - tiles["y"])
+    ring = _outlines(info, tiles)
+    boxes = np.round(np.concatenate([ring.min(axis=1), ring.max(axis=1)], axis=1), LONLAT_DECIMALS)
+    width = geodesic_distance_m(ring[:, 3], ring[:, 4])
+    height = geodesic_distance_m(ring[:, 1], ring[:, 6])
+    sides = np.round((width + height) / 2, 3)  # to the millimetre
+    return tiles.assign(size_m=sides, **dict(zip(BOX_COLUMNS, boxes.T, strict=True)))
+
+
+def _windows_of(tiles: pd.DataFrame) -> Ints:
+    """Return the windows (G, 4) of tiles in the map: left, top, right, bottom in pixels."""
+    x, y, width, height = tiles[["x", "y", "width", "height"]].to_numpy(np.int64).T
+    return np.stack([x, y, x + width, y + height], axis=1)
+
+
+def _middle_lon(info: RasterInfo) -> float:
+    """Return the longitude of the map's middle, which longitudes are unwrapped about."""
+    centre = np.array((info.width / 2.0, info.height / 2.0))
+    return float(to_lonlat(info.crs, pixel_to_world(info.transform, centre))[0])
+
+
+def box_growth(info: RasterInfo, tiles: pd.DataFrame) -> float:
+    """Return by how much boxes are larger than their tiles, as a share of the tiles' area."""
+    west, south, east, north = boxes_of(tiles).T
+    areas = (east - west) * (north - south)
+    corners = _outlines(info, tiles)[:, [0, 2, 7, 5]]
+    return float(areas.sum() / polygon_areas(corners).sum() - 1)
+
+
+def _outlines(info: RasterInfo, tiles: pd.DataFrame) -> Floats:
+    """Return lon, lat (G, 8, 2) of the corners of tiles and of the middles of their sides."""
+    right = np.array([0, 0.5, 1, 0, 1, 0, 0.5, 1])
+    down = np.array([0, 0, 0, 0.5, 0.5, 1, 1, 1])
+    x0, y0, x1, y1 = _windows_of(tiles).T[:, :, None].astype(np.float64)
+    pixels = np.stack([x0 + (x1 - x0) * right, y0 + (y1 - y0) * down], axis=-1)
+    lonlat = to_lonlat(info.crs, pixel_to_world(info.transform, pixels))
+    ring = unwrapped(lonlat, _middle_lon(info))
+    if not (np.abs(ring[..., 1]) <= 90).all():  # also tells NaN
+        raise RasterError(
+            "reaches places that are not on the earth",
+            where=info.path,
+            expected=f"coordinates that {describe_crs(info.crs)} is defined for",
+            fix="look at the geotransform and the CRS of the map, or cut it",
+        )
+    return ring
+
+
+def _valid_shares(path: Path, windows: Ints) -> Floats:
+    """Return the share of valid pixels of windows (n, 4) of a raster, exactly."""
+    left, top, right, bottom = windows.T
+    with opened(path) as dataset:
+        if all(flags == [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
+            return np.ones(len(windows))
+        height, width = dataset.shape
+        columns = np.unique(np.concatenate([left, right, [0, width]]))
+        rows = np.unique(np.concatenate([top, bottom, np.arange(0, height, _STRIP), [height]]))
+        # Pixels between two cuts, summed up to each cut: four look-ups then count any window.
+        sums = np.zeros((len(rows), len(columns)), np.int64)
+        for number, (start, stop) in enumerate(pairwise(rows.tolist()), start=1):
+            mask = dataset.dataset_mask(window=Window(0, start, width, stop - start)) > 0
+            counts = np.count_nonzero(mask, axis=0)
+            sums[number, 1:] = np.add.reduceat(counts, columns[:-1])
+    sums = sums.cumsum(axis=0).cumsum(axis=1)
+    x0, x1 = np.searchsorted(columns, left), np.searchsorted(columns, right)
+    y0, y1 = np.searchsorted(rows, top), np.searchsorted(rows, bottom)
+    valid = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
+    return np.asarray(valid / ((right - left) * (bottom - top)))
 
 
 # --- a benchmark that gives images and says itself which belong together ---
@@ -167,9 +279,8 @@ class StatedPairs:
 
 def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> StatedPairs:
     """Pair each query with all images of its class."""
-    asked, given = pd.factorize(np.array([*queries, *gallery], dtype=str))[0], len(queries)
-    images = pd.DataFrame({"label": asked[given:], "tile": np.arange(len(gallery))})
-    photos = pd.DataFrame({"label": asked[:given], "query": np.arange(given)})
+    photos = pd.DataFrame({"label": [*map(str, queries)]}).reset_index(names="query")
+    images = pd.DataFrame({"label": [*map(str, gallery)]}).reset_index(names="tile")
     found = photos.merge(images, on="label", sort=False).sort_values(["query", "tile"])
     query, tile = (found[name].to_numpy(np.int64) for name in ("query", "tile"))
     return StatedPairs(query, tile, np.ones(len(found), np.bool_))
@@ -179,28 +290,23 @@ def build_stated_truth(
     scene: str, queries: ImageSet, gallery: ImageSet, pairs: StatedPairs, rules: StatedRules
 ) -> PreparedScene:
     """Lay out queries, gallery and pairs as the truth of a scene."""
-    asked, asked_order = _table(scene, queries)
-    tiles, tile_order = _table(scene, gallery)
-    query, tile = asked_order[pairs.queries], tile_order[pairs.tiles]
+    photos, query_rows = _sorted_table(scene, queries)
+    tiles, tile_rows = _sorted_table(scene, gallery)
+    query, tile = query_rows[pairs.queries], tile_rows[pairs.tiles]
     order = np.lexsort((tile, query))
     stated = Positives(
-        offsets_of(np.bincount(query, minlength=len(asked))),
+        offsets_of(np.bincount(query, minlength=len(photos))),
         tile[order].astype(np.int32),
         None if pairs.weight is None else pairs.weight[order],
     )
     positives = stated.where(pairs.positive[order])
     kept = (positives.counts > 0) | (rules.without_positive == "miss")
-    if not kept.any():
-        raise BenchmarkError(
-            f"scene {scene} has no query that an image of its gallery answers",
-            fix="look whether queries and gallery are of one benchmark",
-        )
-    rows, conditions = np.flatnonzero(kept), list(queries.conditions)
-    left_out = asked[["id", "image"]].assign(reason="no image of the gallery answers it")[~kept]
+    left_out = photos[["id", "image"]].assign(reason="no image of the gallery answers it")[~kept]
+    rows, asked = np.flatnonzero(kept), photos[kept].reset_index(drop=True)
     truth = RetrievalTruth(
         scene,
-        asked[["id", "image", *conditions]].iloc[rows].reset_index(drop=True),
-        asked.drop(columns=["image", *conditions]).iloc[rows].reset_index(drop=True),
+        asked[["id", "image", *queries.conditions]],
+        asked.drop(columns=["image", *queries.conditions]),
         tiles.drop(columns=list(gallery.conditions)),
         positives.take(rows),
         left_out.reset_index(drop=True),
@@ -209,19 +315,13 @@ def build_stated_truth(
     return PreparedScene(truth, stated.take(rows))
 
 
-def _table(scene: str, images: ImageSet) -> tuple[pd.DataFrame, Ints]:
+def _sorted_table(scene: str, images: ImageSet) -> tuple[pd.DataFrame, Ints]:
     """Lay out a set sorted by id; also give the new row of each image."""
-    table = pd.DataFrame({"id": [f"{scene}/{name}" for name in images.names]})
-    table["image"] = list(images.images)
-    twice = table[table["id"].duplicated(keep=False)]
-    if len(twice):
-        raise BenchmarkError(
-            f"images of scene {scene} with one name: {first_of(twice['image'], len(table))}",
-            expected="each name once, without its ending",
-        )
+    ids = np.array([f"{scene}/{name}" for name in images.names], dtype=str)
+    table = pd.DataFrame({"id": ids.astype(object), "image": list(images.images)})
     if images.positions is not None:
         columns = POSITION_COLUMNS[0 if images.degrees else 1]
         table = table.assign(**dict(zip(columns, images.positions.T, strict=True)))
     table = table.assign(**{name: list(values) for name, values in images.conditions.items()})
-    order = np.argsort(table["id"].to_numpy(str), kind="stable")
+    order = np.argsort(ids, kind="stable")
     return table.iloc[order].reset_index(drop=True), np.argsort(order, kind="stable")

@@ -4,13 +4,20 @@ Tiles that tie are ordered non-positive first, then by their row in the gallery 
 sorted by id), so that a method gains nothing by giving equal scores. A query whose whole gallery
 ties, as it does with a descriptor of zeros, has no ranking: none of its tiles has a rank, unless
 all are positive. Queries are ranked in blocks, and scored as they come.
+
+Of descriptors, larger is more similar: q.g for `inner_product`, the same of normalised vectors for
+`cosine`, and -|q - g|^2 / 2 for `l2`. A tile whose float32 similarity is below the k-th one by more
+than the errors of both cannot be among the first k; all others are evaluated in float64. So no
+result depends on the blocks that the gallery is read in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import mmap
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,26 +26,31 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import rows_among
 from airzoo_bench.engines.engine import split
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.arrays import Bools, Ints
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.search import (
-    Names,
-    Pairs,
-    Search,
-    blocks,
-    check_descriptors,
-    find_nearest,
-)
 from airzoo_bench.retrieval.settings import ImageScores, Metric, TileScores
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
+
+Names = Sequence[object] | NDArray[Any]
+Singles = NDArray[np.float32]
+Pairs = tuple[Ints, Ints, Ints]
+"""Query, tile and level of pairs: of two, the smaller level comes first, equal ones tie."""
 
 _CELLS = 1 << 20  # ranks at a time
 _MOST_QUERIES = 4096  # of one search
 _SENT_QUERIES = 256  # at a time to another process
+_PAIR_BYTES = 256  # query, tile, similarities, and what sorting them takes
+_SINGLE, _DOUBLE = 2.0**-24, 2.0**-53  # roundoff of float32 and float64
+_TINY = 2.0**-126  # smallest normal float32
+_LAMBDA = 10.0  # a sum has a larger error once in 10^21 times
+_PIECE = 4096  # BLAS splits a longer dot product over threads, which changes its last digits
+_LEAST_NORM, _MOST_NORM = 1e-15, 1e18  # squares of others underflow or overflow in float32
+_PRODUCT_CELLS = 1 << 19
+_PIECE_NUMBERS = 1 << 17  # of descriptors at a time in float64; stays in the cache
+_BLOCK_BYTES, _BLOCK_ROWS = 1 << 25, 1 << 15
 
 
-@dataclass(frozen=True, eq=False)
-class Ranking:
+class Ranking(NamedTuple):
     """The gallery of each query, best first.
 
     A query is tie-dependent where a tie that begins among the ranks that decide scores holds a
@@ -53,17 +65,11 @@ class Ranking:
         """Return one without any tile."""
         return cls(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
 
-    def copy_rows(self, rows: Ints, found: Ranking) -> None:
-        """Copy the rankings of some queries."""
-        self.tiles[rows] = found.tiles
-        self.tie_dependent[rows] = found.tie_dependent
-
     def drop_flat(self, rows: Ints, positives: Positives, n_tiles: int) -> None:
-        """Remove the tiles of a query if its whole gallery ties, unless all are positive."""
-        if n_tiles >= 2:
-            some = rows[positives.counts[rows] < n_tiles]
-            self.tiles[some] = -1
-            self.tie_dependent[some] = positives.counts[some] > 0
+        """Remove the tiles of queries whose whole gallery ties, unless all are positive."""
+        some = rows[positives.counts[rows] < n_tiles] if n_tiles >= 2 else rows[:0]
+        self.tiles[some] = -1
+        self.tie_dependent[some] = positives.counts[some] > 0
 
 
 RankedBlocks = Iterator[tuple[Ints, Ranking]]
@@ -82,23 +88,23 @@ def rank_scene(
     The row is -1 for queries that they lack, which rank no tile.
     """
     content, there = predictions.content, np.flatnonzero(rows >= 0)
-    names, tiles = predictions.query_ids, truth.tiles["id"].to_numpy(str)
-    positives, k = truth.positives.take(there), min(settings.ranks_kept, len(tiles))
-    tie_ranks = settings.tie_ranks
-    if isinstance(settings, ImageScores):  # they read whole lists
-        k = tie_ranks = len(tiles)
+    names, tiles = predictions.query_ids[rows[there]], truth.tiles["id"].to_numpy(str)
+    positives, k = truth.positives.take(there), len(tiles)
+    tie_ranks = k  # whole lists are read of images
+    if isinstance(settings, TileScores):
+        k, tie_ranks = min(settings.ranks_kept, k), max(*settings.recall_at, settings.ap_at)
     if isinstance(content, RankedIds):
         found = _rank_lists(content, names, rows[there], truth, positives, k, tie_ranks)
     else:
         found = rank_by_descriptors(
             content.queries[rows[there]],
-            _scene_gallery(content.gallery, content.gallery_ids, truth),
+            _scene_gallery(content.gallery, content.gallery_ids, truth, run.memory_bytes),
             k=k,
             metric=settings.descriptor_metric,
             positives=positives,
             tie_ranks=tie_ranks,
             run=run,
-            names=names[rows[there]],
+            names=names,
             tile_names=tiles,
         )
     yield from ((there[part], ranking) for part, ranking in found)
@@ -107,7 +113,7 @@ def rank_scene(
         yield lacking[part], Ranking.blank(len(lacking[part]), 1)
 
 
-def order_pairs(
+def _order_pairs(
     pairs: Pairs, positives: Positives, n_tiles: int, k: int, tie_ranks: int
 ) -> Ranking:
     """Rank queries by their pairs (query, tile, level), by the tie rule."""
@@ -160,7 +166,7 @@ def rank_by_ids(
     row, column = np.nonzero(listed >= 0)
     pairs, lost = [(row, listed[row, column], begins[row, column])], np.zeros(len(some), np.bool_)
     for one in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
-        tiles, answers, start = listed[one, : length[one]], right.of_query(one), last[one]
+        tiles, answers, start = listed[one, : length[one]], right.tiles_of(one), last[one]
         # Of those left out, k that are not positive are enough to fill the ranks.
         others = np.arange(min(n_tiles, k + len(tiles) + len(answers)))
         others = np.setdiff1d(others, np.concatenate([tiles, answers]), assume_unique=True)[:k]
@@ -169,10 +175,10 @@ def rank_by_ids(
         is_mixed = len(others) > 0 or not np.isin(tiles[start:], answers).all()
         lost[one] = start < tie_ranks and is_mixed and not np.isin(answers, tiles).all()
     query, tile, level = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
-    found = order_pairs((query, tile, level), right, n_tiles, k, tie_ranks)
+    found = _order_pairs((query, tile, level), right, n_tiles, k, tie_ranks)
     found.tie_dependent[lost] = True
     found.drop_flat(np.flatnonzero((last == 0) & (length > 1)), right, n_tiles)
-    ranking.copy_rows(some, found)
+    ranking.tiles[some], ranking.tie_dependent[some] = found
     return ranking
 
 
@@ -198,7 +204,7 @@ def _rank_lists(
         tiles = rows_among(ids.ravel(), known).reshape(ids.shape)
         strange = (tiles < 0) & (ids != "")
         if strange.any():
-            named, tile = first_of(names[rows[part]][strange.any(axis=1)]), str(ids[strange][0])
+            named, tile = first_of(names[part][strange.any(axis=1)]), str(ids[strange][0])
             raise PredictionError(
                 f"tiles that are not in the gallery of scene {truth.scene}, ranked for queries "
                 f"{named}; the first is {tile!r}",
@@ -212,6 +218,45 @@ def _rank_lists(
 
 
 # --- descriptors ---
+
+
+def _scene_gallery(
+    gallery: NDArray[Any], given: NDArray[np.str_], truth: RetrievalTruth, memory_bytes: int
+) -> NDArray[Any]:
+    """Return the descriptors of the scene's tiles, in the tiles' order."""
+    ids, field = truth.tiles["id"].to_numpy(str), "field 'gallery_ids'"
+    rows = rows_among(ids, given)
+    if (lacking := ids[rows < 0]).size:
+        raise PredictionError(
+            f"lacks descriptors of tiles of scene {truth.scene}: {first_of(lacking, len(ids))}",
+            where=field,
+            expected="every tile of the gallery: leaving some out would make the task easier",
+            fix="describe all tiles of tiles.parquet; of runs a scene, name the folder of all",
+        )
+    if (np.diff(rows) == 1).all():
+        return gallery[rows[0] : rows[0] + len(rows)]
+    if gallery[:1].nbytes * len(rows) > memory_bytes:
+        raise PredictionError(
+            f"the tiles of scene {truth.scene} are in another order, and too large to sort here",
+            where=field,
+            expected="the order of tiles.parquet, which is that of sorted ids",
+            fix="write the gallery in that order, or raise --max-memory",
+        )
+    return np.asarray(gallery[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A gallery that is searched, and what the search may use."""
+
+    gallery: NDArray[Any]  # (G, D), may be mapped
+    longest: float  # the largest norm in it
+    metric: Metric
+    k: int  # how many tiles are ranked
+    tie_ranks: int
+    sought: int  # how many tiles are sought, at most G
+    memory_bytes: int  # bounds the working memory
+    threads: int
 
 
 def rank_by_descriptors(
@@ -229,60 +274,214 @@ def rank_by_descriptors(
     """Rank the gallery by descriptors, exactly as float64 has it."""
     n_tiles, flat = len(gallery), np.asarray((queries == 0).all(axis=1))
     asked = queries[~flat] if flat.any() else queries
-    check_descriptors(asked, metric, "query_descriptors", np.asarray(names)[~flat])
-    longest = check_descriptors(gallery, metric, "gallery_descriptors", tile_names)
+    _check_norms(asked, metric, "query_descriptors", np.asarray(names)[~flat])
+    longest = _check_norms(gallery, metric, "gallery_descriptors", tile_names)
     if n_tiles > 1 and all((rows == gallery[0]).all() for _, rows in blocks(gallery, 1 << 20)):
         flat[:] = True
     sought = min(max(k, tie_ranks), n_tiles)
-    search = Search(gallery, longest, metric, sought, run.memory_bytes, run.jobs)
+    limits = run.memory_bytes, run.jobs
+    search = _Search(gallery, longest, metric, k, tie_ranks, sought, *limits)
     most = max(64, run.memory_bytes // (32 * queries.shape[1] + 1))
     most = min(most, _SENT_QUERIES if run.engine.distributed else _MOST_QUERIES, _CELLS // k + 1)
     parts, places = split(len(queries), most), np.arange(len(queries))
     found = run.engine.map(
         _rank_part,
         [(queries[part], positives.take(places[part]), flat[part]) for part in parts],
-        shared=(search, k, tie_ranks),
+        shared=search,
         stage="queries ranked",
         name=lambda _: "some queries",
     )
     yield from ((places[part], ranking) for part, ranking in zip(parts, found, strict=True))
 
 
-def _rank_part(
-    shared: tuple[Search, int, int], item: tuple[NDArray[Any], Positives, Bools]
-) -> Ranking:
+def _rank_part(search: _Search, item: tuple[NDArray[Any], Positives, Bools]) -> Ranking:
     """Rank some queries; those that are flat tie with every tile."""
-    (search, k, tie_ranks), (queries, positives, flat) = shared, item
-    n_tiles, ranking = len(search.gallery), Ranking.blank(len(queries), k)
+    queries, positives, flat = item
+    n_tiles, ranking = len(search.gallery), Ranking.blank(len(queries), search.k)
     some, blank = np.flatnonzero(~flat), np.flatnonzero(flat)
-    ranking.tiles[blank, : min(k, n_tiles)] = np.arange(min(k, n_tiles))
+    ranking.tiles[blank, :n_tiles] = np.arange(min(search.k, n_tiles))
     ranking.drop_flat(blank, positives, n_tiles)
     waiting = [some] if len(some) else []
     while waiting:
         rows = waiting.pop()
-        right, asked = positives.take(rows), queries
-        if len(rows) < len(queries):
-            asked = queries[rows]
-        if (pairs := find_nearest(search, asked)) is not None:
-            ranking.copy_rows(rows, order_pairs(pairs, right, n_tiles, k, tie_ranks))
-        else:  # nearly everything ties: half of the queries each
+        pairs = _find_nearest(search, queries[rows] if len(rows) < len(queries) else queries)
+        if pairs is None:  # nearly everything ties: half of the queries each
             waiting += np.array_split(rows, 2)
+            continue
+        right = positives.take(rows)
+        found = _order_pairs(pairs, right, n_tiles, search.k, search.tie_ranks)
+        ranking.tiles[rows], ranking.tie_dependent[rows] = found
     return ranking
 
 
-def _scene_gallery(
-    gallery: NDArray[Any], given: NDArray[np.str_], truth: RetrievalTruth
-) -> NDArray[Any]:
-    """Return the descriptors of the scene's tiles, in the tiles' order."""
-    ids, field = truth.tiles["id"].to_numpy(str), "field 'gallery_ids'"
-    rows = rows_among(ids, given)
-    if (lacking := ids[rows < 0]).size:
-        raise PredictionError(
-            f"lacks descriptors of tiles of scene {truth.scene}: {first_of(lacking, len(ids))}",
-            where=field,
-            expected="every tile of the gallery: leaving some out would make the task easier",
-            fix="describe all tiles of tiles.parquet; of runs a scene, name the folder of all",
-        )
-    if (np.diff(rows) == 1).all():
-        return gallery[rows[0] : rows[0] + len(rows)]
-    return np.asarray(gallery[rows])
+def _find_nearest(search: _Search, queries: NDArray[Any]) -> Pairs | None:
+    """Return pairs of queries and tiles that hold the most similar tiles of each query.
+
+    Every tile that ties with one of these is there. None is returned if the pairs of several
+    queries do not fit the memory.
+    """
+    n_queries, n_tiles = len(queries), len(search.gallery)
+    most_pairs = search.memory_bytes // _PAIR_BYTES if n_queries > 1 else n_tiles
+    if n_queries * search.sought > most_pairs:
+        return None
+    if search.sought == n_tiles:
+        query, tile = np.divmod(np.arange(n_queries * n_tiles), max(n_tiles, 1))
+    elif (found := _find_candidates(search, queries, most_pairs)) is not None:
+        query, tile = found
+    else:
+        return None
+    score, slack = _similarities(search, queries, query, tile)
+    order = np.lexsort((-score, query))
+    tied = np.diff(query[order]) == 0
+    tied &= -np.diff(score[order]) <= slack[order][1:] + slack[order][:-1]
+    level = np.zeros(len(order), np.int64)
+    level[order[1:]] = np.cumsum(~tied)
+    return query, tile, level
+
+
+def _find_candidates(
+    search: _Search, queries: NDArray[Any], most_pairs: int
+) -> tuple[Ints, Ints] | None:
+    """Return query and tile of pairs that may be among the first."""
+    single, norms = _rounded(queries, search.metric)
+    bounds = _error_bounds(norms, search.longest, queries.shape[1], search.metric)
+    n_queries, floors = len(queries), np.full((len(queries), 1), -np.inf, np.float32)
+    kept = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32))]
+    held = most_held = 0
+    for start, rows in blocks(search.gallery, search.memory_bytes, _PRODUCT_CELLS // n_queries):
+        tiles, norms = _rounded(rows, search.metric)
+        value = single @ tiles.T
+        if search.metric == "l2":  # and -|q|^2 / 2, which orders nothing
+            value -= (norms**2 / 2).astype(np.float32)
+        place = np.flatnonzero(value >= floors)
+        query, column = np.divmod(place, len(rows))
+        kept.append((query, start + column, value.ravel()[place]))
+        held += len(place)
+        if held > most_held or start + len(rows) == len(search.gallery):
+            kept = [_drop_low(kept, floors, bounds, search.sought)]
+            held = len(kept[0][0])
+            most_held = held + n_queries * search.sought
+            if held > most_pairs:
+                return None
+    return kept[0][:2]
+
+
+def _drop_low(
+    kept: list[tuple[Ints, Ints, Singles]], floors: Singles, bounds: Floats, k: int
+) -> tuple[Ints, Ints, Singles]:
+    """Raise the floors (Q, 1) to the k-th similarity less the errors, and drop pairs below."""
+    query, tile, value = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+    # One whole number holds query and value: its sort is ten times as fast as one by both.
+    keys, counts = np.sort((query << 32) + _flipped(value.view(np.int32))), np.bincount(query)
+    some = np.flatnonzero(counts >= k)
+    kth = keys[np.cumsum(counts)[some] - k] - (some << 32)
+    kth = _flipped(kth.astype(np.int32)).view(np.float32)
+    floors[some, 0] = np.nextafter((kth - 2 * bounds[some]).astype(np.float32), np.float32(-np.inf))
+    high = value >= floors[query, 0]
+    return query[high], tile[high], value[high]
+
+
+def _flipped(bits: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Turn the bits of float32 into whole numbers in the same order, and back."""
+    return np.asarray(bits ^ (bits >> 31 & 0x7FFFFFFF), np.int32)
+
+
+def _rounded(rows: NDArray[Any], metric: Metric) -> tuple[Singles, Floats]:
+    """Round descriptors to float32, and return their norms, nearly; cosine makes these 1."""
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        single = np.ascontiguousarray(rows, dtype=np.float32)
+        norms = np.sqrt(np.vecdot(single, single).astype(np.float64))
+    if metric != "cosine":
+        return single, norms
+    return single / norms.astype(np.float32)[:, None], np.ones(len(norms))
+
+
+def _error_bounds(norms: Floats, longest: float, n: int, metric: Metric) -> Floats:
+    """Bound the error of every similarity in float32, for tiles of norms up to `longest`."""
+    longest = 1.0 if metric == "cosine" else longest
+    bound = 2 * _gamma(n, _SINGLE) * norms * longest
+    if metric == "l2":
+        bound = _gamma(n, _SINGLE) * (norms + longest) ** 2 / 2
+    return np.asarray(bound + n * _TINY * (1 + norms + longest))
+
+
+def _gamma(n: int, unit: float) -> float:
+    """Return the relative error of a sum of n products, and of a few roundings around it."""
+    grown = _LAMBDA * np.sqrt(n) * unit + n * unit**2 / (1 - unit)
+    return float(np.expm1(grown)) + 8 * unit
+
+
+def _similarities(
+    search: _Search, queries: NDArray[Any], query: Ints, tile: Ints
+) -> tuple[Floats, Floats]:
+    """Return similarities of pairs in float64 and bounds of their errors.
+
+    The order in which numbers are summed depends on the length of descriptors alone.
+    """
+    order = np.argsort(tile, kind="stable")  # by tile, as they lie in a file
+    parts = split(len(order), max(1, _PIECE_NUMBERS // max(queries.shape[1], 1)))
+    gallery, error = np.asarray(search.gallery), _gamma(queries.shape[1], _DOUBLE)
+    score, slack = np.empty(len(query)), np.empty(len(query))
+
+    def evaluate(part: slice) -> None:
+        some = order[part]
+        asked, near = queries[query[some]], gallery[tile[some]]
+        if search.metric == "l2":
+            apart = np.subtract(asked, near, dtype=np.float64)
+            sizes = _dot(apart, apart) / 2
+            score[some] = -sizes
+        else:
+            asked, near = asked.astype(np.float64), near.astype(np.float64)
+            score[some], sizes = _dot(asked, near), np.sqrt(_dot(asked, asked) * _dot(near, near))
+            if search.metric == "cosine":
+                score[some], sizes = score[some] / sizes, np.array(2.0)
+        slack[some] = error * sizes
+
+    with ThreadPoolExecutor(search.threads) as pool:
+        for number, _ in enumerate(pool.map(evaluate, parts)):
+            if number % 64 == 0:
+                _release_pages(search.gallery)
+    return score, slack
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    total = np.zeros(len(a))
+    for start in range(0, a.shape[1], _PIECE):
+        total += np.vecdot(a[:, start : start + _PIECE], b[:, start : start + _PIECE])
+    return total
+
+
+def blocks(
+    rows: NDArray[Any], memory_bytes: int = 8 * _BLOCK_BYTES, most_rows: int = _BLOCK_ROWS
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yield (first row, rows) in order; pages of a map that were read leave the memory."""
+    row_bytes = max(1, rows.shape[1] * max(rows.dtype.itemsize, 4))
+    step = max(1, min(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, most_rows))
+    for part in split(len(rows), step):
+        yield part.start, np.asarray(rows[part])
+        _release_pages(rows)
+
+
+def _release_pages(rows: Any) -> None:
+    """Let go of the pages of a mapped file, which count as memory of the process."""
+    pages = getattr(rows, "_mmap", None)  # a copy in another process has none
+    if pages is not None and rows.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
+
+
+def _check_norms(rows: NDArray[Any], metric: Metric, field: str, names: Names) -> float:
+    """Refuse descriptors that cannot be ranked, by the names of their rows; return the top norm."""
+    longest, least = 0.0, _LEAST_NORM if metric == "cosine" else 0.0
+    for start, block in blocks(rows):
+        norms = _rounded(block, "l2")[1]
+        faulty = np.flatnonzero(~((norms >= least) & (norms <= _MOST_NORM)))  # also tells NaN
+        if len(faulty):
+            what = "descriptors that cannot be ranked (NaN, infinite, zero or far too large): "
+            raise PredictionError(
+                what + first_of([names[start + row] for row in faulty.tolist()]),
+                where=f"field '{field}'",
+                expected="finite numbers; for the cosine, of some length",
+                fix="look for empty images, a division by zero or half precision",
+            )
+        longest = max(longest, float(norms.max(initial=0.0)))
+    return longest

@@ -14,6 +14,7 @@ ApVariant = Literal["precision", "min", "trec", "hits"]
 Metric = Literal["l2", "cosine", "inner_product"]
 WithoutPositive = Literal["exclude", "miss"]
 Share = Annotated[float, Field(ge=0, le=1)]
+Part = Annotated[float, Field(gt=0, lt=1)]
 RankNumber = Annotated[int, Field(ge=1, le=1000)]
 
 
@@ -25,7 +26,7 @@ class MapGallery(Strict):
     ]
     overlap: Annotated[float, Field(ge=0, lt=1)]
     gsd_m: Positive | Literal["any"]
-    gsd_tolerance: Annotated[float, Field(gt=0, lt=1)]
+    gsd_tolerance: Part
     least_valid_share: Share | Literal["none"]
 
 
@@ -46,12 +47,6 @@ class GeometricRules(Strict):
     iou_above: Annotated[float, Field(ge=0, lt=1)] | None = None
     without_positive: WithoutPositive
 
-    @model_validator(mode="after")
-    def _threshold_belongs_to_iou(self) -> GeometricRules:
-        if (self.rule == "iou") != (self.iou_above is not None):
-            raise ValueError("iou_above is given with rule = 'iou', and only then")
-        return self
-
 
 class StatedRules(Strict):
     """Which images answer a query, as the benchmark states by class labels or pairs."""
@@ -61,33 +56,12 @@ class StatedRules(Strict):
     without_positive: WithoutPositive
 
 
-class _RankedScores(Strict):
-    """Scores of a ranked gallery."""
+class TileScores(Strict):
+    """Scores of a ranked gallery of tiles that are cut from a map."""
 
     descriptor_metric: Metric
     ranks_kept: RankNumber
     recall_at: Ranks
-
-    @model_validator(mode="after")
-    def _check_ranks_kept(self) -> _RankedScores:
-        if self.ranks_kept < self.deepest:
-            raise ValueError(f"ranks_kept must reach the deepest score, {self.deepest}")
-        return self
-
-    @property
-    def deepest(self) -> int:
-        """How many ranks the scores that name one read."""
-        return self.tie_ranks
-
-    @property
-    def tie_ranks(self) -> int:
-        """How many ranks recall (and AP@k) read: a tie that begins beyond decides nothing."""
-        return max(self.recall_at)
-
-
-class TileScores(_RankedScores):
-    """Scores of a ranked gallery of tiles that are cut from a map."""
-
     ap_at: RankNumber
     ap: ApVariant
     ndcg_at: Ranks
@@ -97,14 +71,6 @@ class TileScores(_RankedScores):
     pdm_at: Ranks
     pdm_steepness: Positive
     pdm_tolerance_tiles: Positive
-
-    @property
-    def deepest(self) -> int:  # noqa: D102
-        return max(self.tie_ranks, *self.ndcg_at, *self.sdm_at, *self.pdm_at)
-
-    @property
-    def tie_ranks(self) -> int:  # noqa: D102
-        return max(*self.recall_at, self.ap_at)
 
 
 class DistanceScores(Strict):
@@ -118,17 +84,15 @@ class DistanceScores(Strict):
     dis_at: Ranks
 
 
-class ImageScores(_RankedScores):
+class ImageScores(Strict):
     """Scores of a ranked gallery of images, as the benchmarks' own code computes them."""
 
-    recall_at_share: Annotated[float, Field(gt=0, lt=1)]
+    descriptor_metric: Metric
+    ranks_kept: RankNumber
+    recall_at: Ranks
+    recall_at_share: Part
     ap: Literal["trapezoid", "trec"]
     distances: DistanceScores | None = None
-
-    @property
-    def deepest(self) -> int:  # noqa: D102
-        near = self.distances
-        return max(*self.recall_at, *(near.sdm_at + near.dis_at if near else ()))
 
 
 def _by(images: type[Strict], key: str, *values: str) -> Discriminator:
@@ -178,11 +142,11 @@ class RetrievalProtocol(Protocol):
 
     @model_validator(mode="after")
     def _sections_fit(self) -> RetrievalProtocol:
-        kinds = (self.gallery, self.ground_truth, self.scores)
-        images = [isinstance(one, ImageGallery | StatedRules | ImageScores) for one in kinds]
-        fits = len(set(images)) == 1
-        if isinstance(self.gallery, ImageGallery) and isinstance(self.scores, ImageScores):
-            near, positions = self.scores.distances, self.gallery.positions
+        gallery, rules, scores = self.gallery, self.ground_truth, self.scores
+        images, near = isinstance(gallery, ImageGallery), None
+        fits = isinstance(rules, StatedRules) == images == isinstance(scores, ImageScores)
+        if isinstance(gallery, ImageGallery) and isinstance(scores, ImageScores):
+            near, positions = scores.distances, gallery.positions
             fits &= (near is None) == (positions == "none")
             fits &= near is None or (near.metres == "plane") == (positions == "metres")
             fits &= near is None or not (near.sdm_unit == "degree" and positions == "metres")
@@ -192,4 +156,13 @@ class RetrievalProtocol(Protocol):
                 "(source = 'images'); scores.distances go with positions, 'plane' with metres, "
                 "sdm_unit = 'degree' with degrees"
             )
+        if isinstance(rules, GeometricRules) and (rules.rule == "iou") == (rules.iou_above is None):
+            raise ValueError("iou_above is given with rule = 'iou', and only then")
+        depths: list[int] = list(scores.recall_at)
+        if isinstance(scores, TileScores):
+            depths += (scores.ap_at, *scores.ndcg_at, *scores.sdm_at, *scores.pdm_at)
+        elif near is not None:
+            depths += (*near.sdm_at, *near.dis_at)
+        if scores.ranks_kept < max(depths):
+            raise ValueError(f"scores.ranks_kept must reach the deepest score, {max(depths)}")
         return self

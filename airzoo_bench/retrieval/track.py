@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
-from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.queries import conditions_of
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.evaluation.queries import QueryPart, assign_queries, write_predictions
+from airzoo_bench.evaluation.predictions import QueryPart, assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import geodesic_distance_m
@@ -42,11 +42,18 @@ from airzoo_bench.retrieval.truth import TOO_EMPTY, UNANSWERED, RetrievalTruth, 
 RANKED_TILE = "tile@"
 """How the columns begin that name the first tiles of each list."""
 
-AP_VARIANTS: tuple[ApVariant, ...] = ("precision", "min", "trec", "hits")
+Truths = Sequence[RetrievalTruth]
 
 _CUT_SHORT = "cut_short"  # column of `score_scene`: lists that end without all positives
 _DIMENSIONS = 8  # of random descriptors
 _EQUATOR_M = 6378137.0
+_NOTES = (  # count, its subject for one and for many, what of it
+    ("empty_lists", "query has", "queries have", "an empty list, scored as missing"),
+    ("tie_dependent", "query depends", "queries depend", "on ties, broken against it"),
+    ("flat", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
+    ("dropped_tiles", "tile is", "tiles are", f"{TOO_EMPTY}, and in no gallery"),
+    ("short", "list ends", "lists end", "without all positives, which are not found"),
+)
 
 
 class RetrievalTrack(Track):
@@ -67,10 +74,7 @@ class RetrievalTrack(Track):
         return scene_truth(benchmark, scene)
 
     def assign(
-        self,
-        predictions: RetrievalPredictions,
-        truths: Sequence[RetrievalTruth],
-        protocol: RetrievalProtocol,
+        self, predictions: RetrievalPredictions, truths: Truths, protocol: RetrievalProtocol
     ) -> Assignment:
         """See `Track.assign`."""
         check_predictions(predictions)
@@ -110,69 +114,62 @@ class RetrievalTrack(Track):
     def notes(
         self,
         predictions: RetrievalPredictions,
-        truths: Sequence[RetrievalTruth],
+        truths: Truths,
         protocol: RetrievalProtocol,
         scored: Sequence[SceneScores],
     ) -> list[str]:
         """See `Track.notes`."""
-        sums = {
-            name: sum((scene.counts | scene.facts)[name] for scene in scored)
-            for name in ("empty_lists", "tie_dependent", "dropped_tiles", "flat", "short")
-        }
-        kinds = (
-            ("empty_lists", "query has", "queries have", "an empty list, scored as missing"),
-            ("tie_dependent", "query depends", "queries depend", "on ties, broken against it"),
-            ("flat", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
-            ("dropped_tiles", "tile is", "tiles are", f"{TOO_EMPTY}, and in no gallery"),
-            ("short", "list ends", "lists end", "without all positives, which are not found"),
-        )
-        notes = [f"{counted(sums[n], one, many)} {what}" for n, one, many, what in kinds if sums[n]]
+        notes = []
+        for name, one, many, what in _NOTES:
+            if count := sum((scene.counts | scene.facts)[name] for scene in scored):
+                notes.append(f"{counted(count, one, many)} {what}")
         excluded = pd.concat([truth.excluded for truth in truths])
         unanswered = excluded["id"][excluded["reason"] == UNANSWERED]
         if len(unanswered):
             notes.append(f"queries that no tile answers, left out: {first_of(unanswered)}")
         if isinstance(predictions.content, Descriptors):
             given = predictions.content.gallery_ids
-            strange = given[~np.isin(given, _ids([truth.tiles for truth in truths]))]
+            strange = given[~np.isin(given, _ids(truth.tiles for truth in truths))]
             if strange.size:
                 notes.append(f"described tiles that are in no gallery: {first_of(strange)}")
         return notes
 
-    def references(
-        self, protocol: RetrievalProtocol, truths: Sequence[RetrievalTruth]
-    ) -> dict[str, Reference]:
-        """Return what tiles in random order score."""
-        return {"Chance level": chance_level(truths, protocol.scores)}
+    def references(self, protocol: RetrievalProtocol, truths: Truths) -> dict[str, Reference]:
+        """Return what tiles in random order score, by scene."""
+        tables = []
+        for truth in truths:
+            counts = truth.positives.counts
+            found = metrics.chance_scores(counts, len(truth.tiles), protocol.scores)
+            tables.append(pd.DataFrame(found).assign(scene=truth.scene))
+        records = pd.concat(tables, ignore_index=True)
+        scores = [score for score in list_scores(protocol.scores) if score.key in records]
+        summary = asdict(summarise(records, scores, [truth.scene for truth in truths]))
+        meaning = "what tiles in random order score on average, computed exactly"
+        return {"Chance level": Reference(meaning=meaning, **summary)}
 
     def template(
-        self,
-        out: Path,
-        truths: Sequence[RetrievalTruth],
-        protocol: RetrievalProtocol,
-        kind: str,
-        seed: int,
+        self, out: Path, truths: Truths, protocol: RetrievalProtocol, kind: str, seed: int
     ) -> None:
         """Write random lists, or random descriptors."""
-        random, arrays = np.random.default_rng(seed), dict[str, Any]()
-        arrays["query_ids"] = _ids([truth.queries for truth in truths])
+        random = np.random.default_rng(seed)
+        arrays: dict[str, Any] = {"query_ids": _ids(truth.queries for truth in truths)}
         if kind == "ranked-ids":
             longest = min(protocol.scores.ranks_kept, max(len(one.tiles) for one in truths))
-            ranked = np.full((len(arrays["query_ids"]), longest), "", object)
-            rows = iter(ranked)
-            for truth in truths:
-                tiles = _ids([truth.tiles])
-                for row in islice(rows, len(truth.queries)):
-                    row[: len(tiles)] = random.permutation(tiles)[:longest]
-            arrays["ranked_ids"] = ranked.astype(str)
+            lists = [
+                [*random.permutation(_ids([truth.tiles]))[:longest], *[""] * longest][:longest]
+                for truth in truths
+                for _ in range(len(truth.queries))
+            ]
+            arrays["ranked_ids"] = np.array(lists, dtype=str)
         else:
-            arrays["gallery_ids"] = _ids([truth.tiles for truth in truths])
+            arrays["gallery_ids"] = _ids(truth.tiles for truth in truths)
             for name, ids in (("query", arrays["query_ids"]), ("gallery", arrays["gallery_ids"])):
                 shape = len(ids), _DIMENSIONS
                 arrays[f"{name}_descriptors"] = random.standard_normal(shape, np.float32)
         write_predictions(out, protocol.name, arrays)
 
 
-def _ids(tables: Sequence[pd.DataFrame]) -> np.ndarray[Any, np.dtype[np.str_]]:
+def _ids(tables: Iterable[pd.DataFrame]) -> NDArray[np.str_]:
     return np.concatenate([table["id"].to_numpy(str) for table in tables])
 
 
@@ -181,11 +178,11 @@ def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
     share = ScoreColumn.share
     scores = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     if isinstance(settings, TileScores):
-        aps = [ap_name(settings.ap_at, one) for one in (settings.ap, *AP_VARIANTS)]
+        variants = dict.fromkeys((settings.ap, *get_args(ApVariant)))  # the protocol's own first
+        names = [ap_name(settings.ap_at, one) for one in variants]
         return [
             *scores,
-            share(aps[0], aps[0].replace("ap", "AP"), headline=True),
-            *(share(name, name.replace("ap", "AP")) for name in aps[1:] if name != aps[0]),
+            *(share(n, n.replace("ap", "AP"), headline=n == names[0]) for n in names),
             *(share("map", "mAP"), share("mrr", "MRR")),
             *(share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at),
             ScoreColumn.error("distance_m", "Distance", "m", "median"),
@@ -209,20 +206,6 @@ def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
     return [*scores, share(aps[1], other), share("mrr", "MRR")]
 
 
-def chance_level(truths: Sequence[RetrievalTruth], settings: TileScores | ImageScores) -> Reference:
-    """Return what tiles in random order score, by scene; see `chance_scores`."""
-    tables = []
-    for truth in truths:
-        found = metrics.chance_scores(truth.positives.counts, len(truth.tiles), settings)
-        tables.append(pd.DataFrame(found).assign(scene=truth.scene))
-    records = pd.concat(tables, ignore_index=True)
-    scores = [score for score in list_scores(settings) if score.key in records]
-    summary = summarise(records, scores, [truth.scene for truth in truths])
-    return Reference(
-        meaning="what tiles in random order score on average, computed exactly", **asdict(summary)
-    )
-
-
 def score_scene(
     truth: RetrievalTruth,
     ranked: Iterable[tuple[Ints, Ranking]],
@@ -242,7 +225,7 @@ def score_scene(
         "answered": answered,
         "positives": truth.positives.counts,
     }
-    return pd.concat([pd.DataFrame(first), scores, truth.conditions], axis=1)
+    return pd.concat([pd.DataFrame(first), scores, conditions_of(truth.queries)], axis=1)
 
 
 def _score_block(
@@ -252,14 +235,12 @@ def _score_block(
     settings: TileScores | ImageScores,
     jobs: int,
 ) -> pd.DataFrame:
-    """Score some queries of a scene."""
-    right, tiles = truth.positives.take(rows), ranking.tiles
-    hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, len(truth.tiles))
+    right, tiles, n_tiles = truth.positives.take(rows), ranking.tiles, len(truth.tiles)
+    hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, n_tiles)
     kept, ids = tiles[:, : settings.ranks_kept], pd.array([*truth.tiles["id"], ""], dtype="str")
     none, length = np.full(len(rows), -1, np.int32), (tiles >= 0).sum(axis=1)
-    whole = len(truth.tiles)
-    if isinstance(settings, TileScores):
-        whole = min(whole, settings.ranks_kept)
+    of_map = isinstance(settings, TileScores)
+    whole = min(n_tiles, settings.ranks_kept) if of_map else n_tiles
     columns: dict[str, Any] = {
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": metrics.first_hit_rank(hits[:, : settings.ranks_kept]),
@@ -269,11 +250,11 @@ def _score_block(
     for k in range(max(settings.recall_at)):
         columns[f"{RANKED_TILE}{k + 1}"] = ids.take(tiles[:, k] if k < tiles.shape[1] else none)
     if isinstance(settings, TileScores):
-        aps = {settings.ap_at: AP_VARIANTS}
+        aps = {settings.ap_at: get_args(ApVariant)}
         columns |= hit_columns(hits, right.counts, settings.recall_at, aps, settings.ndcg_at)
         return pd.DataFrame(columns | _tile_distances(truth, rows, tiles, settings, jobs))
     columns |= hit_columns(hits, right.counts, settings.recall_at, {}, ())
-    last = metrics.rank_of_share(len(truth.tiles), settings.recall_at_share)
+    last = metrics.rank_of_share(n_tiles, settings.recall_at_share)
     columns[share_name(settings.recall_at_share)] = metrics.recall_at(hits, last)
     columns["ap/trapezoid"] = metrics.trapezoid_precision(hits, right.counts)
     if settings.distances is not None:
@@ -291,9 +272,8 @@ def hit_columns(
     """Return the columns of the records that depend on the ranks of hits."""
     columns = {f"recall@{k}": metrics.recall_at(hits, k) for k in recall_at}
     for k, variants in ap_at.items():
-        for variant in variants:
-            found = metrics.average_precision_at(hits, n_positives, k, variant)
-            columns[ap_name(k, variant)] = found
+        for one in variants:
+            columns[ap_name(k, one)] = metrics.average_precision_at(hits, n_positives, k, one)
     columns["map"] = metrics.average_precision(hits, n_positives)
     columns["mrr"] = metrics.reciprocal_rank(hits)
     return columns | {f"ndcg@{k}": metrics.ndcg_at(hits, n_positives, k) for k in ndcg_at}

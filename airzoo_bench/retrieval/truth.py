@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,6 @@ UNANSWERED = "positives.npz gives it no tile"
 TOO_EMPTY = "without valid pixels, or with too few"
 
 TILE_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share")
-_PAIRS = ("offsets", "tiles")
 _EARTH_RADIUS_M = 6_371_000.0
 _AGAIN = "prepare the benchmark again"
 
@@ -63,7 +62,7 @@ class Positives:
         """Query of each pair, (P,)."""
         return np.repeat(np.arange(self.n_queries), self.counts)
 
-    def of_query(self, query: int) -> NDArray[np.int32]:
+    def tiles_of(self, query: int) -> NDArray[np.int32]:
         """Return the positive tiles of one query."""
         return self.tiles[self.offsets[query] : self.offsets[query + 1]]
 
@@ -80,21 +79,19 @@ class Positives:
         counts = self.counts[queries]
         offsets = offsets_of(counts)
         pairs = np.repeat(self.offsets[queries] - offsets[:-1], counts) + np.arange(offsets[-1])
-        return Positives(offsets, self.tiles[pairs], _rows(self.overlap, pairs))
+        overlap = None if self.overlap is None else self.overlap[pairs]
+        return Positives(offsets, self.tiles[pairs], overlap)
 
     def where(self, kept: Bools) -> Positives:
         """Return some of the pairs, of the same queries."""
         counts = np.bincount(self.queries[kept], minlength=self.n_queries)
-        return Positives(offsets_of(counts), self.tiles[kept], _rows(self.overlap, kept))
+        overlap = None if self.overlap is None else self.overlap[kept]
+        return Positives(offsets_of(counts), self.tiles[kept], overlap)
 
 
 def offsets_of(counts: Ints) -> Ints:
     """Return the offsets (Q + 1,) of groups of the given sizes (Q,)."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-
-
-def _rows(values: Floats | None, rows: Ints | Bools) -> Floats | None:
-    return None if values is None else values[rows]
 
 
 @dataclass(frozen=True)
@@ -114,7 +111,7 @@ class RetrievalTruth:
     dropped_tiles: pd.DataFrame  # not in the gallery, since they hold too little of the map
 
     @property
-    def of_images(self) -> bool:
+    def has_images(self) -> bool:
         """Whether the gallery is a set of images, not cut from a map."""
         return "image" in self.tiles.columns
 
@@ -143,7 +140,7 @@ class RetrievalTruth:
     @property
     def without_ground_point(self) -> int:
         """How many photos of the scene have no ground point, left out or not."""
-        if self.of_images:
+        if self.has_images:
             return 0
         blind = np.isnan(self.footprint_centres).any(axis=1).sum()
         return int(blind + (self.excluded["reason"] == NO_GROUND_POINT).sum())
@@ -154,12 +151,9 @@ class RetrievalTruth:
         digest = hashlib.sha256()
         for ids in (self.queries["id"], self.tiles["id"]):
             digest.update("\n".join(ids.to_numpy(object)).encode() + b"\0")
-        geometry: tuple[Floats, ...]
-        if self.of_images:
-            geometry = self.positions
-        else:
-            sizes = self.tiles["size_m"].to_numpy(np.float64)
-            geometry = (self.boxes, sizes, self.footprint_centres)
+        geometry: tuple[Floats, ...] = self.positions
+        if not self.has_images:
+            geometry = self.boxes, self.tiles["size_m"].to_numpy(float), self.footprint_centres
         for array in geometry:
             digest.update(array.astype("<f8").tobytes())
         for indices in (self.positives.offsets, self.positives.tiles):
@@ -223,24 +217,19 @@ def read_truth(folder: Path, scene: str, *, exclude_unanswered: bool = False) ->
         raise BenchmarkError(what, where=where, fix=_AGAIN)
     dropped = _read_tile_table(home / "dropped_tiles.csv")
     positives = _read_positives(home / "positives.npz", len(queries), len(tiles))
-    truth = RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
-    right = positives.counts > 0
-    if exclude_unanswered and not right.all():
+    right = (positives.counts > 0) | (not exclude_unanswered)
+    if not right.all():
         lacking = queries.loc[~right, ["id", "image"]].assign(reason=UNANSWERED)
-        truth = replace(
-            truth,
-            queries=queries[right].reset_index(drop=True),
-            footprints=footprints[right].reset_index(drop=True),
-            positives=positives.take(np.flatnonzero(right)),
-            excluded=pd.concat([excluded, lacking]).sort_values("id", ignore_index=True),
-        )
-    if truth.queries.empty:
+        excluded = pd.concat([excluded, lacking]).sort_values("id", ignore_index=True)
+        queries, footprints = (one[right].reset_index(drop=True) for one in (queries, footprints))
+        positives = positives.take(np.flatnonzero(right))
+    if queries.empty:
         raise BenchmarkError(
-            f"scene {scene} has no query: {counted(len(truth.excluded), 'photo')} excluded",
+            f"scene {scene} has no query: {counted(len(excluded), 'photo')} excluded",
             where=home / "excluded.csv",
             fix=f"{_AGAIN} with other photos, or leave the scene out of the protocol",
         )
-    return truth
+    return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
 def read_tiles(home: Path) -> pd.DataFrame:
@@ -252,10 +241,10 @@ def read_tiles(home: Path) -> pd.DataFrame:
     refuse_cells(path, "id", ids, falls, "rows sorted by id, as positives count them")
     if "image" in tiles.columns:
         return tiles
-    west, south, east, north = boxes_of(tiles).T
+    west, south, east, north = np.radians(boxes_of(tiles)).T
     # Boxes are up to 1.41 times as large as the tiles of a turned map.
-    height, width = north - south, (east - west) * np.cos(np.radians((north + south) / 2))
-    sides, sizes = np.radians((height + width) / 2) * _EARTH_RADIUS_M, tiles["size_m"].to_numpy()
+    sides = (north - south + (east - west) * np.cos((north + south) / 2)) / 2 * _EARTH_RADIUS_M
+    sizes = tiles["size_m"].to_numpy()
     wrong = ~((sizes > sides / 1.5) & (sizes < sides * 1.1))  # also tells NaN
     refuse_cells(path, "size_m", sizes, wrong, "the tile's side in metres, near its box's", ids)
     return tiles
@@ -270,30 +259,25 @@ def _read_tile_table(path: Path) -> pd.DataFrame:
 
 
 def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
-    """Read pairs of queries and tiles, and refuse those that do not fit the tables beside them."""
-    if not path.is_file():
-        what, fix = "the benchmark folder has no truth here", "; `check` needs none, `eval` does"
-        raise BenchmarkError(what, where=path, fix=_AGAIN + fix)
+    """Read pairs of query and tile, and refuse others than the tables of both can have."""
     try:
         # No more than each query's offset, and the tile and overlap of every pair there can be.
         file = NpzFile(path, 8 * (n_queries + 1 + 2 * n_queries * n_tiles))
-        found = {name: file.read(name) for name in {"offsets", "tiles", "overlap"} & file.names()}
-        offsets, tiles = (found[name].astype(np.int64, casting="safe") for name in _PAIRS)
-        overlap = found.get("overlap", np.zeros(tiles.shape)).astype(np.float64, casting="safe")
-        shapes = offsets.shape, tiles.shape, overlap.shape
+        offsets, tiles = (
+            file.read(name).astype(np.int64, casting="safe") for name in ("offsets", "tiles")
+        )
         counts: Ints = np.diff(offsets)
-        if shapes != ((n_queries + 1,), (offsets[-1],), tiles.shape) or (counts < 0).any():
-            raise ValueError("shapes")
+        if offsets.shape != (n_queries + 1,) or offsets[0] != 0 or (counts < 0).any():
+            raise ValueError("offsets")
         pairs = np.repeat(np.arange(n_queries), counts) * n_tiles + tiles
-        inside = (tiles >= 0) & (tiles < n_tiles) & (overlap >= 0) & (overlap <= 1)
-        if offsets[0] != 0 or not inside.all() or (np.diff(pairs) <= 0).any():
-            raise ValueError("values")
+        if not ((tiles >= 0) & (tiles < n_tiles)).all() or (np.diff(pairs) <= 0).any():
+            raise ValueError("tiles")
     except (PredictionError, LookupError, TypeError, ValueError) as error:
         raise BenchmarkError(
             f"the positives are damaged, or those of other queries and tiles: {error}",
             where=path,
             expected=f"offsets ({n_queries + 1},) that rise from 0, tiles below {n_tiles} that "
-            "ascend within each query, overlaps (if any) from 0 to 1",
-            fix=_AGAIN,
+            "ascend within each query",
+            fix=f"{_AGAIN}; `check` needs no positives, `eval` does",
         ) from error
-    return Positives(offsets, tiles.astype(np.int32), overlap if "overlap" in found else None)
+    return Positives(offsets, tiles.astype(np.int32))

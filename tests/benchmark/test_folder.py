@@ -112,7 +112,7 @@ def test_truth_both_ways(tmp_path: Path) -> None:
     write_truth(tmp_path, truth, truth.positives)
     read = read_truth(tmp_path, "s")
     assert read.fingerprint == truth.fingerprint
-    assert [read.positives.of_query(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
+    assert [read.positives.tiles_of(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
     pd.testing.assert_frame_equal(read.conditions, truth.conditions)
 
 
@@ -124,7 +124,6 @@ def test_truth_both_ways(tmp_path: Path) -> None:
         ({"offsets": [0, 1, 1, 1], "tiles": [9]}, "damaged"),
         ({"offsets": [0, 2, 1, 2], "tiles": [0, 1]}, "damaged"),
         ({"offsets": [0.0, 1, 1, 1], "tiles": [0]}, "damaged"),
-        ({"offsets": [0, 1, 1, 1], "tiles": [0], "overlap": ["1"]}, "damaged"),
         ({"offsets": [0, 1, 1, 1], "tiles": [0] * 60}, "more than the limit"),
         ({"offsets": [0, 1, 1, 1], "tiles": [None]}, "pickled Python objects"),
         (None, "positives.npz"),

@@ -16,7 +16,7 @@ from airzoo_bench.datasets.published.uav_visloc import UAV_VISLOC, UavVisLocOpti
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import geodesic_distance_m
-from airzoo_bench.retrieval.footprints import cast_footprints
+from airzoo_bench.retrieval.positives import cast_footprints
 from airzoo_bench.retrieval.truth import read_truth
 
 EARTH = Geod(ellps="WGS84")

@@ -12,8 +12,7 @@ import pytest
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.engines.engine import Processes, open_engine
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.run_files import SceneStore, save
+from airzoo_bench.evaluation.evaluate import SceneStore, evaluate, save
 from airzoo_bench.evaluation.track import Run, SceneScores
 from airzoo_bench.retrieval.truth import read_truth
 from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo

@@ -14,7 +14,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.evaluation.evaluate import check, evaluate
 from airzoo_bench.evaluation.info import TrackInfo
-from airzoo_bench.evaluation.queries import QueryPredictions, assign_queries
+from airzoo_bench.evaluation.predictions import QueryPredictions, assign_queries
 from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import ScoreColumn

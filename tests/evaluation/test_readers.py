@@ -11,8 +11,7 @@ import pytest
 import airzoo_bench as ab
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.registry import READERS
-from airzoo_bench.evaluation.queries import QueryPredictions
-from airzoo_bench.evaluation.reader import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
 from airzoo_bench.retrieval.predictions import RankedIds
 from tests.support import run_main
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.evaluation.evaluate import evaluate
-from airzoo_bench.evaluation.run_files import check_run_folder, save
+from airzoo_bench.evaluation.evaluate import check_run_folder, evaluate, save
 from airzoo_bench.results.result import Result, read_result, write_result
 from tests.statistics.support import made_method, write_method
 from tests.support import (

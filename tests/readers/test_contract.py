@@ -14,7 +14,7 @@ import pytest
 
 from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.registry import READERS
-from airzoo_bench.evaluation.reader import SURE, find_reader
+from airzoo_bench.evaluation.predictions import SURE, find_reader
 from tests.hostile.inputs import spoil_bytes
 from tests.readers.conftest import LAYOUTS, Worlds
 from tests.readers.method_files import Place

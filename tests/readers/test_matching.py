@@ -16,7 +16,7 @@ import pytest
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import READERS
-from airzoo_bench.evaluation.reader import Reading, find_reader
+from airzoo_bench.evaluation.predictions import Reading, find_reader
 from tests.matching.world import SIZE
 from tests.readers.conftest import Worlds
 

@@ -15,7 +15,7 @@ import pycolmap
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.reader import Reading, find_reader
+from airzoo_bench.evaluation.predictions import Reading, find_reader
 from airzoo_bench.readers.scenes import find_outputs
 from tests.readers import method_files as files
 from tests.readers.conftest import Worlds

@@ -65,7 +65,7 @@ def naive(scores, positives, k, tie_ranks):
     n_queries, n_tiles = scores.shape
     tiles, tied = np.full((n_queries, k), -1), np.zeros(n_queries, bool)
     for query, row in enumerate(scores):
-        positive = np.isin(np.arange(n_tiles), positives.of_query(query))
+        positive = np.isin(np.arange(n_tiles), positives.tiles_of(query))
         order = np.lexsort((np.arange(n_tiles), positive, -row))
         tiles[query, : min(k, n_tiles)] = order[:k]
         for tile in order[:tie_ranks]:

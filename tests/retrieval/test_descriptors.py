@@ -74,7 +74,7 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
     assert len(np.unique(similarities(queries, gallery, metric)[0, 1::2])) > 1
     positives = positives_of([1], [n_tiles - 1], [1, 3, n_tiles - 1])
     found = rank(queries, gallery, metric, 10, 5, positives, Run(memory_bytes))
-    others = [np.setdiff1d(np.arange(1, n_tiles, 2), positives.of_query(q))[:10] for q in range(3)]
+    others = [np.setdiff1d(np.arange(1, n_tiles, 2), positives.tiles_of(q))[:10] for q in range(3)]
     assert found.tiles.tolist() == [tiles.tolist() for tiles in others]
     assert found.tie_dependent.all()
 

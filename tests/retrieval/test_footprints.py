@@ -10,7 +10,7 @@ from rasterio.transform import Affine
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.retrieval.footprints import Footprints, cast_footprints
+from airzoo_bench.retrieval.positives import Footprints, cast_footprints
 
 CRS = "EPSG:32650"
 EAST, NORTH = 500_000.0, 3_000_000.0

@@ -15,7 +15,7 @@ from rasterio.transform import Affine
 
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.retrieval.gallery import box_growth, cut_gallery, tile_starts
+from airzoo_bench.retrieval.prepare import box_growth, cut_gallery, tile_starts
 from airzoo_bench.retrieval.settings import MapGallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS
 from tests.support import write_raster
@@ -101,7 +101,7 @@ def test_boxes_of_a_turned_map_outgrow_its_tiles(tmp_path: Path) -> None:
 def test_shares_of_valid_pixels_are_counted_exactly(
     tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("airzoo_bench.retrieval.gallery._STRIP", 37)
+    monkeypatch.setattr("airzoo_bench.retrieval.prepare._STRIP", 37)
     valid = np.random.default_rng(0).random((100, 150)) < 0.3
     valid[:40, :70] = False
     bands = np.repeat(np.where(valid, 200, 0).astype(np.uint8)[None], 3 + (how == "alpha"), axis=0)

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from airzoo_bench.retrieval import positives
 from airzoo_bench.retrieval.positives import (
-    overlap_of,
-    overlaps,
-    positives_from_iou,
-    positives_from_points,
+    find_holding_tiles,
+    find_overlaps,
+    find_positives,
+    with_overlap,
 )
 from airzoo_bench.retrieval.truth import Positives
 
@@ -79,7 +79,7 @@ def test_any_boxes_agree_with_every_tile_tested(seed, n_tiles, n_queries):
     low = rng.integers(-4, 5, (n_tiles, 2)).astype(float)
     boxes = np.concatenate([low, low + rng.integers(0, 6, (n_tiles, 2))], axis=1)
     points = rng.choice([*range(-4, 5), np.nan, np.inf], (n_queries, 2, 2))
-    assert_same(positives_from_points(points, boxes), naive(points, boxes))
+    assert_same(find_holding_tiles(points, boxes), naive(points, boxes))
 
 
 ORDERS = {
@@ -101,13 +101,13 @@ def test_grids_agree_with_every_tile_tested(width, height, place, order, seed):
     points = points_near(boxes, rng, 40) if len(boxes) else np.zeros((40, 4, 2))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(positives, "_TILES", 64)  # of a tree, which then are several
-        assert_same(positives_from_points(points, boxes), naive(points, boxes))
+        assert_same(find_holding_tiles(points, boxes), naive(points, boxes))
 
 
 def test_no_tiles_no_points_no_ground():
-    assert_same(positives_from_points(np.zeros((2, 4, 2)), np.empty((0, 4))), [[], []])
-    assert_same(positives_from_points(np.zeros((0, 4, 2)), UNIT_BOX), [])
-    assert_same(positives_from_points(np.full((2, 4, 2), np.nan), UNIT_BOX), [[], []])
+    assert_same(find_holding_tiles(np.zeros((2, 4, 2)), np.empty((0, 4))), [[], []])
+    assert_same(find_holding_tiles(np.zeros((0, 4, 2)), UNIT_BOX), [])
+    assert_same(find_holding_tiles(np.full((2, 4, 2), np.nan), UNIT_BOX), [[], []])
 
 
 # --- overlap ---
@@ -116,12 +116,12 @@ def test_no_tiles_no_points_no_ground():
 def test_overlap_by_hand():
     square = np.array([[[0.5, 0.5], [1.5, 0.5], [1.5, 1.5], [0.5, 1.5]]])
     boxes = np.array([[0, 0, 1, 1], [1, 1, 2, 2], [0.5, 0.5, 1.5, 1.5], [5, 5, 6, 6]], float)
-    found = overlaps(square, boxes)
+    found = find_overlaps(square, boxes)
     assert found.tiles.tolist() == [0, 1, 2]
     assert found.overlap == pytest.approx([0.25 / 1.75, 0.25 / 1.75, 1])
     half = np.array([[[0.0, 0], [0.5, 0], [0.5, 1], [0, 1]]])
-    assert positives_from_iou(half, UNIT_BOX, 0.5).counts.tolist() == [0]  # strictly above
-    assert positives_from_iou(half, UNIT_BOX, 0.49).overlap.tolist() == [0.5]
+    assert find_positives(half, UNIT_BOX, 0.5).counts.tolist() == [0]  # strictly above
+    assert find_positives(half, UNIT_BOX, 0.49).overlap.tolist() == [0.5]
 
 
 def test_rounding_does_not_make_touching_an_overlap():
@@ -130,16 +130,16 @@ def test_rounding_does_not_make_touching_an_overlap():
     above = np.stack([np.sort(x, axis=1), 1 + np.abs(y)], axis=2) / 7 + [113, 28]
     above[:, :2, 1] = boxes[0, 3]
     every = Positives(np.arange(501), np.zeros(500, np.int32))
-    assert not overlap_of(above, boxes, every).any()
+    assert not with_overlap(above, boxes, every).overlap.any()
 
 
 def test_footprint_with_nan_or_without_area_overlaps_nothing():
     polygons = np.full((3, 4, 2), 0.5)
     polygons[:2] = [[0, 0], [1, 0], [1, 1], [0, 1]]
     polygons[0, 3, 1] = np.nan
-    assert overlaps(polygons, UNIT_BOX).counts.tolist() == [0, 1, 0]
+    assert find_overlaps(polygons, UNIT_BOX).counts.tolist() == [0, 1, 0]
     every = Positives(np.arange(4), np.zeros(3, np.int32))
-    assert overlap_of(polygons, UNIT_BOX, every).tolist() == [0, 1, 0]
+    assert with_overlap(polygons, UNIT_BOX, every).overlap.tolist() == [0, 1, 0]
 
 
 @settings(max_examples=80, deadline=None)
@@ -155,7 +155,7 @@ def test_overlaps_agree_with_shapely(seed, offset, on_lattice):
     tiles = shapely.box(*boxes.T)
     common = shapely.area(shapely.intersection(shapes[:, None], tiles))
     expected = common / (shapely.area(shapes)[:, None] + shapely.area(tiles) - common)
-    found = overlaps(polygons + offset, boxes + offset)
+    found = find_overlaps(polygons + offset, boxes + offset)
     ratios = np.zeros((3, len(boxes)))
     ratios[found.queries, found.tiles] = found.overlap
     # Of lattice points some sides touch each other; what such a figure covers is not defined.

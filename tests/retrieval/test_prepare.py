@@ -79,7 +79,7 @@ def on_meridian(folder: Path, lon: int, rules: dict[str, Any]) -> list[Any]:
     )
     ranking = Ranking(order[:, :10], np.zeros(len(order), bool))
     records = records_of(truth, ranking, protocol().scores).select_dtypes("number")
-    positives = [truth.positives.of_query(q).tolist() for q in range(len(truth.queries))]
+    positives = [truth.positives.tiles_of(q).tolist() for q in range(len(truth.queries))]
     anchors = truth.footprints.filter(like="lon").to_numpy(float)
     lons = np.concatenate([truth.boxes[:, [0, 2]].ravel(), anchors.ravel()])
     return [positives, found.overlaps.overlap, records, lons]

@@ -50,7 +50,7 @@ def completed(ranked, scores, positives, n_tiles):
     for query, (tiles, row) in enumerate(zip(ranked, scores, strict=True)):
         if len(tiles) > 1 and row[-1] == row[-2]:
             whole[query] = row[-1]
-            whole[query, positives.of_query(query)] = -np.inf
+            whole[query, positives.tiles_of(query)] = -np.inf
         whole[query, tiles] = row
     return whole
 
@@ -80,7 +80,7 @@ def test_lists_agree_with_a_plain_sort_and_a_tie_at_the_end_takes_in_what_was_le
     if listed == n_tiles:
         assert_is(found, naive(whole, positives, k, tie_ranks))
     for query, row in enumerate(whole):
-        positive = np.isin(np.arange(n_tiles), positives.of_query(query))
+        positive = np.isin(np.arange(n_tiles), positives.tiles_of(query))
         order = np.lexsort((np.arange(n_tiles), positive, -row))
         order = order[row[order] > -np.inf]
         expected = [*order[:k], *[-1] * k][:k]

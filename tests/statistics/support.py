@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from airzoo_bench.evaluation.run_files import save
+from airzoo_bench.evaluation.evaluate import save
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import (
     PredictionsUsed,
