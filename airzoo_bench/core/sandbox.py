@@ -150,6 +150,8 @@ def _read(folder: Path, name: str, where: Path) -> Any:
 
 def _describe(folder: Path, where: Path, value: Any) -> Any:
     value = value.stored(folder) if hasattr(value, "stored") else value
+    if isinstance(getattr(value, "base", None), mmap) and where.samefile(value.filename):
+        return {"$": ["map", value.offset, value.dtype.str, value.shape, value.flags["F"]]}
     match value:
         case np.generic():
             return value.item()
@@ -160,8 +162,6 @@ def _describe(folder: Path, where: Path, value: Any) -> Any:
         case UserError():
             texts = {name: getattr(value, name) for name in ("what", "where", "expected", "fix")}
             return {"$": ["error", type(value).__name__, texts]}
-        case np.memmap(base=mmap(), filename=at) if where.samefile(str(at)) and value.flags["C"]:
-            return {"$": ["map", value.offset, value.dtype.str, value.shape]}
         case np.ndarray():
             number = len(list(folder.glob("[0-9]*.npy")))
             np.save(folder / f"{number}.npy", value, allow_pickle=False)
@@ -180,8 +180,8 @@ def _restore(folder: Path, where: Path, found: dict[str, Any]) -> Any:
         case ["array", number]:
             path = folder / f"{int(number)}.npy"
             return np.load(path, mmap_mode="c" if path.stat().st_size > 1 << 20 else None)
-        case ["map", offset, str(dtype), shape] if np.dtype(dtype).kind in "biuf":
-            return np.memmap(where, dtype, "r", offset, tuple(shape))  # of this file alone
+        case ["map", offset, str(dtype), shape, order] if np.dtype(dtype).kind in "biuf":
+            return np.memmap(where, dtype, "r", offset, tuple(shape), "F" if order else "C")
         case ["error", kind, texts]:
             made: Any = getattr(errors, kind, UserError)
             if isinstance(made, type) and issubclass(made, UserError):
