@@ -29,7 +29,6 @@ Text: TypeAlias = str | None
 Texts: TypeAlias = list[str] | None
 File: TypeAlias = Path | None
 
-_OF_FILES = (".npz", ".npy", ".parquet", ".csv", ".json", ".h5", ".txt", ".zip")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 ROWS, _SCALE = "Rows and columns", "For scale"
 _FEW = 10  # options that need no panels
@@ -70,24 +69,15 @@ DataOption = Annotated[
 ]
 ReaderOption = Annotated[
     Text,
-    option(
-        "Reader of a method's own files (default: found by their content); "
-        "`airzoo-bench readers` lists all.",
-        panel="Input",
-    ),
+    option("Reader of a method's own files (default: the one that knows them).", panel="Input"),
 ]
 NamesOption = Annotated[
-    File,
-    option(
-        "A list of images, one a line, in the method's order, for files that do not name them.",
-        panel="Input",
-    ),
+    File, option("A list of images in the method's order, for files without names.", panel="Input")
 ]
 ImageSizeOption = Annotated[
     Text,
     option(
-        "Size of the matcher's pictures, such as 640x480, for files that do not state it, such "
-        "as SuperGlue's.",
+        "Size of the matcher's pictures, for files that do not state it, such as SuperGlue's.",
         metavar="WxH",
         panel="Input",
     ),
@@ -100,11 +90,7 @@ AllOption = Annotated[bool, option("Print every score, not only the paper's.", "
 JobsOption = Annotated[
     int | None,
     option(
-        "Threads or processes to work with (default: one or two).",
-        *("--jobs", "-j"),
-        panel=_SCALE,
-        min=1,
-        max=1024,
+        "Threads or processes (default: one or two).", "--jobs", "-j", panel=_SCALE, min=1, max=1024
     ),
 ]
 EngineOption = Annotated[
@@ -118,11 +104,7 @@ EngineOption = Annotated[
     ),
 ]
 MemoryOption = Annotated[
-    str,
-    option(
-        "Memory that a file may take, such as 512M or 4G; also the limit of a Dask worker.",
-        panel=_SCALE,
-    ),
+    str, option("Memory for a file, or for a Dask worker, such as 512M or 4G.", panel=_SCALE)
 ]
 UntrustedOption = Annotated[
     bool,
@@ -192,12 +174,9 @@ def check_choice(command: str, given: str, names: Sequence[str]) -> None:
         return
     from airzoo_bench.core.validation import nearest
 
-    is_path = Path(given).exists() or Path(given).suffix in _OF_FILES
-    raise UsageError(
-        f"{command} knows no {given!r}{nearest(given, list(names), 1)}",
-        expected="one of " + ", ".join(names),
-        fix=f"{command} {names[0]} {given}" if is_path else None,
-    )
+    what = f"{command} knows no {given!r}{nearest(given, list(names), 1)}"
+    fix = f"{command} {names[0]} {given}" if Path(given).suffix or Path(given).exists() else None
+    raise UsageError(what, expected="one of " + ", ".join(names), fix=fix)
 
 
 def examples(*calls: str) -> str:
@@ -216,9 +195,8 @@ def resolve_data(data: str | None) -> Path:
         with working("fetching the benchmark"):
             return data_here(data)
     if data is not None and not Path(data).is_dir():
-        expected = "a benchmark folder, or the folder that holds some"
-        fix = "make one with `airzoo-bench prepare`"
-        raise UsageError("no such folder", where=f"--data {data}", expected=expected, fix=fix)
+        expected = "a benchmark folder, as `airzoo-bench prepare` makes it, or a folder of some"
+        raise UsageError("no such folder", where=f"--data {data}", expected=expected)
     return data_root() if data is None else Path(data)
 
 

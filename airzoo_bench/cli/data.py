@@ -26,10 +26,7 @@ _TITLES = (
 def download(
     benchmark: Annotated[str, typer.Argument(help="Its name in `prepare`.")],
     to: Annotated[cli.File, cli.option("Folder to put it in (default: its name).")] = None,
-    scene: Annotated[
-        cli.Texts,
-        cli.option("Only this scene of airzoo-real, repeatable; others are fetched whole."),
-    ] = None,
+    scene: Annotated[cli.Texts, cli.option("Only this scene of airzoo-real, repeatable.")] = None,
 ) -> None:
     """Fetch a published benchmark from Hugging Face, or list the links to its files.
 

@@ -30,28 +30,15 @@ def evaluate(
     image_size: cli.ImageSizeOption = None,
     out: Annotated[
         cli.File,
-        cli.option(
-            "Folder for result.json and records.csv, which replace an earlier run's.",
-            *("--out", "-o"),
-            panel="Output",
-        ),
+        cli.option("Folder for result.json and records.csv.", "--out", "-o", panel="Output"),
     ] = None,
     method: Annotated[
-        cli.Text,
-        cli.option(
-            "The method's name in tables (default: the name of --out, else the file's).",
-            panel="Output",
-        ),
+        cli.Text, cli.option("Its name in tables (default: that of --out).", panel="Output")
     ] = None,
     form: cli.FormatOption = cli.Format.TERMINAL,
     figures: Annotated[
         bool,
-        cli.option(
-            "Draw the maps of matching or the clouds of reconstruction into --out, and keep what "
-            "report and plot draw.",
-            "--figures",
-            panel="Output",
-        ),
+        cli.option("Draw maps or clouds into --out, for report too.", "--figures", panel="Output"),
     ] = False,
     jobs: cli.JobsOption = None,
     engine: cli.EngineOption = LOCAL,
@@ -59,12 +46,7 @@ def evaluate(
     untrusted: cli.UntrustedOption = False,
     resume: Annotated[
         bool,
-        cli.option(
-            "Keep each scored scene, and continue from scenes kept by an earlier run with this "
-            "--out and --resume.",
-            "--resume",
-            panel="For scale",
-        ),
+        cli.option("Keep scored scenes, and continue from them.", "--resume", panel="For scale"),
     ] = False,
 ) -> None:
     """Score predictions and print the per-scene table.
@@ -136,10 +118,7 @@ def _limits(memory: int, untrusted: bool) -> Any:
 def check(
     predictions: Annotated[
         str,
-        typer.Argument(
-            metavar="PREDICTIONS",
-            help="A prediction file, folder or archive of any track: a path or a URL.",
-        ),
+        typer.Argument(metavar="PREDICTIONS", help="File, folder or archive: a path or URL."),
     ],
     protocol: cli.ProtocolOption = None,
     data: cli.DataOption = None,

@@ -49,11 +49,7 @@ def template(
     protocol: Annotated[str, typer.Argument(help="Name or .toml file.")],
     out: Annotated[
         cli.File,
-        cli.option(
-            "The .npz to write (default: template.npz); for reconstruction the folder (default: "
-            "template).",
-            *("--out", "-o"),
-        ),
+        cli.option("The .npz or, for reconstruction, the folder to write.", "--out", "-o"),
     ] = None,
     kind: Annotated[
         Literal["ranked-ids", "descriptors"] | None,

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import typer
 
 from airzoo_bench.cli import common as cli
+from airzoo_bench.core.errors import UsageError
 
+if TYPE_CHECKING:
+    from airzoo_bench.results.result import Result
+    from airzoo_bench.tables.layouts import MethodTable
 _ROWS, _VALUES = cli.ROWS, "Values"
+
+
+class _Part(NamedTuple):
+    """The methods of one protocol, with their results and files."""
+
+    table: MethodTable
+    results: Sequence[Result] = ()
+    paths: Sequence[Path] = ()
 
 
 def table(
@@ -80,6 +95,110 @@ def table(
 
     Example: airzoo-bench table uav-visloc-retrieval --published --layout scenes
     """
-    from airzoo_bench.cli.table_making import make_table
+    asked = SimpleNamespace(**locals())
+    from airzoo_bench.results.comparable import check_score, scores_by_name
+    from airzoo_bench.tables import layouts, marks
 
-    cli.show(make_table(SimpleNamespace(**locals())), form)
+    parts = _read_parts(results, published, every or bool(scores))
+    chosen, wanted, tables = _choose_layout(asked, parts), scores or (), []
+    for name in wanted:
+        check_score(name, [c for part in parts for c in part.table.scores], "--score")
+    for part in parts:
+        known = scores_by_name(part.table.scores)
+        own = tuple(dict.fromkeys(known[name] for name in wanted if name in known))
+        if own or not wanted:
+            scored = replace(part.table, scores=own or part.table.scores)
+            tables.append(_add_rows(asked, chosen, part._replace(table=scored)))
+    if not any(one.rows for one in tables):
+        titles = ", ".join(one.title for one in tables)
+        raise UsageError(f"nothing is published on {titles} for layout {chosen}")
+    if chosen == "result":
+        made = layouts.scenes_table(parts[0].results[0], floors=floors, methods=tables[0])
+    elif chosen == "benchmarks":
+        made = layouts.benchmarks_layout(tables)
+    elif chosen == "methods":
+        made = layouts.methods_layout(tables[0], scene)
+    else:
+        made = layouts.scenes_layout(tables[0])
+    if decimals is not None:
+        made = marks.with_decimals(made, decimals)
+    if chosen != "result":
+        made = marks.highlight(marks.mark_best(made), highlight or ())
+        made = marks.add_gains(marks.add_citations(made, cite or ()), baseline or ())
+    cli.show(made, form)
+
+
+def _choose_layout(asked: Any, parts: Sequence[_Part]) -> str:
+    """Return the layout for these results; refuse one that cannot show them or the options."""
+    among_methods = ("scene", "published", "baseline", "highlight", "cite")
+    compares = any(getattr(asked, name) for name in among_methods)
+    several = sum(len(part.results) for part in parts) > 1
+    layout: str | None = asked.layout
+    if layout is None:  # one result has nothing to be compared with, unless that is asked for
+        layout = "methods" if compares or several else "result"
+        layout = "benchmarks" if len(parts) > 1 else layout
+    allowed = {
+        "result": not compares and not several,
+        "methods": len(parts) == 1,
+        "scenes": len(parts) == 1 and not asked.scene,
+        "benchmarks": not asked.scene,
+    }
+    if not allowed[layout]:
+        raise UsageError(
+            f"layout {layout} does not go with these results or options",
+            expected="result: one result alone; methods, scenes: of one protocol; --scene: methods",
+        )
+    return layout
+
+
+def _read_parts(given: Sequence[str], published: bool, every: bool) -> list[_Part]:
+    """Read the results by protocol, and protocols for the numbers that are published on them."""
+    from airzoo_bench.benchmark.folder import data_here
+    from airzoo_bench.core.registry import load_track
+    from airzoo_bench.protocol.model import find_protocol, shipped_protocols
+    from airzoo_bench.results.result import read_result, result_paths
+    from airzoo_bench.tables.layouts import empty_table, method_table
+
+    names = [name for name in given if published and name in shipped_protocols()]
+    groups: dict[str, list[tuple[Any, Path]]] = {}
+    for path in result_paths([one for one in given if one not in names]):
+        result = read_result(path)
+        groups.setdefault(result.protocol.name, []).append((result, path))
+    parts = []
+    for pairs in groups.values():
+        some, files = zip(*pairs, strict=True)
+        parts.append(_Part(method_table(some, paths=files, every_score=every), some, files))
+    for protocol in (find_protocol(name, data_here()) for name in names):
+        columns = load_track(protocol.track).scores(protocol)
+        scores = [column for column in columns if every or column.headline]
+        parts.append(_Part(empty_table(protocol, scores)))
+    return parts
+
+
+def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:
+    """Add intervals, published rows and floors, where they are asked for."""
+    from airzoo_bench.results.comparable import find_scene
+    from airzoo_bench.results.records import Method, read_records
+    from airzoo_bench.statistics.samples import ResamplingConfig
+    from airzoo_bench.tables.comparison import with_intervals
+    from airzoo_bench.tables.layouts import with_floors, with_published
+    from airzoo_bench.tables.published import OVERALL, published_values
+
+    table, results = part.table, part.results
+    scenes = [OVERALL if asked.scene is None else find_scene(table.scenes, asked.scene)]
+    if layout in ("result", "scenes"):
+        scenes = [*table.scenes, OVERALL]
+    if asked.intervals and results:
+        triples = zip(table.rows, results, part.paths, strict=True)
+        methods = [Method(row.method, result, read_records(path)) for row, result, path in triples]
+        table = with_intervals(table, methods, ResamplingConfig(), scenes)
+    if asked.published:
+        values = published_values(table.benchmark, table.track)
+        used = results[0].protocol.fingerprint if results else ""
+        table = with_published(table, values, scenes, used)
+    if not results and not asked.scores:
+        printed = {key for row in table.rows for values in row.values.values() for key in values}
+        table = replace(table, scores=tuple(s for s in table.scores if s.key in printed))
+    if asked.floors and results and layout != "result":
+        table = with_floors(table, results)
+    return table

@@ -1,7 +1,10 @@
-"""``check``: everything that is wrong with predictions, and exit codes that tell how."""
+"""``check``: what is wrong with predictions, by exit codes; notes on odd reconstructions."""
 
 from __future__ import annotations
 
+import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +12,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tests.reconstruction.world import PROTOCOL as WORLD_PROTOCOL
+from tests.reconstruction.world import World, make_world, predict_clouds, save, true_points
 from tests.support import run_main
 
 Fields = dict[str, Any]
+Make = Callable[[World, Path], Path]
 PROTOCOL = "made-retrieval"
 
 
@@ -22,19 +28,15 @@ def predict(path: Path, fields: Fields, **changes: Any) -> Path:
     return path
 
 
-def changed(name: str, row: Any, value: Any) -> dict[str, Any]:
-    return {"changed": (name, row, value)}
-
-
 @pytest.mark.parametrize(
     ("fields", "options", "code", "named"),
     [
         ({}, [], 0, ""),
-        (changed("query_ids", 1, "east/q00000"), [], 1, "east/q00000"),
-        (changed("ranked_ids", (2, 0), "east/t00003"), [], 1, "east/q00002"),
-        (changed("ranked_ids", (3, 0), "west/t00000"), [], 1, "east/q00003"),
-        (changed("scores", (6, 1), np.inf), [], 1, "scores"),
-        (changed("scores", 5, [1, 2, 3, 4]), [], 1, "east/q00005"),
+        (("query_ids", 1, "east/q00000"), [], 1, "east/q00000"),
+        (("ranked_ids", (2, 0), "east/t00003"), [], 1, "east/q00002"),
+        (("ranked_ids", (3, 0), "west/t00000"), [], 1, "east/q00003"),
+        (("scores", (6, 1), np.inf), [], 1, "scores"),
+        (("scores", 5, [1, 2, 3, 4]), [], 1, "east/q00005"),
         ({"query_ids": ["east/a"] * 10}, [], 1, "east/a"),
         ({"centers": np.zeros(3)}, [], 1, "centers"),
         ({"ranked_ids": np.zeros((10, 8))}, [], 1, "ranked_ids"),
@@ -47,7 +49,7 @@ def changed(name: str, row: Any, value: Any) -> dict[str, Any]:
     ],
 )
 def test_a_fault_is_named_with_its_exit_code(
-    fields: Fields,
+    fields: Any,
     options: list[str],
     code: int,
     named: str,
@@ -57,31 +59,25 @@ def test_a_fault_is_named_with_its_exit_code(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     arrays = {key: np.array(value) for key, value in perfect.items()}
-    if "changed" in fields:
+    if isinstance(fields, tuple):
         arrays["ranked_ids"] = arrays["ranked_ids"][:, :4]
         arrays["scores"] = np.tile([4.0, 3, 2, 1], (10, 1))
-        name, row, value = fields["changed"]
-        arrays[name][row] = value
-        fields = {}
+        name, row, value = fields
+        arrays[name][row], fields = value, {}
     assert run_main("check", predict(tmp_path / "p.npz", arrays, **fields), *options) == code
     assert named in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("content", [b"", b"query,tile\n"])
-def test_what_is_no_prediction_exits_2(content: bytes, data: Path, tmp_path: Path) -> None:
-    (tmp_path / "p.npz").write_bytes(content)
-    assert run_main("check", tmp_path / "p.npz") == 2
 
 
 def test_good_files_of_every_kind_and_missing_queries(
     data: Path, tmp_path: Path, perfect: Fields, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tiles = [
-        f"{scene}/t{n:05d}" for scene, count in (("east", 12), ("west", 8)) for n in range(count)
-    ]
+    for content in (b"", b"query,tile\n"):
+        (tmp_path / "p.npz").write_bytes(content)
+        assert run_main("check", tmp_path / "p.npz") == 2
+    counts = (("east", 12), ("west", 8))
     described = {
         "query_descriptors": np.eye(10, 8, dtype=np.float32),
-        "gallery_ids": tiles,
+        "gallery_ids": [f"{scene}/t{n:05d}" for scene, count in counts for n in range(count)],
         "gallery_descriptors": np.random.default_rng(0).random((20, 8), np.float32),
     }
     predict(tmp_path / "p.npz", perfect, ranked_ids=None, **described)
@@ -91,23 +87,104 @@ def test_good_files_of_every_kind_and_missing_queries(
         assert "nothing" in capsys.readouterr().out
     fewer = predict(tmp_path / "p.npz", {key: value[:3] for key, value in perfect.items()})
     assert run_main("check", fewer) == 0
-    assert "scored at their worst: 7 of 10 (first 3: " in capsys.readouterr().err
+    assert "7 of 10 (first 3: " in capsys.readouterr().err
 
 
-OF_TRACKS = {
-    "retrieval": "uav-visloc-retrieval",
-    "matching": "photos-matching",
-    "reconstruction": "photos-reconstruction",
+def test_predictions_of_another_track_are_told_their_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    protocols = ("uav-visloc-retrieval", "photos-matching", "photos-reconstruction")
+    tracks, path = [one.rpartition("-")[2] for one in protocols], tmp_path / "p.npz"
+    for own, protocol in zip(tracks, protocols, strict=True):
+        np.savez(path, protocol=protocol)
+        for asked in tracks:
+            assert run_main("eval", asked, path, "--data", tmp_path) == 2
+            told = f"airzoo-bench eval {own} {path}" in capsys.readouterr().err
+            assert told == (asked != own)
+
+
+# --- odd reconstructions ---
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))
+
+
+def clouds(edit: Callable[[Path], object] = lambda _: None, **scenes: Callable[[Any], Any]) -> Make:
+    """Predict the true clouds, those of some scenes changed, and change the folder."""
+
+    def make(world: World, folder: Path) -> Path:
+        points = {scene: true_points(scene) for scene in ("yard", "lot")}
+        changed = {scene: change(points[scene]) for scene, change in scenes.items()}
+        path = predict_clouds(world, folder, points | changed, True)
+        edit(path)
+        return path
+
+    return make
+
+
+def opengl(world: World, folder: Path) -> Path:
+    path = clouds()(world, folder)
+    axes = np.diag((1.0, -1, -1)) @ world.cameras("yard")["extrinsics"]
+    save(path / "yard.cameras.npz", world.cameras("yard", extrinsics=axes))
+    return path
+
+
+def views(four_poses: bool = False, **changes: Any) -> Make:
+    """Predict exact depth maps, those of the yard with some fields changed."""
+
+    def make(world: World, folder: Path) -> Path:
+        if four_poses:
+            changes["extrinsics"] = world.cameras("yard")["extrinsics"].copy()
+            changes["extrinsics"][4:] = np.nan
+        save(folder / "yard.npz", world.views("yard", **changes))
+        save(folder / "lot.npz", world.views("lot"))
+        (folder / "protocol.txt").write_text(WORLD_PROTOCOL)
+        return folder
+
+    return make
+
+
+def add_nan(points: Any) -> Any:
+    return np.concatenate([points, [[np.nan, 0, 0], [np.inf, 0, 0], [1e200, 0, 0]]])
+
+
+NOTES: dict[str, tuple[Make, list[str]]] = {
+    "nothing odd": (clouds(), []),
+    "points that are no points": (clouds(yard=add_nan), ["scene yard", "3 points"]),
+    "OpenGL axes": (opengl, ["scene yard", "OpenGL axes"]),
+    "an empty cloud": (clouds(yard=lambda p: p[:0]), ["scene yard", "no point is left"]),
+    "a strange scene": (clouds(lambda p: shutil.copy(p / "lot.ply", p / "plaza.ply")), ["plaza"]),
+    "a mistyped scene": (
+        clouds(lambda p: (p / "yard.ply").rename(p / "yrad.ply")),
+        ["yrad (did you mean 'yard'?)", "1 (yard)"],
+    ),
+    "a strange file": (clouds(lambda p: (p / "readme.md").write_text("hi")), ["readme.md"]),
+    "a missing scene": (clouds(lambda p: (p / "lot.ply").unlink()), ["worst: 1 (lot)"]),
+    "fewer poses than photos": (views(four_poses=True), ["scene yard", "2 of 6 photos"]),
+    "no names": (views(image_names=None), ["scene yard", "image_names"]),
 }
 
 
-@pytest.mark.parametrize("asked", OF_TRACKS)
-@pytest.mark.parametrize("own", OF_TRACKS)
-def test_predictions_of_another_track_are_told_their_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], asked: str, own: str
+@pytest.mark.parametrize("case", list(NOTES))
+def test_notes_of_eval_and_of_check(
+    case: str,
+    world: World,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    path = tmp_path / "p.npz"
-    np.savez(path, protocol=OF_TRACKS[own])
-    assert run_main("eval", asked, path, "--data", tmp_path) == 2
-    told = f"airzoo-bench eval {own} {path}" in capsys.readouterr().err
-    assert told == (asked != own)
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(world.root))
+    make, fragments = NOTES[case]
+    path = make(world, tmp_path / "p")
+    assert run_main("eval", "reconstruction", path, "--out", tmp_path / "out") == 0
+    notes = json.loads((tmp_path / "out" / "result.json").read_text())["notes"]
+    assert bool(notes) == bool(fragments)
+    for fragment in fragments:
+        assert any(fragment in note for note in notes), notes
+    if case in ("OpenGL axes", "a mistyped scene", "no names"):
+        capsys.readouterr()
+        assert run_main("check", path) == 0
+        said = capsys.readouterr().err
+        assert [note for note in notes if note not in said] == []

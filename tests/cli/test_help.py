@@ -1,8 +1,10 @@
-"""Help that is alike for all commands, and how many of them there are."""
+"""Help that is alike for all commands, loads nothing heavy, and how many of them there are."""
 
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,13 +13,11 @@ import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from airzoo_bench.cli.main import app
-from tests.support import run_main
+from tests.support import HANGS_S, run_main
 
 MOST_OPTIONS = 170
 COMMON = ("--all", "--data", "--engine", "--format", "--jobs", "--untrusted")
 SHORT = {"--out": "-o", "--format": "-f", "--jobs": "-j"}
-
-
 # These count once, with the options of all that they are for.
 ONCE = ("eval", "prepare", "plot", "baseline")
 
@@ -99,3 +99,29 @@ def test_help_fits_80_columns(
     titles = re.findall(r"^(\S.*):$", shown, re.MULTILINE)
     assert "For scale" not in titles[:-1]
     assert len(shown_options(command)) <= 10 or len(titles) > 2
+
+
+HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "rasterio", "pyproj", "faiss", "pydantic")
+CALLS = [
+    *("--help", "--version", "table --help", "check -h", "plot -h"),
+    *("eval --help", "baseline --help", "prepare --help", "mini render -h"),
+]
+RUN = f"""
+import sys
+from airzoo_bench.cli.main import main
+for call in {CALLS!r}:
+    sys.argv = ["airzoo-bench", *call.split()]
+    try:
+        main()
+    except SystemExit as done:
+        assert not done.code, (call, done.code)
+    loaded = {{name.partition(".")[0] for name in sys.modules}}
+    assert loaded.isdisjoint({HEAVY!r}), (call, loaded.intersection({HEAVY!r}))
+"""
+
+
+def test_help_loads_nothing_heavy() -> None:
+    command = [sys.executable, "-c", RUN]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=HANGS_S)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("Usage:") == len(CALLS) - 1

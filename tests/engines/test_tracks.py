@@ -9,16 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark.folder import Benchmark
+from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.engines.engine import Processes, open_engine
 from airzoo_bench.evaluation.evaluate import SceneStore, evaluate, save
 from airzoo_bench.evaluation.track import Run, SceneScores
+from airzoo_bench.formats.clouds.cloud import open_cloud
+from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth
-from tests.cli.results_of_all_tracks import TRACKS, _cloud, demo
 from tests.support import run_main
 
 ALONE = Run()
+TRACKS = ("retrieval", "matching", "reconstruction")
 FILES = ("records.csv", "result.json")
 MATCHES = "submissions/airzoo-demo/matching/sift/sift-matches.npz"
 
@@ -27,12 +29,28 @@ MATCHES = "submissions/airzoo-demo/matching/sift/sift-matches.npz"
 def predictions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Return a prediction of each track that makes it work: descriptors, matches, clouds."""
     home = tmp_path_factory.mktemp("predictions")
-    benchmark = demo()
+    benchmark = find_benchmark("airzoo-demo", Path())
     return {
         "retrieval": descriptors(benchmark, home / "descriptors.npz"),
         "matching": few_matches(home / "matches.npz"),
-        "reconstruction": _cloud(benchmark, 1, home),
+        "reconstruction": noisy_clouds(benchmark, home / "clouds"),
     }
+
+
+def noisy_clouds(benchmark: Benchmark, folder: Path) -> Path:
+    """Take a share of the true points and move them."""
+    random = np.random.default_rng(1)
+    folder.mkdir()
+    (folder / "protocol.txt").write_text(f"{benchmark.file.name}-reconstruction")
+    for scene in (one.id for one in benchmark.file.scenes):
+        truth = read_reconstruction(benchmark, scene)
+        cloud = open_cloud(truth.cloud, limit_bytes=1 << 30, sampling=None)
+        points = np.concatenate([piece.points for piece in cloud.pieces(1 << 20)])[::50]
+        np.save(folder / f"{scene}.npy", points + random.normal(0, 0.5, points.shape))
+        poses, names = truth.poses, truth.photos["image"].to_numpy(str)
+        extrinsics = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
+        np.savez(folder / f"{scene}.cameras.npz", image_names=names, extrinsics=extrinsics)
+    return folder
 
 
 def few_matches(path: Path) -> Path:
