@@ -14,8 +14,7 @@ from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.published import OVERALL, PrintedValue
 
-AVERAGE = "Average"
-"""The title of the average over scenes."""
+AVERAGE = "Average"  # the title of the average over scenes
 UNITS = {"share": "%", "m": "m", "deg": "deg"}
 """What tables show for the unit of a score."""
 
@@ -72,11 +71,9 @@ def share_notes(notes: Iterable[tuple[str, str]], everyone: int = 0) -> list[str
 
 @dataclass(frozen=True)
 class MethodRow:
-    """A method's numbers: percent, metres, degrees.
+    """A method's numbers in percent, metres and degrees, by scene or `OVERALL`, then by score.
 
-    Values and intervals are by scene, with `OVERALL` for the average, then by score. `reported`
-    says where the numbers were printed; a floor is what scores without a method; a note says what
-    the mark means.
+    The other fields are those of a `Row` and of its first cell.
     """
 
     method: str
@@ -98,10 +95,7 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class MethodTable:
-    """Methods of one protocol and truth, or reported for them, before they are laid out.
-
-    `scenes` are titles by scene.
-    """
+    """Methods of one protocol and truth before they are laid out; `scenes` are titles by scene."""
 
     title: str
     benchmark: str
@@ -116,9 +110,8 @@ def method_table(
     results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
 ) -> MethodTable:
     """Put results of one protocol and one truth into one table of methods."""
-    names = [result.predictions.method for result in results]
-    if paths:
-        names = method_names(paths, results)
+    alone = [result.predictions.method for result in results]
+    names = method_names(paths, results) if paths else alone
     check_comparable(names, results)
     first, named = results[0], list(zip(names, results, strict=True))
     floors = {name: floor_note(result) for name, result in named}

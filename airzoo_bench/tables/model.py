@@ -159,7 +159,7 @@ class Table:
         """Whether a column holds words, aligned to the left, and not numbers."""
         return column == 0 or any(isinstance(row.cells[column].value, str) for row in self.rows)
 
-    def parts(self, row: Row) -> list[tuple[Cell, str, str]]:
+    def cell_texts(self, row: Row) -> list[tuple[Cell, str, str]]:
         """Return the cells of a row, each with its value and what follows it as texts."""
         found = []
         for index, (cell, column) in enumerate(zip(row.cells, self.columns, strict=True)):
@@ -170,7 +170,9 @@ class Table:
 
     def texts(self) -> list[list[str]]:
         """Return the text of every cell, with its mark, interval and gain."""
-        return [[f"{v} {more}".rstrip() for _, v, more in self.parts(row)] for row in self.rows]
+        return [
+            [f"{v} {more}".rstrip() for _, v, more in self.cell_texts(row)] for row in self.rows
+        ]
 
     def units(self) -> list[list[int]]:
         """Return the columns that stay together: neighbours of one group, else each by itself."""

@@ -1,8 +1,7 @@
 """Published numbers of papers, a line a number of a CSV file, with their source.
 
-A source is a TOML file that says where numbers come from and how the suite calls the paper's names,
-beside its CSV file. Such numbers were not scored here: they have no fingerprint, and are shown next
-to results, never among them.
+A source is a TOML file beside its CSV file: where numbers come from, and how the suite calls the
+paper's names. Such numbers were not scored here, and are shown next to results, never among them.
 """
 
 from __future__ import annotations

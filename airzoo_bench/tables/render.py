@@ -90,7 +90,7 @@ def _grid(table: Table) -> Grid:
         if above and row.is_apart(above):
             grid.add_section()
         cells = []
-        for cell, value, suffix in table.parts(row):
+        for cell, value, suffix in table.cell_texts(row):
             more = (f" {suffix}" if suffix else "", "bright_black")
             cells.append(Text.assemble((value, "bold" if cell.best else ""), more))
         floor = "italic bright_black" if row.floor else ""
@@ -143,7 +143,7 @@ def _markdown(table: Table) -> str:
     lines = [[_escape_markdown(f"{c.group} {c.heading}") for c in table.columns], rule]
     for row in table.rows:
         line = []
-        for cell, value, suffix in table.parts(row):
+        for cell, value, suffix in table.cell_texts(row):
             text, mark = _escape_markdown(value), "**" * cell.best or "*" * row.floor
             line.append(f"{mark}{text}{mark} {_escape_markdown(suffix)}".rstrip())
         lines.append(line)
@@ -177,7 +177,7 @@ def _escape(text: str) -> str:
 
 def _html_row(table: Table, row: Row, sides: list[str]) -> str:
     texts = ""
-    for (cell, text, suffix), side in zip(table.parts(row), sides, strict=True):
+    for (cell, text, suffix), side in zip(table.cell_texts(row), sides, strict=True):
         value = html.escape(text)
         for tag in ["strong"] * cell.best + ["em"] * (not row.is_own):
             value = f"<{tag}>{value}</{tag}>"

@@ -18,17 +18,10 @@ from tests.support import HANGS_S
 webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium is not installed")
 
 
-BROWSER = shutil.which("chromium")
-
-
-DRIVER = shutil.which("chromedriver")
-
-
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 NEEDS_CHROMIUM = pytest.mark.skipif(
     BROWSER is None or DRIVER is None, reason="Chromium or ChromeDriver is not installed"
 )
-
-
 FLAGS = (
     "--headless=new",
     "--no-sandbox",

@@ -26,14 +26,7 @@ HOSTILE = (
 )
 
 F1 = [
-    ScoreColumn(
-        key=f"{what}_{limit}m",
-        title=f"{what}@{limit}m",
-        unit="share",
-        higher_is_better=True,
-        average="mean",
-        headline=what == "f1",
-    )
+    ScoreColumn.share(f"{what}_{limit}m", f"{what}@{limit}m", headline=what == "f1")
     for limit in (1, 10)
     for what in ("precision", "recall", "f1")
 ]
@@ -98,20 +91,13 @@ def write_methods(folder: Path, methods: list[Method]) -> list[Path]:
 
 
 def write_photo_results(folder: Path, names: list[str]) -> tuple[Path, list[Path]]:
-    """Prepare a benchmark of 30 photos, and score a random prediction for each name.
-
-    Returns
-    -------
-    (Path, list of Path)
-        The data root, and the results.
-    """
+    """Return the data root of 30 photos, and the results of a random prediction for each name."""
     random = np.random.default_rng(0)
     places = {f"p{number:02d}.jpg": tuple(random.uniform(60, 196, 2)) for number in range(30)}
     place = make_place(folder / "sources", places)
     data = folder / "data"
     assert run_main(*place.arguments(out=data / "park")) == 0
-    scene = data / "park" / "scenes"
-    home = next(scene.iterdir())
+    home = next((data / "park" / "scenes").iterdir())
     queries = pd.read_csv(home / "queries.csv")["id"].tolist()
     tiles = pd.read_parquet(home / "retrieval" / "tiles.parquet")["id"].to_numpy()
     results = []

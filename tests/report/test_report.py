@@ -32,7 +32,6 @@ from airzoo_bench.report.queries import hardest_rows
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.comparison import compare, score_intervals
 from airzoo_bench.results.records import Method
-from airzoo_bench.results.result import Reference
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.track import list_scores
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -118,19 +117,8 @@ def test_intervals_are_those_of_compare_and_left_out_where_they_take_too_long() 
     assert pair_panes(many) == []
 
 
-def test_floors_stand_apart_without_marks() -> None:
-    values, made = {"recall@1": 0.25}, method("a", 5)
-    scenes = dict.fromkeys(made.result.scenes, values)
-    floor = Reference(meaning="A random order.", scenes=scenes, overall=values, pooled=values)
-    result = made.result.model_copy(update={"references": {"Chance level": floor}})
-    table = tables_of(Section([Method("a", result, made.records), method("b", 9)]))["overall"]
-    assert [row.floor for row in table.rows] == [False, False, True]
-    assert table.texts()[-1] == ["Chance level", "25.00", "–"]
-    assert marks(table.rows[-1]) == ["", ""]
-
-
-def test_packed_queries_are_those_of_records_and_bytes_are_the_same_again(tmp_path: Path) -> None:
-    methods = [retrieval_method("a", 1), retrieval_method("b", 0)]
+def test_a_page_has_the_same_bytes_again_and_nothing_gets_out_of_its_text(tmp_path: Path) -> None:
+    methods = [retrieval_method(HOSTILE, 1), retrieval_method("b", 0)]
     paths = write_methods(tmp_path, methods)
     page = made_page(tmp_path, *paths)
     assert made_page(tmp_path, *paths).text == page.text
@@ -146,6 +134,19 @@ def test_packed_queries_are_those_of_records_and_bytes_are_the_same_again(tmp_pa
             assert [texts[code] for code in codes[row]] == [*map(write, one.records[key])]
             # Codes are in the order of the values, by which the script sorts.
             assert (np.diff(codes[row][np.argsort(one.records[key])].astype(int)) >= 0).all()
+    assert page.parts[0]["methods"] == [HOSTILE, "b"]
+    scripts = re.findall(r"<script[^>]*>", page.text)
+    assert len(scripts) == len(re.findall("</script>", page.text)) == len(page.blobs) + 2
+    assert "<img src=x" not in page.text
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page.text)
+    script = re.search(r"<script>(.*)</script>", page.text, re.DOTALL)
+    assert policy
+    assert script
+    digest = base64.b64encode(hashlib.sha256(script[1].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in policy[1]
+    assert policy[1].startswith("default-src 'none'; img-src data:;")
+    addresses = re.findall(r'<[^>]*(?:src|href)="([^"]*)"', page.text.partition("page-data")[0])
+    assert all(address.startswith(("data:", "#")) for address in addresses)
 
 
 def test_parts_are_of_one_protocol_benchmark_by_benchmark(tmp_path: Path) -> None:
@@ -201,23 +202,6 @@ def test_the_hardest_queries_are_worst_on_average_then_by_error_and_no_hits() ->
         for records in [pd.DataFrame({"scene": "s", "query": list("wxyz"), "error_m": values})]
     ]
     assert hardest_rows(Section(by_error), 4).tolist() == [2, 0, 3, 1]
-
-
-def test_nothing_hostile_gets_out_of_its_text(tmp_path: Path) -> None:
-    page = made_page(tmp_path, *write_methods(tmp_path, [retrieval_method(HOSTILE, 0)]))
-    assert page.parts[0]["methods"] == [HOSTILE]
-    scripts = re.findall(r"<script[^>]*>", page.text)
-    assert len(scripts) == len(re.findall("</script>", page.text)) == len(page.blobs) + 2
-    assert "<img src=x" not in page.text
-    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page.text)
-    script = re.search(r"<script>(.*)</script>", page.text, re.DOTALL)
-    assert policy
-    assert script
-    digest = base64.b64encode(hashlib.sha256(script[1].encode()).digest()).decode()
-    assert f"script-src 'sha256-{digest}'" in policy[1]
-    assert policy[1].startswith("default-src 'none'; img-src data:;")
-    addresses = re.findall(r'<[^>]*(?:src|href)="([^"]*)"', page.text.partition("page-data")[0])
-    assert all(address.startswith(("data:", "#")) for address in addresses)
 
 
 @given(st.text(max_size=30))
