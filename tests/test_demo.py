@@ -20,9 +20,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from airzoo_bench.benchmark.folder import find_benchmark
+from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.build import build_world
-from airzoo_bench.datasets.mini.dataset import SURVEY, mini_photos, scene_content, seen_surface
+from airzoo_bench.datasets.mini.dataset import (
+    SURVEY,
+    mini_photos,
+    mini_truths,
+    scene_inputs,
+    seen_surface,
+)
 from airzoo_bench.datasets.mini.frames import FrameList, render_frames
 from airzoo_bench.datasets.mini.renderer import default_camera
 from airzoo_bench.datasets.mini.world import CRS, World, save_world
@@ -48,7 +55,8 @@ def make(folder: Path) -> None:
         render_frames(photos, home / "world", home)
         files = _maps(world, home) | {"images": home / "images", "cloud": home / "cloud.laz"}
         _write_cloud(files["cloud"], seen_surface(photos, home).points)
-        content = scene_content(world.region, photos, files, SEED, protocols)
+        inputs = scene_inputs(world.region, photos, files, SEED)
+        content = SceneContent(inputs, mini_truths(inputs, protocols, files["cloud"]), files)
         settings = PrepareSettings(folder, home, copy=True, replace=True)
         write_benchmark([content], protocols, settings)
 
@@ -82,7 +90,7 @@ def _write(path: Path, pixels: NDArray[Any], world: World) -> None:
     pixels = pixels[edge:-edge, edge:-edge]
     bands = pixels[None] if heights else np.moveaxis(pixels, -1, 0)
     count, height, width = bands.shape
-    west, north = region.west + EDGE_M, region.north - EDGE_M
+    west, north = region.west + EDGE_M, region.south + region.side_m - EDGE_M
     place = rasterio.Affine(step, 0.0, west, 0.0, -step, north)
     packed: dict[str, Any] = {"compress": "JPEG", "photometric": "YCBCR", "jpeg_quality": 85}
     if heights:

@@ -155,11 +155,11 @@ mini.callback()(lambda: None)
 def render(
     out: Annotated[Path, cli.option("The folder to write into.", "--out", "-o")],
     region: Annotated[Literal["city", "rural"], cli.option("The region.")] = "city",
-    flight: Annotated[
-        Literal["barrel-roll", "survey"], cli.option("The kind of flight.")
-    ] = "barrel-roll",
-    weather: Annotated[str, cli.option("sunny, cloudy, rainy, foggy, snowy.")] = "sunny",
-    time_of_day: Annotated[str, cli.option("day, sunset, night.")] = "day",
+    flight: Annotated[Literal["barrel-roll", "survey"], cli.option("The flight.")] = "barrel-roll",
+    weather: Annotated[
+        Literal["sunny", "cloudy", "rainy", "foggy", "snowy"], cli.option("The weather.")
+    ] = "sunny",
+    time_of_day: Annotated[Literal["day", "sunset", "night"], cli.option("The time.")] = "day",
     seed: Annotated[int, cli.option("Another seed makes another world.", min=0)] = 0,
 ) -> None:
     """Render a flight's key frames: photos, metric depth and poses.
@@ -176,15 +176,14 @@ def render(
     from airzoo_bench.datasets.mini.renderer import default_camera
     from airzoo_bench.datasets.mini.world import REGIONS, load_world
 
-    engine = Processes(2)
-    (made,) = make_worlds([REGIONS[region]], data_root(), seed, engine, cli.progress)
+    place, camera, engine = REGIONS[region], default_camera(), Processes(2)
+    (made,) = make_worlds([place], data_root(), seed, engine, cli.progress)
     cli.put("".join(f"{made / name}.tif\n" for name in ("dom", "dsm", "satellite")))
-    camera = default_camera()
-    airspace = flights.Airspace.over(REGIONS[region], load_world(made).dsm)
-    flown = flights.survey(airspace)
+    ground_m, floor_m = flights.flight_levels(load_world(made).dsm)
+    flown = flights.survey(place, ground_m, floor_m)
     if flight == "barrel-roll":
-        flown = flights.barrel_roll(airspace, seed)
-    keys = flights.key_frames(flown, camera, airspace.ground_m, 0.5)
+        flown = flights.barrel_roll(place, floor_m, seed)
+    keys = flights.key_frames(flown, camera, ground_m, 0.5)
     frames = FrameList(
         names=tuple(f"{frame:06d}" for frame in keys),
         camera=camera,
@@ -193,5 +192,5 @@ def render(
         time_of_day=(time_of_day,) * len(keys),
         seed=seed,
     )
-    render_frames(frames, made, out, engine=engine, progress=cli.progress)
+    render_frames(frames, made, out, engine, cli.progress)
     cli.say(f"{counted(len(keys), 'frame')} in {out}: frames.csv, images/, depth/, colmap/")

@@ -8,28 +8,9 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.noise import Dice, direction
-from airzoo_bench.datasets.mini.plan import (
-    LAND_X,
-    LAND_Y,
-    LOOKS,
-    OLDER,
-    SURVEY,
-    Box,
-    Ellipse,
-    Frame,
-    Line,
-    Plan,
-    Point,
-    Stroke,
-    bend,
-    between,
-    blended,
-    distance,
-    distance_to_line,
-    rolling,
-    steps,
-)
+from airzoo_bench.datasets.mini import layout
+from airzoo_bench.datasets.mini.layout import OLDER, SURVEY, Box, Frame, Plan, Point, Stroke
+from airzoo_bench.datasets.mini.noise import Dice, direction, octaves
 from airzoo_bench.datasets.mini.world import SIDE_M
 from airzoo_bench.geometry.arrays import Bools, Floats
 
@@ -47,7 +28,7 @@ def city_plan(seed: int) -> Plan:
     dice = Dice(seed, _STREAM)
     middle = dice.real(0.38, 0.62) * SIDE_M
     along = np.linspace(-60, SIDE_M + 60, 8).tolist()
-    canal = bend(tuple((x, middle + dice.real(-55, 55)) for x in along))
+    canal = layout.bend(tuple((x, middle + dice.real(-55, 55)) for x in along))
     bridges = []
     for share in (0.18, 0.5, 0.82):
         index = int(len(canal) * (share + dice.real(-0.06, 0.06)))
@@ -60,9 +41,8 @@ def city_plan(seed: int) -> Plan:
     _lay_canal(city, bridges)
 
     def is_dry(x: Floats, y: Floats) -> Bools:
-        dry = distance_to_line(x, y, canal) > 15.0
-        for frame in bridges:
-            u, v = frame.to_local(x, y)
+        dry = layout.distance_to_line(x, y, canal) > 15.0
+        for u, v in (frame.to_local(x, y) for frame in bridges):
             dry &= (np.abs(u) > 30) | (np.abs(v) > 10.5)
         return dry
 
@@ -70,30 +50,28 @@ def city_plan(seed: int) -> Plan:
     return city
 
 
-def _heights(seed: int, canal: Line, bridges: list[Frame]) -> Floats:
-    land = _STREET_M + rolling(seed, 10, {120: 10, 60: 4, 20: 2}, 7.0)
-    away = distance_to_line(LAND_X, LAND_Y, canal)
-    level = blended(land, away, _STREET_M, 20.0, 90.0)
-    carved = blended(level, away, _WATER_M, 10.5, 16.0)
-    for frame in bridges:
-        u, v = frame.to_local(LAND_X, LAND_Y)
+def _heights(seed: int, canal: layout.Line, bridges: list[Frame]) -> Floats:
+    hills = octaves(seed, 10, layout.LAND_X.size, {120: 10, 60: 4, 20: 2})
+    land = _STREET_M + hills.astype(np.float64) * (7.0 / 4096)
+    away = layout.distance_to_line(layout.LAND_X, layout.LAND_Y, canal)
+    level = layout.blended(land, away, _STREET_M, 20.0, 90.0)
+    carved = layout.blended(level, away, _WATER_M, 10.5, 16.0)
+    for u, v in (frame.to_local(layout.LAND_X, layout.LAND_Y) for frame in bridges):
         carved = np.where((np.abs(u) <= 24.0) & (np.abs(v) <= 9.0), level, carved)
     return carved
 
 
 def _lay_canal(plan: Plan, bridges: list[Frame]) -> None:
     dice = plan.dice
-    for kind, width in LOOKS["city"]["canal"]:
+    for kind, width in layout.LOOKS["city"]["canal"]:
         plan.paint(kind, Stroke(plan.divide, width), 0)
-    for ends in pairwise(plan.divide):
-        for share, side in product((0.2, 0.7), (-1, 1)):
-            left = side * (15.6 if dice.chance(70) else 23.4) / distance(*ends)
-            place = between(*ends, share + dice.real(-0.15, 0.15), left)
-            plan.plant(place, dice.real(1.8, 3.4), dice.real(5.5, 8.5))
+    for ends, share, side in product(pairwise(plan.divide), (0.2, 0.7), (-1, 1)):
+        left = side * (15.6 if dice.chance(70) else 23.4) / layout.distance(*ends)
+        place = layout.between(*ends, share + dice.real(-0.15, 0.15), left)
+        plan.plant(place, dice.real(1.8, 3.4), dice.real(5.5, 8.5))
     for frame in bridges:
-        plan.paint("pavement", frame.box(24.5, 8.5))
-        plan.paint("asphalt", frame.box(26.0, 6.0))
-        plan.paint("dashes", frame.box(26.0, 0.2))
+        for kind, half_u, half_v in layout.LOOKS["city"]["bridge"]:
+            plan.paint(kind, frame.box(half_u, half_v))
         for v in (-6.1, 6.1):
             plan.paint("kerb", frame.at(0, v).box(24.5, 0.3))
             plan.paint("crossing", frame.at(22.0 * v / 6.1, 0).box(1.5, 5.6))
@@ -106,28 +84,24 @@ class _City(Plan):
     axes: Frame = _MIDDLE  # all streets and buildings of a side are parallel to these
     taken: list[tuple[float, ...]] = field(default_factory=list)  # buildings: u0, u1, v0, v1
 
-    def free(self, box: Box) -> bool:
-        """Return whether there is room for a building on this side of the canal."""
-        return self._holds(box.grid(2), _BANK_M)
-
-    def _holds(self, points: Sequence[Point], bank_m: float) -> bool:
+    def is_free(self, points: Sequence[Point], bank_m: float = _BANK_M) -> bool:
+        """Return whether points are inside, on this side of the canal and off its bank."""
         x, y = np.array(points).T
         inside = (np.minimum(x, y) > 4.0) & (np.maximum(x, y) < SIDE_M - 4.0)
-        apart = distance_to_line(x, y, self.divide) > bank_m
+        apart = layout.distance_to_line(x, y, self.divide) > bank_m
         return bool(np.all(inside & apart & (self.is_north(x, y) == (self.side == 1))))
 
     def grow(self, spot: Frame, radius: float, kind: str = "broad") -> None:
         """Plant a tree at a frame's origin, of about that radius, if there is room."""
-        if self._holds([spot[:2]], _TOWPATH_M):
+        if self.is_free([spot[:2]], _TOWPATH_M):
             radius *= self.dice.real(0.7, 1.3)
             slim = self.dice.real(2.1, 2.9) if kind == "broad" else 3.4
             self.plant(spot[:2], radius, max(radius * slim, 2.5), kind)
 
     def grow_anywhere(self, lot: Box, count: int, pond: Frame | None = None) -> None:
-        """Plant trees in a lot, but not in a pond."""
         for _ in range(count):
             spot = self.anywhere(lot.inset(2))
-            if pond is None or distance(spot[:2], pond[:2]) > 21.0:
+            if pond is None or layout.distance(spot[:2], pond[:2]) > 21.0:
                 self.grow(spot, 2.6, self.dice.pick(("broad", "broad", "broad", "cone", "bush")))
 
     def raise_on(self, kind: str, box: Box, storeys: float) -> bool:
@@ -136,7 +110,7 @@ class _City(Plan):
         # Less a millimetre a side, so that houses may touch.
         own = (u.min() + 0.001, u.max() - 0.001, v.min() + 0.001, v.max() - 0.001)
         met = (a < own[1] and own[0] < b and c < own[3] and own[2] < d for a, b, c, d in self.taken)
-        if not self.free(box) or any(met):
+        if not self.is_free(box.grid(2)) or any(met):
             return False
         self.taken.append(own)
         self.build(kind, box.middle, box.long / 2, box.deep / 2, 3.0 * storeys)
@@ -144,9 +118,8 @@ class _City(Plan):
 
     def park_rows(self, lot: Box) -> None:
         """Mark stalls in rows, and leave cars on some of them, others in each season."""
-        dice = self.dice
+        dice, rows = self.dice, max(round(lot.deep / 16.0), 1)
         self.paint("parking", lot)
-        rows = max(round(lot.deep / 16.0), 1)
         high = lot.deep / rows
         first = float(np.floor(lot.u0 / _STALL_M) + 1) * _STALL_M
         stalls = [first + stall * _STALL_M for stall in range(int(lot.long / _STALL_M))]
@@ -161,7 +134,6 @@ class _City(Plan):
     # --- districts ---
 
     def lay_district(self, axes: Frame) -> None:
-        """Divide one side into blocks by streets, and fill them."""
         self.axes, self.taken = axes, []
         blocks, streets = self._split(Box(axes, -420.0, 420.0, -420.0, 420.0), 0)
         self.paint("asphalt", _MIDDLE.box(SIDE_M, SIDE_M))
@@ -179,7 +151,7 @@ class _City(Plan):
         if max(box.long, box.deep) < 118 and min(box.long, box.deep) < 100:
             return [box], []
         half = _STREETS_M[min(depth, len(_STREETS_M) - 1)] / 2
-        share, (_, u0, u1, v0, v1) = self.dice.real(0.4, 0.6), box
+        share, (_, u0, u1, v0, v1, _) = self.dice.real(0.4, 0.6), box
         if box.long > box.deep:
             cut = u0 + box.long * share
             street = box.frame.at(cut, (v0 + v1) / 2, turned=True).box(box.deep / 2, half)
@@ -193,48 +165,48 @@ class _City(Plan):
 
     def _fill_blocks(self, blocks: list[Box]) -> None:
         """Fill the blocks that may be seen; the largest ones take the uses that need room."""
-        seen = []
+        seen, free = [], {}
         for block in blocks:
             x, y = np.array(block.grid(8)).T
             inside = (np.maximum(x, y) < SIDE_M + 5) & (np.minimum(x, y) > -5)
             if np.any(inside & (self.is_north(x, y) == (self.side == 1))):
                 seen.append(block)
-        by_size = sorted(seen, key=lambda block: (not self.free(block), -block.long * block.deep))
+                free[block] = self.is_free(block.grid(2))
+        by_size = sorted(seen, key=lambda block: (not free[block], -block.long * block.deep))
         chosen = dict(zip(by_size, (_lay_sports, _lay_park, _build_mall), strict=False))
         for block in seen:
             self.paint("kerb", block)
             self.paint("slabs", block.inset(0.35))
             self._line_with_trees(block)
-            fill = chosen.get(block) or self.dice.pick(_COMMON if self.free(block) else _SMALL)
+            fill = chosen.get(block) or self.dice.pick(_COMMON if free[block] else _SMALL)
             fill(self, block.inset(_PAVEMENT_M))
 
     def _line_with_trees(self, block: Box) -> None:
-        dice, (frame, u0, u1, v0, v1) = self.dice, block
+        dice, (frame, u0, u1, v0, v1, _) = self.dice, block
         gap = dice.real(8.0, 13.0)
         rows = [(u0, u1, v, False) for v in (v0 + 1.4, v1 - 1.4)]
         rows += [(v0, v1, -u, True) for u in (u0 + 1.4, u1 - 1.4)]
         for start, end, off, turned in rows:
             row = frame.at(0, 0, turned=turned)
-            for place in () if dice.chance(30) else steps(start + 6, end - 6, gap):
+            for place in () if dice.chance(30) else layout.steps(start + 6, end - 6, gap):
                 if dice.chance(80):
                     spot = row.at(place, off)
                     self.paint("soil", spot.box(0.75, 0.75))
                     self.grow(spot, 2.1)
 
     def _mark_street(self, street: Box) -> None:
-        """Paint lanes, crossings and traffic."""
-        dice, frame = self.dice, street.frame
-        self.paint("dashes", frame.box(street.u1, 0.15))
-        if street.v1 > 6:
-            self.paint("yellow", frame.box(street.u1, 0.3))
+        dice, (frame, u0, u1, v0, v1, _) = self.dice, street
+        self.paint("dashes", frame.box(u1, 0.15))
+        if v1 > 6:
+            self.paint("yellow", frame.box(u1, 0.3))
             for v in (-3.4, 3.4):
-                self.paint("dashes", frame.at(0, v).box(street.u1, 0.15))
-        for u in (street.u0 + 4.0, street.u1 - 4.0, dice.real(street.u0, street.u1)):
-            self.paint("crossing", street.part(u - 1.6, u + 1.6, street.v0 + 0.6, street.v1 - 0.6))
-            self.paint("marking", street.part(u + 2.4, u + 2.9, street.v0 + 0.6, -0.3))
-        for season, _ in product((SURVEY, OLDER), range(int(street.u1 / 14))):
-            v = dice.pick((-1, 1)) * dice.pick((1.8, street.v1 - 1.3))
-            spot = frame.at(dice.real(street.u0, street.u1), v)
+                self.paint("dashes", frame.at(0, v).box(u1, 0.15))
+        for u in (u0 + 4.0, u1 - 4.0, dice.real(u0, u1)):
+            self.paint("crossing", street.part(u - 1.6, u + 1.6, v0 + 0.6, v1 - 0.6))
+            self.paint("marking", street.part(u + 2.4, u + 2.9, v0 + 0.6, -0.3))
+        for season, _ in product((SURVEY, OLDER), range(int(u1 / 14))):
+            v = dice.pick((-1, 1)) * dice.pick((1.8, v1 - 1.3))
+            spot = frame.at(dice.real(u0, u1), v)
             self.park(spot, season, dice.pick((2.2, 2.2, 2.2, 2.5, 5.0)))
 
 
@@ -242,33 +214,31 @@ class _City(Plan):
 
 
 def _lay_park(city: _City, lot: Box) -> None:
-    """Lay out lawns, winding paths, a pond and many trees."""
     dice, real, middle = city.dice, city.dice.real, lot.middle
     half_u, half_v = lot.long / 2, lot.deep / 2
     heart = middle.box(0.8 * half_u, 0.8 * half_v)
     city.paint("meadow", lot)
     for _ in range(7):
-        glade = Ellipse(city.anywhere(heart), real(8, 20), real(6, 14))
+        glade = city.anywhere(heart).box(real(8, 20), real(6, 14), is_round=True)
         city.paint(dice.pick(("lawn", "lawn", "rough")), glade)
     for _ in range(4):
         ends = [(real(-0.9, 0.9) * half_u, v) for v in (-half_v, half_v)]
         bends = [(real(-0.8, 0.8) * half_u, v) for v in (real(-9, 9), half_v / 2)]
-        points = bend(tuple(middle.to_world(*at) for at in (ends[0], *bends, ends[1])))
-        city.paint("kerb", Stroke(points, 3.0))
-        city.paint("gravel", Stroke(points, 2.4))
+        path = layout.bend(tuple(middle.to_world(*at) for at in (ends[0], *bends, ends[1])))
+        city.paint("kerb", Stroke(path, 3.0))
+        city.paint("gravel", Stroke(path, 2.4))
     for _ in range(5):
-        city.paint("flowers", Ellipse(city.anywhere(heart), real(2.5, 7), real(2, 4)))
+        city.paint("flowers", city.anywhere(heart).box(real(2.5, 7), real(2, 4), is_round=True))
     pond = city.anywhere(middle.box(0.4 * half_u, 0.4 * half_v))
     long, deep = real(11, 17), real(7, 11)
     bay = pond.at(long * 0.7, deep * 0.6)
     for kind, grown in (("paving", 4.0), ("shore", 2.0), ("water", 0.0)):
-        city.paint(kind, Ellipse(bay, long * 0.6 + grown, deep * 0.8 + grown))
-        city.paint(kind, Ellipse(pond, long + grown, deep + grown))
+        city.paint(kind, bay.box(long * 0.6 + grown, deep * 0.8 + grown, is_round=True))
+        city.paint(kind, pond.box(long + grown, deep + grown, is_round=True))
     city.grow_anywhere(lot, int(half_u * half_v / 22), pond)
 
 
 def _lay_sports(city: _City, lot: Box) -> None:
-    """Lay out a running track around a pitch, and courts."""
     city.paint("plates", lot)
     middle = lot.middle.at(0, 0, turned=lot.deep > lot.long)
     half_u, half_v = max(lot.long, lot.deep) / 2, min(lot.long, lot.deep) / 2
@@ -280,7 +250,7 @@ def _lay_sports(city: _City, lot: Box) -> None:
     for place in range(int(half_u * 2 / 29)):
         court = middle.at(-half_u + 15 + 29 * place, -half_v + 9.5)
         city.paint("court_marked", court.box(13.5, 7.5), place)
-    for u in steps(-half_u + 3, half_u, 7.0):
+    for u in layout.steps(-half_u + 3, half_u, 7.0):
         city.grow(middle.at(u, -half_v + 1), 1.8)
 
 
@@ -319,7 +289,7 @@ def _build_slabs(city: _City, lot: Box) -> None:
     dice, u0, u1 = city.dice, lot.u0, lot.u1
     city.paint("lawn", lot)
     gap, deep, storeys = dice.real(17.0, 24.0), dice.real(10.0, 13.0), dice.integer(4, 8)
-    for v in steps(lot.v0 + 2.0, lot.v1 - deep, deep + gap):
+    for v in layout.steps(lot.v0 + 2.0, lot.v1 - deep, deep + gap):
         middle = u0 + lot.long * dice.real(0.35, 0.65)
         city.paint("slabs", lot.part(u0, u1, v + deep + 1, v + deep + 4))
         for start, end in ((u0 + 2, middle - 3), (middle + 3, u1 - 2)):
@@ -339,7 +309,6 @@ def _build_slabs(city: _City, lot: Box) -> None:
 
 
 def _build_houses(city: _City, lot: Box) -> None:
-    """Build small houses in gardens, with a lane in the middle."""
     columns = max(int(lot.long / city.dice.real(15.0, 19.0)), 1)
     rows = max(int(lot.deep / city.dice.real(18.0, 22.0)), 1)
     wide, high = lot.long / columns, lot.deep / rows
@@ -362,8 +331,7 @@ def _add_garden(city: _City, frame: Frame, half_u: float, half_v: float) -> None
     city.paint("slabs", whole.part(half_u - 3.2, half_u - 0.6, -half_v, v))
     for season in (SURVEY, OLDER):
         if dice.chance(42):
-            spot = frame.at(half_u - 1.9, -half_v + real(2.5, 5.0), turned=True)
-            city.park(spot, season)
+            city.park(frame.at(half_u - 1.9, -half_v + real(2.5, 5.0), turned=True), season)
     if dice.chance(12):
         city.paint("kerb", frame.at(-2, half_v - 3).box(3.4, 2.0))
         city.paint("pool", frame.at(-2, half_v - 3).box(3.0, 1.6))
@@ -382,16 +350,15 @@ def _build_mall(city: _City, lot: Box) -> None:
     if not city.raise_on("flats", hall, city.dice.integer(2, 4)):
         _fill_yard(city, hall)
     city.park_rows(lot.part(middle + 5, lot.u1 - 1, lot.v0 + 2, lot.v1 - 2))
-    for place in steps(lot.v0 + 8, lot.v1 - 4, 12.0):
+    for place in layout.steps(lot.v0 + 8, lot.v1 - 4, 12.0):
         city.grow(lot.frame.at(middle + 3.4, place), 1.6)
 
 
 def _build_towers(city: _City, lot: Box) -> None:
-    """Build tall blocks in a green, joined by paths."""
     real, middle = city.dice.real, lot.middle
     city.paint("lawn", lot)
     for kind, a, b in (("paving", 14.0, 11.0), ("flowers", 9.0, 6.5), ("pool", 4.5, 3.0)):
-        city.paint(kind, Ellipse(middle, a, b))
+        city.paint(kind, middle.box(a, b, is_round=True))
     for a, b in product((0.24, 0.76), repeat=2):
         u, v = lot.u0 + a * lot.long, lot.v0 + b * lot.deep
         spot = lot.frame.at(u + real(-4, 4), v + real(-4, 4))
@@ -419,7 +386,4 @@ def _build_works(city: _City, lot: Box) -> None:
 
 # Where the border or the canal cuts a block, one big hall would leave a waste.
 _SMALL = (_build_terrace, _build_slabs, _build_slabs, _build_houses, _build_houses, _lay_park)
-_COMMON = (
-    *(_build_terrace, _build_terrace, _build_slabs, _build_slabs, _build_houses, _build_houses),
-    *(_build_towers, _build_mall, _build_works),
-)
+_COMMON = (_build_terrace, *_SMALL[:5], _build_towers, _build_mall, _build_works)

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -25,28 +26,21 @@ from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.folder import write_benchmark
+from airzoo_bench.datasets.mini import frames
 from airzoo_bench.datasets.mini.build import build_world
-from airzoo_bench.datasets.mini.flights import Airspace, barrel_roll, key_frames, survey
-from airzoo_bench.datasets.mini.frames import (
-    IMAGE_SUFFIX,
-    FrameList,
-    frame_paths,
-    read_depth,
-    render_frames,
-)
-from airzoo_bench.datasets.mini.noise import Dice, derived, is_key, noisy_priors, seed_of
+from airzoo_bench.datasets.mini.flights import barrel_roll, flight_levels, key_frames, survey
+from airzoo_bench.datasets.mini.noise import is_key, noisy_priors, seed_of
 from airzoo_bench.datasets.mini.renderer import default_camera
-from airzoo_bench.datasets.mini.weather import TIMES, WEATHERS
+from airzoo_bench.datasets.mini.shading import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world import CRS, REGIONS, Region, ensure_world, load_world
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings
-from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
-from airzoo_bench.engines.engine import HERE, Engine
+from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
+from airzoo_bench.engines.engine import Engine
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.heightfield import median_height
 from airzoo_bench.geometry.poses import Poses, depth_to_points
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 
 SURVEY, ROLL = "survey", "roll"
@@ -55,95 +49,78 @@ _SURVEY_SIDE_M, _SURVEY_SPACING_M = 100.0, 50.0
 _SURVEY_OVERLAP, _ROLL_OVERLAP = 0.55, 0.25
 _ROLL_PHOTOS = 30  # each of the 15 conditions twice
 
-_CLOUD_DECIMALS = 4
 # The voxels of the protocol: exact depth then gives the true points themselves.
 _CLOUD_VOXEL_M = 0.5
 
 
-def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> FrameList:
+def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> frames.FrameList:
     """Plan the photos of a region, above its surface model (H, W)."""
     of = partial(_seed_in, seed, region)
-    camera = default_camera()
-    airspace = Airspace.over(region, dsm)
-    flown = partial(survey, airspace, side_m=_SURVEY_SIDE_M, spacing_m=_SURVEY_SPACING_M)
-    if is_key(seed):
-        dice = Dice(of("survey"))
-        shift = tuple(dice.real(-_SURVEY_SIDE_M / 2, _SURVEY_SIDE_M / 2) for _ in range(2))
-        flown = partial(flown, turn_deg=dice.real(0.0, 360.0), shift_m=shift)
-    surveyed = flown()
-    surveyed = surveyed.take(key_frames(surveyed, camera, airspace.ground_m, _SURVEY_OVERLAP))
-    rolled = barrel_roll(airspace, of("barrel roll"))
-    keys = key_frames(rolled, camera, airspace.ground_m, _ROLL_OVERLAP)
+    camera, (ground_m, floor_m) = default_camera(), flight_levels(dsm)
+    surveyed = survey(region, ground_m, floor_m, _SURVEY_SIDE_M, _SURVEY_SPACING_M)
+    surveyed = surveyed.take(key_frames(surveyed, camera, ground_m, _SURVEY_OVERLAP))
+    rolled = barrel_roll(region, floor_m, of("barrel roll"))
+    keys = key_frames(rolled, camera, ground_m, _ROLL_OVERLAP)
     number = min(len(keys), _ROLL_PHOTOS)
-    flights = {SURVEY: surveyed, ROLL: rolled.take(keys[np.arange(number) * len(keys) // number])}
+    rolled = rolled.take(keys[np.arange(number) * len(keys) // number])
     every = [(weather, time) for time in TIMES for weather in WEATHERS]
     # 7 has no factor in common with 15: all come by in an order that mixes them.
     turns = [every[(7 * row + seed) % len(every)] for row in range(number)]
-    names = [f"{name}_{row:04d}" for name, poses in flights.items() for row in range(len(poses))]
-    if is_key(seed):
-        turns.sort(key=partial(seed_of, of("conditions")))
-        # Photos lie off the line of their flight, each by itself, as far as GPS is off.
-        for name, poses in flights.items():
-            places = [f"{name} {row}" for row in range(len(poses))]
-            flights[name] = noisy_priors(places, poses, of("gusts"))
-        names = [f"{seed_of(of('names'), name):016x}" for name in names]
     weather, time = zip(*[("sunny", "day")] * len(surveyed), *turns, strict=True)
-    return FrameList(
+    rows = [(SURVEY, row) for row in range(len(surveyed))] + [(ROLL, row) for row in range(number)]
+    names = [f"{name}_{row:04d}" for name, row in rows]
+    rotation = np.concatenate([surveyed.rotation, rolled.rotation])
+    poses = Poses(rotation=rotation, centres=np.concatenate([surveyed.centres, rolled.centres]))
+    if is_key(seed):
+        # Each photo is off its line, so that who flies the survey again knows no more than priors.
+        poses = noisy_priors(names, poses, of("gusts"))
+        names = [f"{seed_of(of('names'), name):016x}" for name in names]
+    return frames.FrameList(
         names=tuple(names),
         camera=camera,
-        # Photos are taken from where the truth will say, to the last bit.
-        poses=Poses(
-            rotation=np.concatenate([poses.rotation for poses in flights.values()]),
-            centres=np.concatenate([poses.centres for poses in flights.values()]),
-        ).rounded(),
+        poses=poses.rounded(),  # where the truth will say, to the last bit
         weather=weather,
         time_of_day=time,
         seed=of("noise"),
-        sequence=tuple(name for name, poses in flights.items() for _ in range(len(poses))),
+        sequence=tuple(name for name, _ in rows),
     )
 
 
 def _seed_in(seed: int, region: Region, purpose: str) -> int:
-    return derived(seed, f"{purpose} of {region.name}")
+    """Return the seed of a purpose: of a key another one for each, of a seed itself."""
+    return seed_of(seed, f"{purpose} of {region.name}") if is_key(seed) else seed
 
 
-def seen_surface(photos: FrameList, folder: Path, progress: Progress = silent) -> Cloud:
+def seen_surface(photos: frames.FrameList, folder: Path, progress: Progress = silent) -> Cloud:
     """Return every surface that photos of the survey see, from exact depth, a point a voxel."""
     grid = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
     rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
     for row in progress(rows, "true cloud", len(rows)):
-        depth = read_depth(frame_paths(folder, photos.names[row])[1])
+        depth = frames.read_depth(frames.frame_paths(folder, photos.names[row])[1])
         grid.add(depth_to_points(depth, depth > 0, photos.camera, photos.poses.take(row)))
-    return Cloud(np.round(grid.points(), _CLOUD_DECIMALS) + 0.0)
+    return Cloud(np.round(grid.points(), 4) + 0.0)
 
 
 def mini_protocols(seed: int) -> BenchmarkProtocols:
     """Return the shipped protocols; with a seed or key of its own, the benchmark is another."""
     tracks = ("retrieval", "matching", "reconstruction")
     shipped = BenchmarkProtocols.find([f"airzoo-mini-{track}" for track in tracks], Path())
-    return BenchmarkProtocols(tuple(_seeded(one, seed) for one in shipped.every))
-
-
-def _seeded(protocol: Protocol, seed: int) -> Protocol:
     if seed == 0:
-        return protocol
+        return shipped
     which, said = ("sealed", "sealed edition") if is_key(seed) else (str(seed), f"seed {seed}")
-    name = f"{protocol.benchmark}-{which}"
-    changes = {"name": f"{name}-{protocol.track}", "benchmark": name}
-    return protocol.model_copy(update=changes | {"title": f"{protocol.title}, {said}"})
+    name, changed = f"airzoo-mini-{which}", []
+    for one in shipped.every:
+        own = {"name": f"{name}-{one.track}", "benchmark": name, "title": f"{one.title}, {said}"}
+        changed.append(one.model_copy(update=own))
+    return BenchmarkProtocols(tuple(changed))
 
 
 def make_worlds(
-    regions: Sequence[Region],
-    root: Path,
-    seed: int,
-    engine: Engine = HERE,
-    progress: Progress = silent,
+    regions: Sequence[Region], root: Path, seed: int, engine: Engine, progress: Progress
 ) -> list[Path]:
     """Make worlds of regions below the data root where they are not yet; return their folders."""
-    worlds = engine.map(
-        _make_world, regions, shared=(root, seed), stage="worlds", name=lambda region: region.name
-    )
+    shared, name = (root, seed), attrgetter("name")
+    worlds = engine.map(_make_world, regions, shared=shared, stage="worlds", name=name)
     return list(progress(worlds, "worlds", len(regions)))
 
 
@@ -152,46 +129,12 @@ def _make_world(shared: tuple[Path, int], region: Region) -> Path:
     return ensure_world(region, _seed_in(seed, region, "world"), root, build_world)
 
 
-def prepare_airzoo_mini(seed: int, settings: PrepareSettings) -> Prepared:
-    """Make worlds, fly over them, take photos and work out the truth of every track."""
-    protocols, progress = mini_protocols(seed), settings.progress
-    regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
-    scenes = []
-    worlds = make_worlds(regions, settings.root, seed, settings.engine, progress)
-    for region, world in zip(regions, worlds, strict=True):
-        photos = mini_photos(region, load_world(world).dsm, seed)
-        rendered = world.with_name(f"{world.name}-frames")
-        render_frames(photos, world, rendered, engine=settings.engine, progress=progress)
-        cloud = rendered / "cloud.ply"
-        write_ply(cloud, seen_surface(photos, rendered, progress))
-        files = {"images": rendered / "images", "cloud": cloud, "gallery": world / "satellite.tif"}
-        files |= {key: world / f"{key}.tif" for key in ("dom", "dsm")}
-        make = partial(scene_content, region, photos, files, seed, protocols)
-        scenes.append(with_progress(make, f"{region.name}: truth", progress))
-    return write_benchmark(scenes, protocols, settings)
-
-
-def scene_content(
-    region: Region,
-    photos: FrameList,
-    files: Mapping[str, Path],
-    seed: int,
-    protocols: BenchmarkProtocols,
-) -> SceneContent:
-    """Make the truth of a region's photos; the survey's photos serve reconstruction."""
-    inputs = scene_inputs(region, photos, files, seed)
-    surveyed = inputs.photos["sequence"] == SURVEY
-    truths = build_truths(inputs, protocols, files["cloud"], surveyed)
-    return SceneContent(inputs, truths, files)
-
-
 def scene_inputs(
-    region: Region, photos: FrameList, files: Mapping[str, Path], seed: int
+    region: Region, photos: frames.FrameList, files: Mapping[str, Path], seed: int
 ) -> SceneInputs:
     """Lay out a region's photos with their priors and conditions, and open its maps."""
-    images = tuple(f"{name}{IMAGE_SUFFIX}" for name in photos.names)
-    plane = median_height(files["dsm"])
-    ids = [photo_id(region.name, image) for image in images]
+    images = tuple(f"{name}{frames.IMAGE_SUFFIX}" for name in photos.names)
+    ids, plane = [photo_id(region.name, image) for image in images], median_height(files["dsm"])
     priors = noisy_priors(ids, photos.poses, _seed_in(seed, region, "priors"))
     cameras = photos.camera.take(np.zeros(len(images), dtype=np.int64))
     table = photo_table(region.name, images, cameras, photos.poses, priors, plane)
@@ -200,6 +143,11 @@ def scene_inputs(
     table = table.join(pd.DataFrame(conditions, index=ids), on="id")
     dom, gallery = open_info(files["dom"]), open_info(files["gallery"])
     return SceneInputs(region.name, table, CRS, dom, files["dsm"], plane, gallery=gallery)
+
+
+def mini_truths(inputs: SceneInputs, protocols: BenchmarkProtocols, cloud: Path) -> SceneTruths:
+    """Make the truth of a region's photos; the survey's photos serve reconstruction."""
+    return build_truths(inputs, protocols, cloud, inputs.photos["sequence"] == SURVEY)
 
 
 @dataclass(frozen=True)
@@ -230,21 +178,33 @@ class AirZooMini(Dataset[MiniOptions]):
     options = MiniOptions
     jobs = 2
 
-    def benchmark(self, options: MiniOptions) -> str:
-        """Return the name, which has the seed in it where that is not 0."""
-        return mini_protocols(options.source).benchmark
-
     def folder_name(self, options: MiniOptions, root: Path) -> str:
-        """Return the benchmark's name."""
-        return self.benchmark(options)
+        """Return the benchmark's name, which has the seed in it where that is not 0."""
+        return mini_protocols(options.source).benchmark
 
     def is_prepared(self, options: MiniOptions, settings: PrepareSettings) -> bool:
         """Return False: worlds and photos that are kept make another run short."""
         return False
 
     def prepare(self, options: MiniOptions, settings: PrepareSettings) -> Prepared:
-        """Make the folder, see `prepare_airzoo_mini`."""
-        return prepare_airzoo_mini(options.source, settings)
+        """Make worlds, fly over them, take photos and work out the truth of every track."""
+        seed, engine, progress = options.source, settings.engine, settings.progress
+        protocols = mini_protocols(seed)
+        regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
+        scenes, worlds = [], make_worlds(regions, settings.root, seed, engine, progress)
+        for region, world in zip(regions, worlds, strict=True):
+            photos = mini_photos(region, load_world(world).dsm, seed)
+            folder = world.with_name(f"{world.name}-frames")
+            frames.render_frames(photos, world, folder, engine=engine, progress=progress)
+            files = {"images": folder / "images", "cloud": folder / "cloud.ply"}
+            maps = {"dom": "dom", "dsm": "dsm", "gallery": "satellite"}
+            files |= {key: world / f"{name}.tif" for key, name in maps.items()}
+            write_ply(files["cloud"], seen_surface(photos, folder, progress))
+            inputs = scene_inputs(region, photos, files, seed)
+            make = partial(mini_truths, inputs, protocols, files["cloud"])
+            truths = with_progress(make, f"{region.name}: truth", progress)
+            scenes.append(SceneContent(inputs, truths, files))
+        return write_benchmark(scenes, protocols, settings)
 
 
 AIRZOO_MINI = AirZooMini()

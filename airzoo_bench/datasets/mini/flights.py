@@ -12,8 +12,6 @@ flight, and 1 where one sees all that the other sees.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
@@ -30,15 +28,16 @@ FPS = 30
 """Frames a second."""
 MARGIN_M = 40.0
 """Flights go no nearer to the region's border."""
-_CLEARANCE_M, _ROOM_M = 40.0, 80.0
+MOST_DEPTH_M = 400.0
+"""Footprints go no deeper."""
+_CLEARANCE_M, _ROOM_M = 40.0, 80.0  # of flights above the highest place, and above their lowest
 # Digits of poses: 0.1 mm on the ground and of height, 1e-4 degrees.
 _LONLAT_DECIMALS, _DECIMALS = 9, 4
-_MOST_DEPTH_M = 400.0
 _BLOCK = 64  # frames looked at together in search of the next key frame
 
 # Lengths of the waves in which altitude, pitch, yaw and speed go up and down.
 _CLIMB_WAVE_M, _PITCH_WAVE_M, _SWING_WAVE_M, _PACE_WAVE_M = 700.0, 550.0, 300.0, 900.0
-_SWING_DEG = 40.0
+_ROUNDS, _SWING_DEG = 2, 40.0
 _ROLL_PITCHES_DEG = (-90.0, -10.0)
 _SURVEY_PITCHES_DEG = (-85.0, -45.0)  # of the lines, and of the orbit; lines across take the mean
 _POINTS = 64  # of a curve, before it is smoothed
@@ -53,39 +52,29 @@ _SLOWEST, _FASTEST = 6.0, 11.0  # m/s wanted; drones keep to 5 to 12
 _SIDEWAYS = 2.5  # m/s^2
 
 
-@dataclass(frozen=True)
-class Airspace:
-    """Where flights are made."""
-
-    region: Region
-    ground_m: float  # height of the ground, for footprints
-    floor_m: float  # lowest altitude of flights
-    ceiling_m: float  # highest altitude of flights
-
-    @classmethod
-    def over(cls, region: Region, dsm: NDArray[np.float32]) -> Airspace:
-        """Return the airspace above the highest place of a surface model; its median is ground."""
-        floor = float(np.nanmax(dsm)) + _CLEARANCE_M
-        return cls(region, float(np.nanmedian(dsm)), floor, floor + _ROOM_M)
+def flight_levels(dsm: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the height of the ground, for footprints, and the lowest altitude of flights."""
+    return float(np.median(dsm)), float(dsm.max()) + _CLEARANCE_M
 
 
-def barrel_roll(airspace: Airspace, seed: int, *, rounds: int = 2) -> Poses:
+def barrel_roll(region: Region, floor_m: float, seed: int) -> Poses:
     """Fly orbits joined by straight and S-shaped sweeps, at 5 to 12 m/s."""
-    raw = np.random.PCG64(seed).random_raw(5 + 3 * rounds)  # the same whatever NumPy's version
+    raw = np.random.PCG64(seed).random_raw(5 + 3 * _ROUNDS)  # the same whatever NumPy's version
     draws = np.asarray(raw >> np.uint64(11), dtype=np.float64) * 2.0**-53
-    reach = airspace.region.side_m / 2 - MARGIN_M
-    centre = airspace.region.side_m / 2 + (draws[:2] - 0.5) * 0.1 * reach
-    parts = [_round(draws[5 + 3 * k : 8 + 3 * k], 0.9 * reach, 150.0 * k) for k in range(rounds)]
-    corners = np.concatenate([_rotated(part[:, :2], 360.0 * draws[2]) for part in parts])
-    line, looks = smooth_line(corners + centre, np.concatenate(parts)[:, 2:])
+    reach = region.side_m / 2 - MARGIN_M
+    centre = region.side_m / 2 + (draws[:2] - 0.5) * 0.1 * reach
+    parts = [_round(draws[5 + 3 * k : 8 + 3 * k], 0.9 * reach, 150.0 * k) for k in range(_ROUNDS)]
+    table = np.concatenate(parts)
+    corners = _turned_clockwise(table[:, :2], 360.0 * draws[2])
+    line, (look,) = _smooth_line(corners + centre, table[:, 2:])
     way = _way_m(line)
     climb = 0.5 - 0.5 * np.cos(2 * np.pi * (way / _CLIMB_WAVE_M + draws[3]))
-    height = airspace.floor_m + (airspace.ceiling_m - airspace.floor_m) * climb
     nod = 0.5 - 0.5 * np.cos(2 * np.pi * (way / _PITCH_WAVE_M + draws[4]))
     swing = _SWING_DEG * np.sin(2 * np.pi * way / _SWING_WAVE_M)
-    yaw = _looking(line, looks[:, 0], centre) + np.where(looks[:, 0] < 1.5, swing, 0.0)
+    yaw = _looking(line, look, centre) + np.where(look < 1.5, swing, 0.0)
     low, high = _ROLL_PITCHES_DEG
-    return fly(airspace.region, np.column_stack((line, height)), yaw, low + (high - low) * nod)
+    place = np.column_stack((line, floor_m + _ROOM_M * climb))
+    return _fly(region, place, yaw, low + (high - low) * nod)
 
 
 def _round(draws: Floats, reach: float, start_deg: float) -> Floats:
@@ -99,27 +88,19 @@ def _round(draws: Floats, reach: float, start_deg: float) -> Floats:
     inwards = np.concatenate((_arc(inner, 0.0, 360.0), _arc(outer, 180.0, -180.0)))
     ahead = np.concatenate((weave, _arc(outer, 5.0, 60.0)))
     table = np.concatenate((_labelled(inwards, _INWARDS), _labelled(ahead, _AHEAD)))
-    table[:, :2] = _rotated(table[:, :2], -start_deg)
+    table[:, :2] = _turned_clockwise(table[:, :2], -start_deg)
     return table
 
 
 def survey(
-    airspace: Airspace,
-    *,
-    side_m: float = 240.0,
-    spacing_m: float = 40.0,
-    turn_deg: float = 0.0,
-    shift_m: tuple[float, float] = (0.0, 0.0),
+    region: Region, ground_m: float, floor_m: float, side_m: float = 240.0, spacing_m: float = 40.0
 ) -> Poses:
     """Fly parallel lines that look down, lines across, and an orbit that looks in at 45 degrees.
 
     The lines fill a square of `side_m`, which lies in the region less `MARGIN_M` on each side.
     """
-    half = airspace.region.side_m / 2
-    middle = half + np.array(shift_m)
-    down, inwards = _SURVEY_PITCHES_DEG
-    height = airspace.floor_m - airspace.ground_m
-    radius = min(height / np.tan(np.radians(-inwards)), half - MARGIN_M)
+    half, (down, inwards) = region.side_m / 2, _SURVEY_PITCHES_DEG
+    radius = min((floor_m - ground_m) / np.tan(np.radians(-inwards)), half - MARGIN_M)
     along = _lawnmower(side_m, spacing_m)
     # Lines across begin where the others end, and the orbit goes on as they went.
     x, y = _lawnmower(side_m, 2 * spacing_m).T
@@ -130,10 +111,9 @@ def survey(
     ahead = _labelled(across, _AHEAD, (down + inwards) / 2)
     parts = (_labelled(along, _NORTH, down), ahead, _labelled(orbit, _INWARDS, inwards))
     table = np.concatenate(parts)
-    corners = _rotated(table[:, :2], turn_deg) if turn_deg else table[:, :2]
-    line, wanted = smooth_line(corners + middle, table[:, 2:])
-    place = np.column_stack((line, np.full(len(line), airspace.floor_m)))
-    return fly(airspace.region, place, _looking(line, wanted[:, 0], middle), _eased(wanted[:, 1]))
+    line, (look, pitch) = _smooth_line(table[:, :2] + half, table[:, 2:])
+    place = np.column_stack((line, np.full(len(line), floor_m)))
+    return _fly(region, place, _looking(line, look, half), _eased(pitch))
 
 
 def _labelled(line: Floats, *wanted: float) -> Floats:
@@ -154,34 +134,32 @@ def _lawnmower(side_m: float, spacing_m: float) -> Floats:
     return side_m * np.column_stack((east, north))
 
 
-def _rotated(points: Floats, degrees: float) -> Floats:
-    """Turn points (K, 2) clockwise, as on a compass."""
+def _turned_clockwise(points: Floats, degrees: float) -> Floats:
     sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     x, y = points.T
     return np.column_stack((cosine * x + sine * y, cosine * y - sine * x))
 
 
-def _looking(line: Floats, look: Floats, centre: Floats) -> Floats:
-    """Yaw (K,) from the grid's north."""
+def _looking(line: Floats, look: Floats, centre: Floats | float) -> Floats:
     inwards = np.degrees(np.arctan2(*(centre - line).T))
     ahead = np.degrees(np.arctan2(*np.gradient(line, axis=0).T))
     kinds = np.rint(look)
     return np.select((kinds == _NORTH, kinds == _AHEAD), (0.0, ahead), inwards)
 
 
-def smooth_line(corners: Floats, wanted: Floats) -> tuple[Floats, Floats]:
+def _smooth_line(corners: Floats, wanted: Floats) -> tuple[Floats, list[Floats]]:
     """Round the corners (K, 2) of a line off; other columns (K, E) are linear between them."""
     way = _way_m(corners)
     even = np.linspace(0.0, way[-1], round(way[-1] / _STEP_M) + 1)
-    columns = [np.interp(even, way, column) for column in (*corners.T, *wanted.T)]
-    place = np.stack(columns[:2], axis=-1)
+    x, y, *columns = (np.interp(even, way, column) for column in (*corners.T, *wanted.T))
+    place = np.stack((x, y), axis=-1)
     # The ends are mirrored through themselves, so that smoothing leaves them in place.
     turn = round(4.0 * _TURN_M / _STEP_M)
     before = 2 * place[0] - place[turn:0:-1]
     after = 2 * place[-1] - place[-2 : -turn - 2 : -1]
     long = np.concatenate((before, place, after))
     smooth = gaussian_filter1d(long, _TURN_M / _STEP_M, axis=0, truncate=4.0)[turn:-turn]
-    return smooth, np.stack(columns[2:], axis=-1)
+    return smooth, columns
 
 
 def _pace(line: Floats) -> Floats:
@@ -196,9 +174,7 @@ def _pace(line: Floats) -> Floats:
 
 
 def _eased(values: Floats) -> Floats:
-    """Values (K,) along a line, smoothed over some 20 m."""
-    smooth: Floats = gaussian_filter1d(values, _EASE_M / _STEP_M, mode="nearest", truncate=4.0)
-    return smooth
+    return np.asarray(gaussian_filter1d(values, _EASE_M / _STEP_M, mode="nearest", truncate=4.0))
 
 
 def _way_m(line: Floats) -> Floats:
@@ -206,8 +182,11 @@ def _way_m(line: Floats) -> Floats:
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
 
 
-def fly(region: Region, line: Floats, yaw_deg: Floats, pitch_deg: Floats) -> Poses:
-    """Fly along a smooth line (K, 3), a frame each 1/30 s, with the gimbal turning smoothly."""
+def _fly(region: Region, line: Floats, yaw_deg: Floats, pitch_deg: Floats) -> Poses:
+    """Fly along a smooth line (K, 3), a frame each 1/30 s, with the gimbal turning smoothly.
+
+    Poses are those that rounded longitudes, latitudes, altitudes and angles from true north give.
+    """
     speed = _pace(line[:, :2])
     seconds_per_m = (1.0 / speed[1:] + 1.0 / speed[:-1]) / 2
     knots = np.append(0.0, np.cumsum(np.diff(_way_m(line)) * seconds_per_m))
@@ -218,13 +197,8 @@ def fly(region: Region, line: Floats, yaw_deg: Floats, pitch_deg: Floats) -> Pos
     pitch = np.clip(np.asarray(CubicSpline(knots, pitch_deg)(time_s)), -90.0, 90.0)
     lonlat = to_lonlat(CRS, place[:, :2] + (region.west, region.south))
     yaw = (grid_yaw + grid_convergence_deg(CRS, lonlat) + 180.0) % 360.0 - 180.0
-    return frame_poses(lonlat, place[:, 2], pitch, yaw)
-
-
-def frame_poses(lonlat: Floats, altitude: Floats, pitch: Floats, yaw: Floats) -> Poses:
-    """Turn N frames in WGS84, yaw from true north, into poses as their rounded numbers give."""
     lonlat = np.round(lonlat, _LONLAT_DECIMALS)
-    altitude, pitch, yaw = (np.round(part, _DECIMALS) + 0.0 for part in (altitude, pitch, yaw))
+    altitude, pitch, yaw = (np.round(part, _DECIMALS) + 0.0 for part in (place[:, 2], pitch, yaw))
     turn = grid_convergence_deg(CRS, lonlat)
     rotation = angles_to_rotations(yaw, pitch, np.zeros(len(yaw)), convergence_deg=turn)
     return Poses.from_centres(rotation, np.column_stack((from_lonlat(CRS, lonlat), altitude)))
@@ -234,46 +208,35 @@ def key_frames(poses: Poses, camera: Cameras, ground_height: float, overlap: flo
     """Choose key frames so that each overlaps the one before as is asked, above 0 and below 1."""
     seen = footprints(camera, poses, ground_height)
     usable = np.flatnonzero(shapely.area(seen) > 0.0)
-    chosen = list(range(min(1, len(usable))))
-    while chosen and (following := _next_key(seen[usable], chosen[-1], overlap)) is not None:
-        chosen.append(following)
+    seen, chosen, row, before = seen[usable], [0], 1, 1.0
+    while row < len(seen):
+        shared = np.append(before, overlaps(seen[chosen[-1]], seen[row : row + _BLOCK]))
+        below = np.flatnonzero(shared[1:] < overlap)
+        if below.size:
+            # The frame before, where that is nearer to the overlap; always one after the last.
+            last, first = shared[below[0] : below[0] + 2]
+            row += int(below[0]) - bool(last - overlap < overlap - first)
+            chosen.append(max(row, chosen[-1] + 1))
+            before, row = 1.0, chosen[-1] + 1
+        else:
+            before, row = float(shared[-1]), row + _BLOCK
     return usable[chosen].astype(np.int64)
 
 
-def _next_key(seen: NDArray[np.object_], current: int, overlap: float) -> int | None:
-    """Return the key frame after a key frame; None where the flight ends before it."""
-    before = 1.0
-    for start in range(current + 1, len(seen), _BLOCK):
-        shared = overlaps(seen[current], seen[start : start + _BLOCK])
-        below = np.flatnonzero(shared < overlap)
-        if below.size:
-            first = int(below[0])
-            last_above = before if first == 0 else float(shared[first - 1])
-            nearer = last_above - overlap < overlap - float(shared[first])
-            # The frame after the current one is taken even where it shares less.
-            return max(start + first - int(nearer), current + 1)
-        before = float(shared[-1])
-    return None
-
-
 def overlaps(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return the overlap of footprints (N,), which broadcast; 0 where one has no area."""
+    """Return the overlap of footprints with an area, (N,), which broadcast."""
     smaller = np.minimum(shapely.area(a), shapely.area(b))
-    shared = shapely.area(shapely.intersection(a, b))
-    share = np.divide(shared, smaller, out=np.zeros_like(shared), where=smaller > 0.0)
-    return np.asarray(np.minimum(share, 1.0), dtype=np.float64)
+    return np.asarray(np.minimum(shapely.area(shapely.intersection(a, b)) / smaller, 1.0))
 
 
-def footprints(
-    camera: Cameras, poses: Poses, ground_height: float, most_depth_m: float = _MOST_DEPTH_M
-) -> NDArray[np.object_]:
-    """Return the parts of a level plane that N frames see, no deeper than some metres."""
+def footprints(camera: Cameras, poses: Poses, ground_height: float) -> NDArray[np.object_]:
+    """Return the parts of a level plane that N frames see, no deeper than `MOST_DEPTH_M`."""
     rays = back_project(camera, anchor_pixels(camera, 0.0))
     corners = rays_to_world(poses, rays / rays[..., 2:])
     above = poses.centres[:, 2] - ground_height
     # Depth at which the ray of a pixel meets the ground is above / fall; both are to be positive.
     # Sides of the image are cut to where that is no more than the most.
-    spare = -corners[..., 2] - above[:, None] / most_depth_m
+    spare = -corners[..., 2] - above[:, None] / MOST_DEPTH_M
     after, spare_after = np.roll(corners, -1, axis=1), np.roll(spare, -1, axis=1)
     rise = spare_after - spare
     zero = np.divide(-spare, rise, out=np.zeros_like(rise), where=rise != 0.0)

@@ -1,11 +1,9 @@
 """Randomness by counting, from nothing but a seed and a place, and noise made from it.
 
-Worlds are the same bits on every machine. Nothing that photos use has a state, so that neither the
-order of frames nor the number of jobs nor the size of a block changes a pixel.
-
-Seeds are below 2**64, and whoever tries them all, or turns the hash of a pixel's noise around, has
-what is made of one. The seed of a sealed edition is a key of more bits that nobody knows: each
-purpose has a seed of its own, made by SHA-256, which leads neither to the key nor to the others.
+Worlds are the same bits on every machine, and no photo depends on the order of frames, the number
+of jobs or the size of a block. Seeds are below 2**64, which somebody may try all. The seed of a
+sealed edition is a key of more bits: each purpose has a seed of its own, made by SHA-256, which
+leads neither to the key nor to the others.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to
 
 T = TypeVar("T")
 Singles = NDArray[np.float32]
-_Hashes = NDArray[np.uint64]
 _GOLDEN = 0x9E3779B97F4A7C15
 _ROUNDS = ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1))
 _MASK = (1 << 64) - 1
@@ -30,8 +27,7 @@ _STREAM = 77
 _VOLUME_SIDE = 64
 # Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
 # and gimbal (yaw, pitch, roll).
-_GPS_M = (2.0, 2.0, 3.0)
-_ANGLES_DEG = (2.0, 0.7, 0.5)
+_GPS_M, _ANGLES_DEG = (2.0, 2.0, 3.0), (2.0, 0.7, 0.5)
 _UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
 
 
@@ -46,32 +42,14 @@ def is_key(seed: int) -> bool:
     return seed > _MASK
 
 
-def derived(seed: int, purpose: str) -> int:
-    """Return the seed of a purpose: of a key another one for each, of a seed itself."""
-    return seed_of(seed, purpose) if is_key(seed) else seed
+def hash_of(seed: Any, *keys: Any) -> Any:
+    """Hash integers or arrays of them, which broadcast, to 64 bits.
 
-
-def _mixed(state: Any) -> Any:
-    """Apply the finaliser of SplitMix64 (Steele, Lea and Flood, 2014) to an array, in place."""
-    for shift, factor in _ROUNDS:
-        state ^= state >> np.uint64(shift)
-        state *= np.uint64(factor)
-    return state
-
-
-def hash_of(seed: int, *keys: Any) -> _Hashes:
-    """Hash integer keys, which broadcast, to 64 bits; at least one-dimensional."""
-    state = np.full((1,), seed, np.uint64)
+    Each key goes through the finaliser of SplitMix64 (Steele, Lea and Flood, 2014).
+    """
     for key in keys:
-        word = key & _MASK if isinstance(key, int) else np.asarray(key).astype(np.int64)
-        state = _mixed((state ^ np.asarray(word).view(np.uint64)) + np.uint64(_GOLDEN))
-    return state
-
-
-def hash_number(seed: int, *keys: int) -> int:
-    """Return `hash_of` of numbers, without arrays."""
-    for key in keys:
-        seed = ((seed ^ key) + _GOLDEN) & _MASK
+        word = key.astype(np.int64).view(np.uint64) if isinstance(key, np.ndarray) else key & _MASK
+        seed = ((seed ^ word) + _GOLDEN) & _MASK
         for shift, factor in _ROUNDS:
             seed = (seed ^ seed >> shift) * factor & _MASK
     return seed
@@ -97,20 +75,15 @@ class Dice:
     """A sequence of random choices; sequences of other keys are independent of it."""
 
     def __init__(self, seed: int, *keys: int) -> None:
-        self._start, self._drawn = hash_number(seed, *keys), 0
-
-    def bits(self) -> int:
-        """Return the next 64 bits."""
-        self._drawn += 1
-        return hash_number(self._start, self._drawn)
+        self._start, self._drawn = hash_of(seed, *keys), 0
 
     def integer(self, low: int, high: int) -> int:
         """Return an integer from low to high, both included."""
-        return low + (self.bits() >> 11) % (high - low + 1)
+        return low + (self._bits() >> 11) % (high - low + 1)
 
     def real(self, low: float, high: float) -> float:
         """Return a number from low to high, on a grid of 2**-20 of the range."""
-        return low + (high - low) * (self.bits() >> 44) / (1 << 20)
+        return low + (high - low) * (self._bits() >> 44) / (1 << 20)
 
     def chance(self, percent: int) -> bool:
         """Return True that often."""
@@ -119,6 +92,10 @@ class Dice:
     def pick(self, items: Sequence[T]) -> T:
         """Return one of the items."""
         return items[self.integer(0, len(items) - 1)]
+
+    def _bits(self) -> int:
+        self._drawn += 1
+        return int(hash_of(self._start, self._drawn))
 
 
 def octaves(seed: int, stream: int, size: int, cells: dict[int, int]) -> NDArray[np.int32]:
@@ -130,7 +107,7 @@ def octaves(seed: int, stream: int, size: int, cells: dict[int, int]) -> NDArray
     for cell, share in cells.items():
         index = np.arange(size // cell + 2)
         lattice = hash_of(seed, _STREAM, stream + cell, index[:, None], index[None, :])
-        values = (lattice >> np.uint64(52)).astype(np.int32) - 2048
+        values = (lattice >> 52).astype(np.int32) - 2048
         low, step = np.divmod(np.arange(size), cell)
         # 3t^2 - 2t^3 in units of 1/1024; 0 where cells are pixels.
         weight = (1024 * step * step * (3 * cell - 2 * step) // cell**3).astype(np.int32)[:, None]
@@ -140,17 +117,7 @@ def octaves(seed: int, stream: int, size: int, cells: dict[int, int]) -> NDArray
     return result // np.int32(16)
 
 
-def textures(seed: int, size: int) -> list[NDArray[np.int16]]:
-    """Make the noise that all painters share, fine, middle and coarse, (size, size), -128 to 127.
-
-    Its structure is of 1 to 3, 6 to 24 and 60 to 240 pixels.
-    """
-    streams = {1_000: {1: 7, 3: 9}, 2_000: {6: 7, 13: 6, 24: 5}, 3_000: {60: 7, 130: 6, 240: 5}}
-    parts = (octaves(seed, stream, size, cells) for stream, cells in streams.items())
-    return [(part >> 4).astype(np.int16) for part in parts]
-
-
-def uniforms(hashes: _Hashes, lane: int = 0) -> Singles:
+def uniforms(hashes: NDArray[np.uint64], lane: int = 0) -> Singles:
     """Turn hashes (N,) into numbers in [0, 1); lanes 0 to 3 are independent."""
     bits = (hashes >> np.uint64(16 * lane)) & np.uint64(0xFFFF)
     return bits.astype(np.float32) * np.float32(1.0 / 65536.0)

@@ -16,14 +16,15 @@ from PIL import Image, ImageDraw, ImageFilter
 
 from airzoo_bench.core.optional_imports import load_open3d
 from airzoo_bench.datasets.mini.noise import Singles, hash_of, uniforms
-from airzoo_bench.datasets.mini.shading import Points, Shader, dot
-from airzoo_bench.datasets.mini.weather import Conditions, column, conditions, haze
+from airzoo_bench.datasets.mini.shading import Conditions, Points, Shader, column, conditions, dot
 from airzoo_bench.datasets.mini.world import Material, Mesh, World
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 
 _Indices = NDArray[np.int64]
+_View = tuple[Floats, np.float32, Conditions]
+"""Where the camera is, the angle of a pixel, and the conditions."""
 
 RENDERER_VERSION = 3
 """To be raised with every change that changes photos, so that older ones are rendered again."""
@@ -39,9 +40,7 @@ _LIFT_M = 0.02
 _DITHER_STREAM = 73
 # Shares of the light of a pixel's neighbours: of all four, and of those of another surface.
 _BLUR, _EDGE_BLUR = np.float32(0.08), np.float32(0.08)
-# How much darker corners are than the middle.
-_VIGNETTE = np.float32(0.12)
-_SHOULDER = np.float32(0.88)
+_VIGNETTE, _SHOULDER = np.float32(0.12), np.float32(0.88)
 _DROPS = {"rain": 420, "snow": 520}
 
 
@@ -53,9 +52,9 @@ class Frame(NamedTuple):
     depth: NDArray[np.float32]
 
 
-def default_camera(width: int = 640, height: int = 480, field_deg: float = 62.0) -> Cameras:
-    """Return a pinhole of a horizontal field of view, its principal point in the middle."""
-    focal = width / 2 / np.tan(np.radians(field_deg) / 2)
+def default_camera(width: int = 640, height: int = 480) -> Cameras:
+    """Return a pinhole of a horizontal field of view of 62 degrees, centred on the image."""
+    focal = width / 2 / np.tan(np.radians(62.0) / 2)
     K = [[[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]]]
     return Cameras.from_matrices(K, width, height)
 
@@ -63,10 +62,7 @@ def default_camera(width: int = 640, height: int = 480, field_deg: float = 62.0)
 class Raycaster:
     """A mesh that rays can be cast at, on one thread (frames are spread over processes).
 
-    Attributes
-    ----------
-    normal : (3, T) float64
-        Of the mesh's triangles, unit; 0 where a triangle has no area.
+    `normal` are unit normals of its triangles, (3, T); 0 where one has no area.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -116,23 +112,6 @@ class Raycaster:
         return blocked
 
 
-class _View(NamedTuple):
-    """A camera at its place in the world's local frame, in its conditions."""
-
-    camera: Cameras
-    centre: Floats
-    rotation: Floats
-    given: Conditions
-
-    def directions(self, pixel: _Indices) -> Floats:
-        """Return rays (3, N) of depth 1 through pixel centres."""
-        row, column = np.divmod(pixel, int(self.camera.width[0]))
-        (fx, fy), (cx, cy) = self.camera.focal[0], self.camera.principal_point[0]
-        x, y = (column + (0.5 - cx)) / fx, (row + (0.5 - cy)) / fy
-        axes = self.rotation.T.tolist()
-        return np.stack([x * right + y * down + forward for right, down, forward in axes])
-
-
 class Renderer:
     """Takes photos of a world, one at a time on one thread."""
 
@@ -142,81 +121,58 @@ class Renderer:
         land = np.isin(world.mesh.material, (Material.GROUND, Material.APRON))
         built = np.isin(world.mesh.material, (Material.ROOF, Material.WALL))
         side = np.where(built, np.rint(self._caster.normal * 20.0), 0.0).astype(np.int64)
-        number = hash_of(0, world.mesh.material, world.mesh.owner, *side) >> np.uint64(33)
+        number = hash_of(0, world.mesh.material, world.mesh.owner, *side) >> 33
         self._surfaces = np.append(np.where(land, 0, number), -1).astype(np.int32)
-        border = [world.dsm[0], world.dsm[-1], world.dsm[:, 0], world.dsm[:, -1]]
-        self._far_level_m = float(np.median(np.concatenate(border)))
         self._corner = np.array([world.region.west, world.region.south, 0.0])
 
     def render(self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int) -> Frame:
         """Take a photo with one camera at one pose."""
         width, height = int(camera.width[0]), int(camera.height[0])
-        centre = pose.centres[0] - self._corner
-        view = _View(camera, centre, pose.rotation[0], conditions(weather, time))
-        light = np.empty((3, height, width), np.float32)
-        depth = np.empty((height, width), np.float32)
-        surface = np.empty((height, width), np.int32)
-        for top in range(0, height, step := max(_BLOCK_PIXELS // width, 1)):
-            rows = slice(top, min(top + step, height))
-            pixel = np.arange(rows.start * width, rows.stop * width)
-            seen, far, triangle = self._look(view, pixel)
-            light[:, rows] = seen.reshape(3, -1, width)
-            depth[rows] = far.reshape(-1, width)
-            surface[rows] = self._surfaces.take(triangle).reshape(-1, width)
-        sharp = _blurred(light, surface)
-        return Frame(_develop(sharp, view.rotation, view.given, seed), depth)
-
-    def _look(self, view: _View, pixel: _Indices) -> tuple[Singles, Floats, _Indices]:
-        """Return the light of N pixels, their depths and triangles."""
-        rays = view.directions(pixel)
-        triangle, depth = self._caster.trace(view.centre, rays)
-        light = np.zeros((3, len(depth)), np.float32)
-        hit, free = (np.flatnonzero((triangle == _MISSED) == away) for away in (False, True))
-        if len(hit):
-            some = rays.take(hit, axis=1)
-            light[:, hit] = self._surface(view, some, depth[hit], pixel[hit], triangle[hit])
-        if len(free):
-            light[:, free] = self._horizon(view, rays.take(free, axis=1))
-        return light, depth, triangle
+        centre, given = pose.centres[0] - self._corner, conditions(weather, time)
+        view = centre, np.float32(1.0 / float(camera.focal[0].mean())), given
+        (fx, fy), (cx, cy) = camera.focal[0], camera.principal_point[0]
+        count, step = height * width, max(_BLOCK_PIXELS // width, 1) * width
+        light = np.empty((3, count), np.float32)
+        depth, surface = np.empty(count, np.float32), np.empty(count, np.int32)
+        for start in range(0, count, step):
+            pixel = np.arange(start, min(start + step, count))
+            row, across = np.divmod(pixel, width)
+            x, y = (across + (0.5 - cx)) / fx, (row + (0.5 - cy)) / fy
+            axes = pose.rotation[0].T.tolist()
+            rays = np.stack([x * right + y * down + ahead for right, down, ahead in axes])
+            triangle, away = self._caster.trace(centre, rays)
+            depth[pixel], surface[pixel] = away, self._surfaces.take(triangle)
+            hit, free = (np.flatnonzero((triangle == _MISSED) == past) for past in (False, True))
+            if len(hit):
+                some = rays.take(hit, axis=1), away[hit], pixel[hit], triangle[hit]
+                light[:, pixel[hit]] = self._surface(view, *some)
+            beyond = rays.take(free, axis=1)
+            unit = (beyond / np.sqrt(dot(beyond, beyond))).astype(np.float32)
+            light[:, pixel[free]] = self._shader.horizon(unit, centre, given)
+        sharp = _blurred(light.reshape(3, height, width), surface.reshape(height, width))
+        image = _develop(sharp, pose.rotation[0], given, seed)
+        return Frame(image, depth.reshape(height, width))
 
     def _surface(
-        self, view: _View, rays: Floats, depth: Floats, pixel: _Indices, triangle: _Indices
+        self, camera: _View, rays: Floats, depth: Floats, pixel: _Indices, triangle: _Indices
     ) -> Singles:
-        xyz = rays * depth + view.centre[:, None]
-        normal = self._caster.normal.take(triangle, axis=1)
+        centre, pixel_angle, given = camera
+        xyz, normal = rays * depth + centre[:, None], self._caster.normal.take(triangle, axis=1)
         length = np.sqrt(dot(rays, rays))
         np.negative(normal, out=normal, where=dot(normal, rays) > 0.0)
         distance = (depth * length).astype(np.float32)
-        points = Points(
-            xyz=xyz.astype(np.float32),
-            normal=normal.astype(np.float32),
-            view=(rays / length).astype(np.float32),
-            distance=distance,
-            footprint=distance * np.float32(1.0 / float(view.camera.focal[0].mean())),
-            dither=uniforms(hash_of(_DITHER_STREAM, pixel)),
-            material=self._mesh.material.take(triangle),
-            owner=self._mesh.owner.take(triangle),
-        )
+        at, up, view = (part.astype(np.float32) for part in (xyz, normal, rays / length))
+        dither = uniforms(hash_of(_DITHER_STREAM, pixel))
+        material, owner = self._mesh.material.take(triangle), self._mesh.owner.take(triangle)
+        points = Points(at, up, view, distance, distance * pixel_angle, dither, material, owner)
         lit = np.zeros(len(depth), np.float32)
-        if view.given.direct:
-            sun = np.array(view.given.light.direction)
+        if given.direct:
+            sun = np.array(given.light.direction)
             cosine: Floats = dot(normal, sun[:, None])
             facing = np.flatnonzero(cosine > 0.0)
-            places, up = xyz.take(facing, axis=1), normal.take(facing, axis=1)
-            lit[facing] = np.where(self._caster.occluded(places, up, sun), 0.0, cosine[facing])
-        return self._shader.colour(points, lit, view.given)
-
-    def _horizon(self, view: _View, rays: Floats) -> Singles:
-        """Return sky, and below the horizon the land that goes on where the mesh ends."""
-        given, unit = view.given, (rays / np.sqrt(dot(rays, rays))).astype(np.float32)
-        light = np.empty_like(unit)
-        above, below = np.flatnonzero(unit[2] >= 0.0), np.flatnonzero(unit[2] < 0.0)
-        light[:, above] = self._shader.sky(unit[:, above], given)
-        down = unit[:, below]
-        land, distance = self._shader.far_land(down, view.centre, self._far_level_m, given)
-        sun = column(given.light.sun) * np.float32(given.light.direction[2])
-        light[:, below] = haze(land * (column(given.light.sky) + sun), distance, down, given)
-        return light
+            places, lifts = xyz.take(facing, axis=1), normal.take(facing, axis=1)
+            lit[facing] = np.where(self._caster.occluded(places, lifts, sun), 0.0, cosine[facing])
+        return self._shader.colour(points, lit, given)
 
 
 def _blurred(light: Singles, surface: NDArray[np.int32]) -> Singles:
@@ -248,9 +204,8 @@ def _develop(sharp: Singles, rotation: Floats, given: Conditions, seed: int) -> 
     strength = np.sqrt(np.maximum(levels, 4.0) / np.float32(128.0)) * np.float32(given.noise)
     normal = np.resize(np.roll(_grain(), random.integers(len(_grain()))), (4, height, width))
     levels += strength * (np.float32(0.8) * normal[:3] + np.float32(0.6) * normal[3])
-    return np.ascontiguousarray(
-        np.rint(levels.clip(0.0, 255.0)).astype(np.uint8).transpose(1, 2, 0)
-    )
+    image = np.rint(levels.clip(0.0, 255.0)).astype(np.uint8)
+    return np.ascontiguousarray(image.transpose(1, 2, 0))
 
 
 @cache

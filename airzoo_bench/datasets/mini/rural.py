@@ -9,30 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.noise import Dice, direction
-from airzoo_bench.datasets.mini.plan import (
-    GRID_M,
-    LAND_X,
-    LAND_Y,
-    LOOKS,
-    OLDER,
-    SURVEY,
-    Ellipse,
-    Frame,
-    Line,
-    Plan,
-    Point,
-    Polygon,
-    Stroke,
-    bend,
-    between,
-    blended,
-    distance,
-    distance_to_line,
-    edges,
-    rolling,
-    steps,
-)
+from airzoo_bench.datasets.mini import layout
+from airzoo_bench.datasets.mini.layout import OLDER, SURVEY, Frame, Line, Plan, Point, Polygon
+from airzoo_bench.datasets.mini.noise import Dice, direction, octaves
 from airzoo_bench.datasets.mini.world import SIDE_M
 from airzoo_bench.geometry.arrays import Bools, Floats
 
@@ -41,17 +20,16 @@ _LARGEST_M2 = 9_500.0
 _VALLEY_M = 75.0
 # Half the level ground of a farm.
 _YARD_M = (34.0, 28.0)
-_FARMS = LOOKS["farms"]
 
 
 class _Lines(NamedTuple):
     stream: Line
     road: Line
-    tracks: tuple[Line, ...]
-    paths: tuple[Line, ...]
+    tracks: list[Line]
+    paths: list[Line]
     pond: Frame
     pond_half: Point
-    farms: tuple[Frame, ...]
+    farms: list[Frame]
 
 
 def rural_plan(seed: int) -> Plan:
@@ -71,8 +49,8 @@ def rural_plan(seed: int) -> Plan:
         _grow(plan, place, (2.2, 5.0))
     for ends in pairwise(lines.road):
         if dice.chance(40):
-            _grow(plan, between(*ends, 0.0, dice.pick((-1, 1)) * 0.75), (2.0, 3.0), 3.2)
-    plan.fell(lambda x, y: _clear_of_lines(x, y, lines))
+            _grow(plan, layout.between(*ends, 0.0, dice.pick((-1, 1)) * 0.75), (2.0, 3.0), 3.2)
+    plan.fell(lambda x, y: _is_clear(x, y, lines))
     return plan
 
 
@@ -85,62 +63,65 @@ def _grow(
 
 
 def _draw_lines(dice: Dice) -> _Lines:
-    stream = _winding(dice, (0.3, 0.45), 60.0, turn=dice.chance(50))
+    stream = _winding(dice, (0.3, 0.45), 60.0)
     farms: list[Frame] = []
     for _ in range(200):
         x, y = dice.real(55, SIDE_M - 55), dice.real(55, SIDE_M - 55)
         farm = Frame(x, y, *direction(dice.integer(0, 255)))
-        off = distance_to_line(np.array([x]), np.array([y]), stream)[0]
-        if off > 60 and all(distance(farm[:2], other[:2]) > 125 for other in farms):
+        off = layout.distance_to_line(np.array([x]), np.array([y]), stream)[0]
+        if off > 60 and all(layout.distance(farm[:2], other[:2]) > 125 for other in farms):
             farms.append(farm)
     farms = farms[:6]
     # The road is that of some which keeps farthest from all farms.
     yards = np.array([farm[:2] for farm in farms]).T
-    roads = [_winding(dice, (0.25, 0.8), 50.0, turn=dice.chance(50)) for _ in range(12)]
-    road = max(roads, key=lambda line: float(distance_to_line(yards[0], yards[1], line).min()))
+    roads = [_winding(dice, (0.25, 0.8), 50.0) for _ in range(12)]
+    road = max(
+        roads, key=lambda line: float(layout.distance_to_line(yards[0], yards[1], line).min())
+    )
     tracks = []
     for farm in farms:
-        near = min(road, key=lambda point: distance(point, farm[:2]))
-        x, y = between(near, farm[:2], 0.5)
+        near = min(road, key=lambda point: layout.distance(point, farm[:2]))
+        x, y = layout.between(near, farm[:2], 0.5)
         middle = x + dice.real(-18, 18), y + dice.real(-18, 18)
-        tracks.append(bend((farm[:2], middle, near)))
-    paths = [_winding(dice, (0.1, 0.9), 75.0, turn=dice.chance(50)) for _ in range(4)]
+        tracks.append(layout.bend((farm[:2], middle, near)))
+    paths = [_winding(dice, (0.1, 0.9), 75.0) for _ in range(4)]
     half = dice.real(22, 32), dice.real(14, 19)
     # The pond lies on the middle part of the stream, as far from the road as can be.
-    first, last = len(stream) * 3 // 10, len(stream) * 7 // 10
-    middle_x, middle_y = np.array(stream[first:last]).T
-    away = distance_to_line(middle_x, middle_y, road)
-    pond = Frame(*stream[first + int(np.argmax(away))], *direction(dice.integer(0, 255)))
-    dry = tuple(farm for farm in farms if distance(farm[:2], pond[:2]) > 85.0)
-    return _Lines(stream, road, tuple(tracks), tuple(paths), pond, half, dry)
+    middle_part = stream[len(stream) * 3 // 10 : len(stream) * 7 // 10]
+    at_x, at_y = np.array(middle_part).T
+    away = layout.distance_to_line(at_x, at_y, road)
+    pond = Frame(*middle_part[int(np.argmax(away))], *direction(dice.integer(0, 255)))
+    dry = [farm for farm in farms if layout.distance(farm[:2], pond[:2]) > 85.0]
+    return _Lines(stream, road, tracks, paths, pond, half, dry)
 
 
-def _winding(dice: Dice, shares: Point, swing_m: float, *, turn: bool) -> Line:
-    """Return a line from west to east, or from south to north."""
-    share = dice.real(*shares)
+def _winding(dice: Dice, shares: Point, swing_m: float) -> Line:
+    turned, share = dice.chance(50), dice.real(*shares)
     along = np.linspace(-70, SIDE_M + 70, 10).tolist()
-    line = bend(tuple((x, share * SIDE_M + dice.real(-swing_m, swing_m)) for x in along))
-    return tuple((y, x) for x, y in line) if turn else line
+    line = layout.bend(tuple((x, share * SIDE_M + dice.real(-swing_m, swing_m)) for x in along))
+    return tuple((y, x) for x, y in line) if turned else line
 
 
 def _heights(seed: int, lines: _Lines) -> Floats:
-    land = 88.0 + rolling(seed, 20, {110: 8, 60: 5, 26: 2, 11: 1}, 46.0)
-    stream, road = (distance_to_line(LAND_X, LAND_Y, line) for line in lines[:2])
+    x, y = layout.LAND_X, layout.LAND_Y
+    hills = octaves(seed, 20, x.size, {110: 8, 60: 5, 26: 2, 11: 1})
+    land = 88.0 + hills.astype(np.float64) * (46.0 / 4096)
+    stream, road = (layout.distance_to_line(x, y, line) for line in lines[:2])
     for away, rise, near, far in (
         (stream, -15.0, 5.0, 210.0),
         (stream, -2.6, 1.5, 9.0),
         (road, 0.8, 3.0, 10.0),
     ):
-        land = blended(land, away, land + rise, near, far)
-    u, v = lines.pond.to_local(LAND_X, LAND_Y)
+        land = layout.blended(land, away, land + rise, near, far)
+    u, v = lines.pond.to_local(x, y)
     u, v = u / lines.pond_half[0], v / lines.pond_half[1]
     off = (np.sqrt(u * u + v * v) - 1.0) * lines.pond_half[1]
-    land = blended(land, off, float(land[off < 0].min()), 2.0, 16.0)
+    land = layout.blended(land, off, float(land[off < 0].min()), 2.0, 16.0)
     for farm in lines.farms:
-        u, v = farm.to_local(LAND_X, LAND_Y)
+        u, v = farm.to_local(x, y)
         off = np.maximum(np.abs(u) - _YARD_M[0], np.abs(v) - _YARD_M[1])
-        level = float(land[round(farm.y / GRID_M), round(farm.x / GRID_M)])
-        land = blended(land, off, level, 0.0, 26.0)
+        level = float(land[round(farm.y / layout.GRID_M), round(farm.x / layout.GRID_M)])
+        land = layout.blended(land, off, level, 0.0, 26.0)
     return land
 
 
@@ -150,7 +131,7 @@ def _heights(seed: int, lines: _Lines) -> Floats:
 def _cut_parcels(dice: Dice, outline: Line) -> list[Polygon]:
     """Cut a convex polygon, counter-clockwise, until each part is small enough, some smaller."""
     x, y = middle = _middle(outline)
-    longest = Frame.along(*max(edges(outline), key=lambda edge: distance(*edge)))
+    longest = Frame.along(*max(layout.edges(outline), key=lambda edge: layout.distance(*edge)))
     frame, size = Frame(*middle, *longest[2:]), _area(outline)
     if size < _LARGEST_M2 * dice.real(0.45, 1.0):
         return [Polygon(outline, frame)]
@@ -167,19 +148,19 @@ def _cut_parcels(dice: Dice, outline: Line) -> list[Polygon]:
 def _half(outline: Line, point: Point, along: Point) -> Line:
     """Return the part of a convex polygon left of a line (Sutherland and Hodgman, 1974)."""
     left: list[Point] = []
-    for edge in edges(outline):
+    for edge in layout.edges(outline):
         a, b = (along[0] * (y - point[1]) - along[1] * (x - point[0]) for x, y in edge)
         if a >= 0:
             left.append(edge[0])
         if (a >= 0) != (b >= 0):
-            left.append(between(*edge, a / (a - b)))
+            left.append(layout.between(*edge, a / (a - b)))
     return tuple(left)
 
 
 def _area(outline: Line) -> float:
     # Not sum(): newer Pythons add floats with a correction.
     twice = 0.0
-    for a, b in edges(outline):
+    for a, b in layout.edges(outline):
         twice += a[0] * b[1] - b[0] * a[1]
     return twice / 2
 
@@ -192,10 +173,9 @@ def _middle(outline: Line) -> Point:
 
 
 def _shrink(polygon: Polygon, margin_m: float) -> Polygon:
-    """Return a polygon shrunk towards its middle by about a margin."""
     middle = _middle(polygon.points)
     share = max(1.0 - margin_m / (0.5 * math.sqrt(_area(polygon.points)) + 1e-9), 0.1)
-    return Polygon(tuple(between(middle, p, share) for p in polygon.points), polygon.frame)
+    return Polygon(tuple(layout.between(middle, p, share) for p in polygon.points), polygon.frame)
 
 
 def _use_parcel(plan: Plan, parcel: Polygon, stream: Line) -> None:
@@ -203,14 +183,16 @@ def _use_parcel(plan: Plan, parcel: Polygon, stream: Line) -> None:
     dice = plan.dice
     plan.paint("rough", parcel)
     x, y = np.array([_middle(parcel.points)]).T
-    near = float(distance_to_line(x, y, stream)[0])
+    near = float(layout.distance_to_line(x, y, stream)[0])
     inner, use = _shrink(parcel, dice.real(1.2, 3.0)), dice.integer(0, 99)
     if near < _VALLEY_M and dice.chance(75):
         plan.paint("terraces", inner)
     elif use < 24:
         _grow_wood(plan, parcel)
+    elif use < 34:
+        _grow_meadow(plan, inner)
     elif use < 42:
-        _grow_meadow(plan, inner, orchard=use >= 34)
+        _grow_orchard(plan, inner)
     else:
         _grow_field(plan, inner)
     _add_hedges(plan, parcel)
@@ -227,20 +209,22 @@ def _grow_field(plan: Plan, inner: Polygon) -> None:
                 plan.plant(place, 0.85, 1.4, "bale")
 
 
-def _grow_meadow(plan: Plan, inner: Polygon, *, orchard: bool) -> None:
+def _grow_orchard(plan: Plan, inner: Polygon) -> None:
     dice = plan.dice
     plan.paint("meadow", inner)
-    if orchard:
-        gap = dice.real(5.5, 7.5)
-        for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
-            if dice.chance(93):
-                plan.paint("soil", Frame(*place, *inner.frame[2:]).box(1.2, 1.2))
-                _grow(plan, place, (1.2, 1.7), 2.0, "bush")
-        return
+    gap = dice.real(5.5, 7.5)
+    for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
+        if dice.chance(93):
+            plan.paint("soil", Frame(*place, *inner.frame[2:]).box(1.2, 1.2))
+            _grow(plan, place, (1.2, 1.7), 2.0, "bush")
+
+
+def _grow_meadow(plan: Plan, inner: Polygon) -> None:
+    plan.paint("meadow", inner)
     plan.paint("worn", inner)
-    for place in _grid(dice, inner, 22.0, 25.0):
-        if dice.chance(35):
-            _grow(plan, place, (1.0, 3.2), 2.2, dice.pick(("broad", "bush")))
+    for place in _grid(plan.dice, inner, 22.0, 25.0):
+        if plan.dice.chance(35):
+            _grow(plan, place, (1.0, 3.2), 2.2, plan.dice.pick(("broad", "bush")))
 
 
 def _grow_wood(plan: Plan, parcel: Polygon) -> None:
@@ -260,8 +244,8 @@ def _grid(
 ) -> Iterator[Point]:
     """Yield points of a grid along a polygon's axes, each moved a little, inside it."""
     u, v = polygon.frame.to_local(*np.array(polygon.points).T)
-    columns = steps(float(u.min()) + gap_u / 2, float(u.max()), gap_u)
-    rows = steps(float(v.min()) + gap_v / 2, float(v.max()), gap_v)
+    columns = layout.steps(float(u.min()) + gap_u / 2, float(u.max()), gap_u)
+    rows = layout.steps(float(v.min()) + gap_v / 2, float(v.max()), gap_v)
     for a, b in product(columns, rows):
         off_u, off_v = dice.real(-jitter, jitter), dice.real(-jitter, jitter)
         place = polygon.frame.to_world(a + off_u * gap_u, b + off_v * gap_v)
@@ -272,12 +256,12 @@ def _grid(
 def _add_hedges(plan: Plan, parcel: Polygon) -> None:
     """Plant bushes, now and then a tree, along some edges; small parcels have fewer."""
     dice = plan.dice
-    for edge in edges(parcel.points):
+    for edge in layout.edges(parcel.points):
         if not dice.chance(26 if _area(parcel.points) > 3000 else 12):
             continue
-        along, length = dice.real(1.0, 4.0), distance(*edge)
+        along, length = dice.real(1.0, 4.0), layout.distance(*edge)
         while along < length:
-            place = between(*edge, along / length, dice.real(-0.5, 0.5) / length)
+            place = layout.between(*edge, along / length, dice.real(-0.5, 0.5) / length)
             if dice.chance(9):
                 _grow(plan, place, (2.0, 3.4), 2.8)
             elif dice.chance(90):
@@ -290,15 +274,15 @@ def _add_hedges(plan: Plan, parcel: Polygon) -> None:
 
 def _lay_water(plan: Plan, lines: _Lines) -> None:
     dice, pond, (a, b) = plan.dice, lines.pond, lines.pond_half
-    plan.paint("rough", Stroke(lines.stream, 17.0))
-    plan.paint("shore", Stroke(lines.stream, 8.0))
+    plan.paint("rough", layout.Stroke(lines.stream, 17.0))
+    plan.paint("shore", layout.Stroke(lines.stream, 8.0))
     for kind, grown in (("rough", 7.0), ("shore", 3.5), ("shallow", 0.6), ("water", -0.8)):
-        plan.paint(kind, Ellipse(pond, a + grown, b + grown))
-    plan.paint("water", Stroke(lines.stream, 3.6))
-    plan.paint("wood", Stroke((pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)), 1.5))
+        plan.paint(kind, pond.box(a + grown, b + grown, is_round=True))
+    plan.paint("water", layout.Stroke(lines.stream, 3.6))
+    plan.paint("wood", layout.Stroke((pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)), 1.5))
     for ends, side in product(pairwise(lines.stream), (-1, 1)):
         if dice.chance(42):
-            _grow(plan, between(*ends, 0.0, side * dice.real(0.25, 0.4)), (1.8, 4.0), 2.6)
+            _grow(plan, layout.between(*ends, 0.0, side * dice.real(0.25, 0.4)), (1.8, 4.0), 2.6)
 
 
 def _lay_ways(plan: Plan, lines: _Lines) -> None:
@@ -307,32 +291,30 @@ def _lay_ways(plan: Plan, lines: _Lines) -> None:
     ways += [(line, "rough", 5.0, "ruts", 3.2) for line in lines.tracks]
     ways += [(lines.road, "rough", 11.0, "gravel", 8.0)]
     for line, border, wide, kind, width in ways:
-        plan.paint(border, Stroke(line, wide))
-        plan.paint(kind, Stroke(line, width))
-    plan.paint("asphalt", Stroke(lines.road, 6.4))
+        plan.paint(border, layout.Stroke(line, wide))
+        plan.paint(kind, layout.Stroke(line, width))
+    plan.paint("asphalt", layout.Stroke(lines.road, 6.4))
     for index, ends in enumerate(pairwise(lines.road)):
         if index % 2:
-            plan.paint("marking", Stroke(ends, 0.3))
+            plan.paint("marking", layout.Stroke(ends, 0.3))
         if dice.chance(12):
-            plan.paint(dice.pick(("patch", "tar", "lane")), Stroke(ends, dice.real(1, 4)))
+            plan.paint(dice.pick(("patch", "tar", "lane")), layout.Stroke(ends, dice.real(1, 4)))
         if dice.chance(14):
             plan.park(Frame.along(*ends).at(0, dice.pick((-1.6, 1.6))), dice.integer(SURVEY, OLDER))
 
 
 def _add_farm(plan: Plan, frame: Frame) -> None:
-    """Lay out a farm about a frame's origin, on ground that is level already."""
     dice, real = plan.dice, plan.dice.real
-    plan.paint("rough", Ellipse(frame, _YARD_M[0] + 4, _YARD_M[1] + 4))
-    plan.paint("meadow", Ellipse(frame, *_YARD_M))
+    plan.paint("rough", frame.box(_YARD_M[0] + 4, _YARD_M[1] + 4, is_round=True))
+    plan.paint("meadow", frame.box(*_YARD_M, is_round=True))
     plan.paint(dice.pick(("gravel", "plates", "track")), frame.box(23.0, 15.0))
     plan.paint("worn", frame.box(25.0, 17.0), dice.integer(0, 1))
     for u, v in ((0.0, -21.5), (19.0, -21.0)):
         bed = frame.at(u + real(-2, 2), v).box(8.0, 4.5)
         plan.paint(dice.pick(("beds", "beds", "lawn")), bed)
-    for row in _FARMS["buildings"]:
-        u, v, half_u, half_v, wall_m = (
-            real(*row[name]) for name in ("u", "v", "half_u", "half_v", "wall_m")
-        )
+    for row in layout.LOOKS["farms"]["buildings"]:
+        sizes = (real(*row[name]) for name in ("u", "v", "half_u", "half_v", "wall_m"))
+        u, v, half_u, half_v, wall_m = sizes
         if dice.chance(row["often"]):
             spot = frame.at(u, v, turned=row["turned"])
             plan.paint("plates", spot.box(half_u + 1, half_v + 1))
@@ -340,7 +322,7 @@ def _add_farm(plan: Plan, frame: Frame) -> None:
     for season, _ in product((SURVEY, OLDER), range(dice.integer(2, 5))):
         plan.park(frame.at(real(-9, 12), real(-5, 7), turned=dice.chance(50)), season)
     for v0, v1 in ((-14.0, -9.0), (9.0, 14.0)):
-        plan.strew("heaps", frame.box(24.0, 0.0)._replace(v0=v0, v1=v1), 7)
+        plan.strew("heaps", layout.Box(frame, -24.0, 24.0, v0, v1), 7)
     if dice.chance(60):
         plan.strew("gone", frame.at(2.0, -21.0).box(4.0, 0.5), 1)
     for _ in range(dice.integer(0, 6)):
@@ -351,12 +333,12 @@ def _add_farm(plan: Plan, frame: Frame) -> None:
         _grow(plan, place, (1.6, 3.6), 3.2 if kind == "cone" else 2.4, kind)
 
 
-def _clear_of_lines(x: Floats, y: Floats, lines: _Lines) -> Bools:
+def _is_clear(x: Floats, y: Floats, lines: _Lines) -> Bools:
     """Return which trees are inside the region, and neither on ways nor in water nor in a yard."""
     keep: Bools = (x > 3) & (x < SIDE_M - 3) & (y > 3) & (y < SIDE_M - 3)
-    berths = ((lines.road, 6.5), (lines.stream, 4.0))
-    for line, berth in (*berths, *((way, 3.4) for way in lines.tracks + lines.paths)):
-        keep &= distance_to_line(x, y, line) > berth
+    berths = [(lines.road, 6.5), (lines.stream, 4.0)]
+    for line, berth in [*berths, *((way, 3.4) for way in lines.tracks + lines.paths)]:
+        keep &= layout.distance_to_line(x, y, line) > berth
     for frame, half in ((lines.pond, lines.pond_half), *((f, _YARD_M) for f in lines.farms)):
         u, v = frame.to_local(x, y)
         u, v = u / (half[0] + 3), v / (half[1] + 3)

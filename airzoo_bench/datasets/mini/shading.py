@@ -1,26 +1,28 @@
-"""The colour of surfaces: their paint, the light on them, and what they mirror."""
+"""Weather and time of day, and the colour of surfaces in them.
+
+Conditions are the light, the sky and the air of a photo; they never change geometry. A surface has
+paint, the light on it, and what it mirrors. Colours are display values, 1.0 being the white of the
+image, as the survey's light is.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.noise import (
-    Singles,
-    floor_log2,
-    hash_of,
-    octaves,
-    uniforms,
-    volume_noise,
-)
-from airzoo_bench.datasets.mini.weather import Conditions, column, haze, sky_colour, towards_sun
-from airzoo_bench.datasets.mini.world import Material, World
+from airzoo_bench.datasets.mini import noise
+from airzoo_bench.datasets.mini.layout import LOOKS
+from airzoo_bench.datasets.mini.noise import Singles, hash_of, uniforms, volume_noise
+from airzoo_bench.datasets.mini.world import SURVEY_SUN, Light, Material, World
 from airzoo_bench.geometry.arrays import Floats
 
 _Indices = NDArray[np.int64]
-F = TypeVar("F", np.float32, np.float64)
+Colour = Sequence[float] | Floats
+WEATHERS, TIMES = ("sunny", *LOOKS["weathers"]), tuple(LOOKS["skies"])
 
 _LEAST_SIDE = 20  # of the coarsest image of a texture
 _STEPS_M = (1.5, 4.0, 9.0, 20.0)  # where the horizon is looked for, in each direction
@@ -29,16 +31,7 @@ _LAMP_CELL_M, _LAMP_REACH_M = 18.0, 30.0
 _LAMP_STREAM, _WINDOW_STREAM, _CLOUD_STREAM = 71, 72, 73
 _CLOUDS_M = 20.0  # side of the picture of clouds, 1 m overhead
 _DISC_COSINE = np.float32(0.99985)
-# left, right, bottom, top of a window as shares of its bay and storey, by style: single windows,
-# bands, doors to balconies, none, none; and of a shop.
-_WINDOWS = np.array(
-    [
-        *((0.24, 0.76, 0.30, 0.82), (0.04, 0.96, 0.34, 0.84), (0.16, 0.84, 0.04, 0.80)),
-        *((0.0,) * 4, (0.0,) * 4),
-    ],
-    np.float32,
-)
-_SHOP = np.array([0.06, 0.94, 0.06, 0.72], np.float32)[:, None]
+_WINDOWS, _SHOP = (np.array(LOOKS["windows"][name], np.float32) for name in ("styles", "shop"))
 _BALCONY, _BARN = 2, 3
 _PLINTH_M, _HALF_DOOR_M, _DOOR_M = 0.7, 2.0, 3.4
 _LIT_SHARE = np.float32(0.30)
@@ -52,6 +45,94 @@ _THROUGH_LEAVES = 0.13
 _BASE_REFLECTANCE = np.float32(0.04)
 # Light that the ground throws back at surfaces that look sideways or down.
 _BOUNCE = np.float32(0.7)
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """Light, sky and air that a photo is taken in."""
+
+    light: Light  # sun (or moon) and sky
+    zenith: Colour  # the sky straight up
+    horizon: Colour  # the sky at the horizon, which haze takes on
+    glow: Colour  # added to the sky around the sun
+    clouds: float  # how much of the sky has visible clouds, 0 to 1
+    # extinction: after d metres exp(-d * haze_per_m) of a surface's light is left
+    haze_per_m: float
+    # how much less skylight narrow places get, 0 to 1: little in the sun, as in the orthophoto
+    shade: float
+    noise: float  # standard deviation of the sensor's noise at mid-grey, in levels of 255
+    lamps: float = 0.0  # strength of street lamps and lit windows
+    wet: float = 0.0  # how wet surfaces are, 0 to 1
+    snow: float = 0.0  # how much snow lies, 0 to 1
+    falling: str = ""  # "rain" or "snow" in the air
+
+    @property
+    def direct(self) -> bool:
+        """Whether anything casts a shadow."""
+        return max(self.light.sun) > 0.0
+
+
+def conditions(weather: str, time: str) -> Conditions:
+    """Return the conditions of a weather, one of `WEATHERS`, and a time of day, one of `TIMES`."""
+    clear: dict[str, Any] = dict(LOOKS["skies"][time])
+    light = Light(*map(tuple, clear.pop("light"))) if "light" in clear else SURVEY_SUN
+    if weather == "sunny":
+        return Conditions(light=light, **clear)
+    grey: dict[str, Any] = dict(LOOKS["weathers"][weather])
+    bright, tint, noisier = (grey.pop(name) for name in ("bright", "tint", "noisier"))
+    soft = bright * (light.sky + 0.8 * np.array(light.sun) * max(light.direction[2], 0.3))
+    horizon = _greyed(clear["horizon"], 0.5) * [part * min(bright, 1.0) for part in tint]
+    black = (0.0, 0.0, 0.0)
+    return Conditions(
+        light=Light(light.direction, black, tuple(_greyed(soft, 0.35) * tint)),
+        zenith=horizon * (0.86, 0.88, 0.92),
+        horizon=horizon,
+        glow=black,
+        clouds=0.4,
+        shade=0.85,
+        noise=clear["noise"] * noisier,
+        lamps=max(clear["lamps"], 0.3) if "lamps" in clear else 0.0,
+        **grey,
+    )
+
+
+def _greyed(colour: Colour, share: float) -> Floats:
+    grey = 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2]
+    return np.asarray(grey + share * (np.asarray(colour) - grey))
+
+
+def column(colour: Colour) -> Singles:
+    """Return a colour as (3, 1) float32, to go with planes of (3, N)."""
+    return np.array(colour, np.float32)[:, None]
+
+
+def _towards_sun(directions: Singles, given: Conditions) -> Singles:
+    """Return the cosine of the angle between unit directions (3, N) and the sun, at least 0."""
+    x, y, z = (np.float32(component) for component in given.light.direction)
+    return np.asarray(np.clip(directions[0] * x + directions[1] * y + directions[2] * z, 0, 1))
+
+
+def _sky_colour(directions: Singles, given: Conditions) -> Singles:
+    """Return the clear sky in unit directions (3, N); below the horizon as at the horizon."""
+    share = np.sqrt(np.clip(directions[2], 0.0, 1.0))
+    horizon = column(given.horizon)
+    colour: Singles = horizon + (column(given.zenith) - horizon) * share
+    if max(given.glow) > 0.0:
+        near = _towards_sun(directions, given)
+        near = near * near
+        near = near * near
+        colour += column(given.glow) * (near * near)
+    return colour
+
+
+def _haze(colour: Singles, distance: Singles, view: Singles, given: Conditions) -> Singles:
+    """Return colours (3, N) as seen from metres (N,) off in unit directions (3, N)."""
+    left = np.exp(distance * np.float32(-given.haze_per_m))
+    air = column(given.horizon)
+    if max(given.glow) > 0.0:
+        near = _towards_sun(view, given)
+        air = air + column(given.glow) * (np.float32(0.5) * near * near)
+    return np.asarray(air + (colour - air) * left)
 
 
 class Points(NamedTuple):
@@ -74,16 +155,15 @@ class Points(NamedTuple):
 
     def facing(self) -> Singles:
         """Return the cosine of the angle between surface and line of sight, (N,)."""
-        return -dot(self.view, self.normal)
+        return np.asarray(-dot(self.view, self.normal))
 
 
-def dot(a: NDArray[F], b: NDArray[F]) -> NDArray[F]:
+def dot(a: Any, b: Any) -> Any:
     """Return products of vectors (3, N) summed in a fixed order, as a BLAS kernel would not."""
-    product: NDArray[F] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-class Texture:
+class _Texture:
     """Square images (n, n, 4) of one place and their halvings, the first row in the north."""
 
     def __init__(self, side_m: float, *images: NDArray[np.uint8]) -> None:
@@ -100,7 +180,7 @@ class Texture:
 
     def sample(self, xy: Any, size_m: Singles, dither: Singles, image: Any = 0) -> Singles:
         """Return the colour (4, N), in 0 to 1, at points of the square, mirrored beyond it."""
-        level = floor_log2(size_m * (1.0 + dither) * np.float32(1.0 / self._gsd_m))
+        level = noise.floor_log2(size_m * (1.0 + dither) * np.float32(1.0 / self._gsd_m))
         size = self._sizes.take(level, mode="clip")
         scale = size.astype(np.float32)
         shares, cells = [], []
@@ -116,15 +196,6 @@ class Texture:
                 weight = (share_x * share_y * np.float32(1 / 255))[:, None]
                 total += self._texels.take(first + down + right, axis=0) * weight
         return np.ascontiguousarray(total.T)
-
-
-def surroundings(world: World) -> Texture:
-    """Return a texture: the first lane is the share of sky seen, the second the lamps' light."""
-    gsd = world.region.side_m / len(world.dsm)
-    lanes = np.zeros((*world.dsm.shape, 4), np.uint8)
-    lanes[..., 0] = np.rint(255.0 * _openness(world.dsm, gsd))
-    lanes[..., 1] = np.rint(255.0 * np.clip(_lamp_light(world, gsd), 0.0, 1.0))
-    return Texture(world.region.side_m, lanes)
 
 
 def _openness(dsm: Singles, gsd: float) -> Singles:
@@ -166,8 +237,6 @@ def _lamp_light(world: World, gsd: float) -> Singles:
 
 
 class _Paint:
-    """The paint of N points, filled in material by material."""
-
     def __init__(self, points: Points) -> None:
         count = len(points.distance)
         self.albedo, self.glow = np.zeros((2, 3, count), np.float32)
@@ -179,17 +248,40 @@ class Shader:
     """Colours of the surfaces of one world."""
 
     def __init__(self, world: World) -> None:
-        self._side = world.region.side_m
-        self._land = Texture(self._side, world.ground, world.top)
-        self._around = surroundings(world)
+        self._side, dsm = world.region.side_m, world.dsm
+        border = np.concatenate([dsm[0], dsm[-1], dsm[:, 0], dsm[:, -1]])
+        self._far_level_m = float(np.median(border))
+        self._land = _Texture(self._side, world.ground, world.top)
+        gsd, around = self._side / len(dsm), np.zeros((*dsm.shape, 4), np.uint8)
+        around[..., 0] = np.rint(255.0 * _openness(dsm, gsd))
+        around[..., 1] = np.rint(255.0 * np.clip(_lamp_light(world, gsd), 0.0, 1.0))
+        self._around = _Texture(self._side, around)
         self._walls = world.walls
         self._leaves = (world.leaves / 255.0).astype(np.float32)
-        billow = octaves(0, _CLOUD_STREAM, 1024, {24: 7, 8: 5, 3: 4}) // 16 + 128
-        self._clouds = Texture(_CLOUDS_M, np.repeat(billow[..., None], 4, 2).astype(np.uint8))
+        billow = noise.octaves(0, _CLOUD_STREAM, 1024, {24: 7, 8: 5, 3: 4}) // 16 + 128
+        self._clouds = _Texture(_CLOUDS_M, np.repeat(billow[..., None], 4, 2).astype(np.uint8))
 
-    def sky(self, view: Singles, given: Conditions) -> Singles:
-        """Return the sky as the camera sees it in unit directions (3, N)."""
-        colour = sky_colour(view, given)
+    def horizon(self, view: Singles, origin: Floats, given: Conditions) -> Singles:
+        """Return what is seen in unit directions (3, N) past the mesh: sky, and land at one level.
+
+        The land is the region, mirrored on without end.
+        """
+        colour = np.empty_like(view)
+        above, below = np.flatnonzero(view[2] >= 0.0), np.flatnonzero(view[2] < 0.0)
+        colour[:, above] = self._sky(view[:, above], given)
+        down = view[:, below]
+        distance = np.float32(max(origin[2] - self._far_level_m, 1.0)) / np.maximum(-down[2], 1e-4)
+        xy = [np.float32(origin[k]) + distance * down[k] for k in (0, 1)]
+        coarse = np.full(len(distance), self._side / 40.0, np.float32)
+        land = self._land.sample(xy, coarse, np.full_like(coarse, 0.5), 1)[:3]
+        if given.snow > 0.0:
+            land += (column(_SNOW) - land) * np.float32(0.75 * given.snow)
+        sun = column(given.light.sun) * np.float32(given.light.direction[2])
+        colour[:, below] = _haze(land * (column(given.light.sky) + sun), distance, down, given)
+        return colour
+
+    def _sky(self, view: Singles, given: Conditions) -> Singles:
+        colour = _sky_colour(view, given)
         lit = column(given.horizon) * np.float32(1.04) + column(given.light.sun) * np.float32(0.05)
         far = np.float32(1.0) / (np.maximum(view[2], 0.0) + np.float32(0.14))
         fine = np.zeros_like(far) + np.float32(0.01)
@@ -199,7 +291,7 @@ class Shader:
         thick *= np.clip(view[2] * 30.0, 0.0, 1.0) * np.float32(given.clouds)
         colour += (lit - colour) * thick
         if given.direct:
-            colour += (towards_sun(view, given) > _DISC_COSINE) * np.float32(1.0)
+            colour += (_towards_sun(view, given) > _DISC_COSINE) * np.float32(1.0)
         return colour
 
     def colour(self, points: Points, lit: Singles, given: Conditions) -> Singles:
@@ -218,19 +310,7 @@ class Shader:
         _mirror_sky(colour, paint, points, given)
         if given.lamps > 0.0:
             colour += paint.glow * np.float32(given.lamps)
-        return haze(colour, points.distance, points.view, given)
-
-    def far_land(
-        self, view: Singles, origin: Floats, level_m: float, given: Conditions
-    ) -> tuple[Singles, Singles]:
-        """Return the land beyond the mesh: the region, mirrored on without end at one level."""
-        distance = np.float32(max(origin[2] - level_m, 1.0)) / np.maximum(-view[2], 1e-4)
-        xy = [np.float32(origin[k]) + distance * view[k] for k in (0, 1)]
-        coarse = np.full(len(distance), self._side / 40.0, np.float32)
-        albedo = self._land.sample(xy, coarse, np.full_like(coarse, 0.5), 1)[:3]
-        if given.snow > 0.0:
-            albedo += (column(_SNOW) - albedo) * np.float32(0.75 * given.snow)
-        return albedo, distance
+        return _haze(colour, points.distance, points.view, given)
 
     def _paint_land(self, paint: _Paint, points: Points) -> None:
         which, some = points.made_of(Material.GROUND, Material.ROOF, Material.APRON)
@@ -256,9 +336,8 @@ class Shader:
 
     def _paint_walls(self, paint: _Paint, which: _Indices, points: Points) -> None:
         """Paint storeys, bays, windows, balconies and doors, filtered to the pixel's size."""
-        x0, y0, cosine, sine, half_u, half_v, base, storey_m, bay_m, style = (
-            self._walls.T[:10].take(points.owner, axis=1)
-        )  # fmt: skip
+        wall = self._walls.T.take(points.owner, axis=1)
+        x0, y0, cosine, sine, half_u, half_v, base, storey_m, bay_m, style = wall[:10]
         x, y, height = points.xyz[0] - x0, points.xyz[1] - y0, points.xyz[2] - base
         # A wall runs along u or v of its building, on either side.
         out_u = points.normal[0] * cosine + points.normal[1] * sine
@@ -268,35 +347,29 @@ class Shader:
         u = np.where(ends, y * cosine - x * sine, x * cosine + y * sine) + half
         side = 2 * ends + (np.where(ends, out_u, out_v) > 0)
         width = 2 * half / np.maximum(np.floor(2 * half / bay_m), 1.0)
-        (column_, across), (storey, up) = (
-            np.divmod(at, np.float32(1)) for at in (u / width, height / storey_m)
-        )
+        bay, across = np.divmod(u / width, np.float32(1))
+        storey, up = np.divmod(height / storey_m, np.float32(1))
         slant = points.footprint / np.maximum(points.facing(), np.float32(0.2))
         fuzz_u, fuzz_v = slant / width, points.footprint / storey_m
         # The same for all pixels of a window.
-        cell = (points.owner * 4 + side).astype(np.int64), column_.astype(np.int64)
-        number = hash_of(
-            _WINDOW_STREAM, (cell[0] << 20) + (cell[1] << 10) + storey.astype(np.int64)
-        )
+        row, place, level = (at.astype(np.int64) for at in (points.owner * 4 + side, bay, storey))
+        number = hash_of(_WINDOW_STREAM, (row << 20) + (place << 10) + level)
         lit, shade, curtain, shop = (uniforms(number, lane) for lane in range(4))
         street = (storey == 0) & (style < _BALCONY) & (shop < 0.6)
-        frame = np.where(street, _SHOP, _WINDOWS.T.take(style.astype(np.int64), axis=1))
-        glass = _covered(across, frame[0], frame[1], fuzz_u) * _covered(
-            up, frame[2], frame[3], fuzz_v
-        )
+        frame = np.where(street, _SHOP[:, None], _WINDOWS.T.take(style.astype(np.int64), axis=1))
+        left, right, low, high = frame
+        glass = _covered(across, left, right, fuzz_u) * _covered(up, low, high, fuzz_v)
         glass[storey < 0] = 0.0
         fuzzy = np.maximum(slant, np.float32(0.02))
         door = np.clip((_HALF_DOOR_M - np.abs(u - half)) / fuzzy + 0.5, 0.0, 1.0)
         door *= np.clip((_DOOR_M - height) / fuzzy + 0.5, 0.0, 1.0) * (style == _BARN)
-        stain = volume_noise(
-            (points.xyz[0], points.xyz[1], points.xyz[2] * 0.15), 0.5, points.footprint
-        )
+        stain = volume_noise((*points.xyz[:2], points.xyz[2] * 0.15), 0.5, points.footprint)
         light = 1.0 + np.float32(0.045) * stain
         light -= np.float32(0.16) * _covered(up, 0.0, 0.045, fuzz_v)
         railing = _covered(up, 0.0, 0.34, fuzz_v) * _covered(across, 0.08, 0.92, fuzz_u)
         light += np.float32(0.14) * railing * (style == _BALCONY)
         light *= 1.0 - np.float32(0.22) * (height < _PLINTH_M)
-        albedo, pane = self._walls.T[10:].take(points.owner, axis=1).reshape(2, 3, -1)
+        albedo, pane = wall[10:].reshape(2, 3, -1)
         albedo = albedo * light
         albedo += (np.float32(0.16) - albedo) * (door * np.float32(0.9))
         dim = np.float32(0.6) * shade
@@ -335,8 +408,7 @@ def _covered(place: Singles, low: Singles | float, high: Singles | float, size: 
     sharp = np.clip(inside / (2 * half), 0.0, 1.0)
     # A pixel of a cell or more sees the mean of all cells.
     coarse = np.clip(size * 2.0 - 0.8, 0.0, 1.0)
-    share: Singles = sharp + (np.subtract(high, low, dtype=np.float32) - sharp) * coarse
-    return share
+    return np.asarray(sharp + (np.subtract(high, low, dtype=np.float32) - sharp) * coarse)
 
 
 def _lay_snow(paint: _Paint, points: Points, snow: float) -> None:
@@ -375,6 +447,6 @@ def _mirror_sky(colour: Singles, paint: _Paint, points: Points, given: Condition
     square = slant * slant
     share = _BASE_REFLECTANCE + (1 - _BASE_REFLECTANCE) * square * square * slant
     share *= paint.mirror[which]
-    seen = sky_colour(away, given)
+    seen = _sky_colour(away, given)
     seen *= np.clip(1.0 + 2.0 * away[2], 0.3, 1.0)
     colour[:, which] += (seen - colour[:, which]) * share

@@ -3,14 +3,9 @@
 All geometry is in metres of a local frame: x east, y north, z up, with the origin at the south-west
 corner of the region and heights as in the surface model. Rasters have their first row in the north.
 
-Worlds are kept on disk, so that each is built once::
-
-    <root>/mini-worlds/<region>-<seed>/
-        dom.tif, dsm.tif, satellite.tif   georeferenced, for other programs
-        world.npz                         all arrays of the world
-        world.json                        which world it is
-
-A folder appears whole or not at all.
+Each world is built once, into ``<root>/mini-worlds/<region>-<seed>/``, which appears whole or not
+at all: ``dom.tif``, ``dsm.tif`` and ``satellite.tif`` for other programs, ``world.npz`` with all
+arrays, and ``world.json``, which tells worlds apart.
 """
 
 from __future__ import annotations
@@ -33,6 +28,9 @@ from airzoo_bench.geometry.arrays import Floats
 
 CRS = "EPSG:4547"
 SIDE_M = 600.0
+FORMAT = 5
+"""To be raised when the files change, or the world that a seed gives: older ones are made again."""
+_INDEX = "world.json"
 
 
 @dataclass(frozen=True)
@@ -42,17 +40,12 @@ class Region:
     name: str
     west: float
     south: float
-    side_m: float
-
-    @property
-    def north(self) -> float:
-        """The northing of its northern border."""
-        return self.south + self.side_m
+    side_m: float = SIDE_M
 
 
 REGIONS = {
-    "city": Region("city", 401_000.0, 3_120_000.0, SIDE_M),
-    "rural": Region("rural", 409_000.0, 3_128_000.0, SIDE_M),
+    "city": Region("city", 401_000.0, 3_120_000.0),
+    "rural": Region("rural", 409_000.0, 3_128_000.0),
 }
 
 
@@ -109,9 +102,8 @@ class World:
 class Light:
     """Sunlight and skylight.
 
-    A surface of albedo ``a`` (display values of 0 to 255, per channel) with the outward unit normal
-    ``n`` shows ``a * (sky + sun * max(0, n . direction) * visible)``, cut at 255, where ``visible``
-    is 1 in the sun and 0 in a cast shadow.
+    A surface of albedo ``a`` and outward unit normal ``n`` shows ``a * (sky + sun * max(0, n .
+    direction) * visible)``, where ``visible`` is 1 in the sun and 0 in a cast shadow.
     """
 
     direction: tuple[float, float, float]  # unit vector to the sun: east, north, up
@@ -126,20 +118,12 @@ SURVEY_SUN = Light((-6 / 19, -10 / 19, 15 / 19), (0.95, 0.90, 0.78), (0.30, 0.36
 OLDER_SUN = Light((6 / 11, -6 / 11, 7 / 11), (1.02, 0.94, 0.80), (0.36, 0.40, 0.47))
 
 
-FORMAT = 5
-"""To be raised when the files change, or the world that a seed gives: older ones are made again."""
-
-_INDEX = "world.json"
-_RASTERS = ("dom", "dsm", "satellite")
-_NODATA = -9999.0
-
-
 def ensure_world(region: Region, seed: int, root: Path, build: Callable[[str, int], World]) -> Path:
     """Return the folder of a world, built now where it was not yet."""
     folder = root / "mini-worlds" / f"{region.name}-{seed}"
-    index = _index_text(region, seed)
+    index = folder / _INDEX
     with sole_maker(folder):
-        if not (folder / _INDEX).is_file() or (folder / _INDEX).read_text("utf-8") != index:
+        if not index.is_file() or index.read_text("utf-8") != _index_text(region, seed):
             save_world(folder, build(region.name, seed))
     return folder
 
@@ -147,7 +131,7 @@ def ensure_world(region: Region, seed: int, root: Path, build: Callable[[str, in
 def save_world(folder: Path, world: World) -> None:
     """Write a world to its folder, in place of an older one; the same world, the same bytes."""
     with atomic_folder(folder, replace=True, mark=_INDEX) as staged:
-        for name in _RASTERS:
+        for name in ("dom", "dsm", "satellite"):
             write_raster(staged / f"{name}.tif", getattr(world, name), world.region)
         write_npz(staged / "world.npz", world.arrays)
         (staged / _INDEX).write_text(_index_text(world.region, world.seed), "utf-8")
@@ -157,15 +141,10 @@ def _index_text(region: Region, seed: int) -> str:
     return canonical_json({"format": FORMAT, "region": asdict(region), "seed": seed}) + "\n"
 
 
-def world_key(folder: Path) -> str:
-    """Return the SHA-256 of all that a world's photos depend on."""
-    return sha256_of(folder / _INDEX)
-
-
-def stored_region(folder: Path) -> tuple[Region, int]:
-    """Return the region of a stored world, and its seed."""
+def read_index(folder: Path) -> tuple[Region, int, str]:
+    """Return a stored world's region, its seed, and a digest of all that its photos depend on."""
     index = json.loads((folder / _INDEX).read_bytes())
-    return Region(**index["region"]), index["seed"]
+    return Region(**index["region"]), index["seed"], sha256_of(folder / _INDEX)
 
 
 def load_world(folder: Path) -> World:
@@ -173,27 +152,22 @@ def load_world(folder: Path) -> World:
     with np.load(folder / "world.npz", allow_pickle=False) as arrays:
         found = dict(arrays)
     mesh = Mesh(*(found.pop(name) for name in Mesh._fields))
-    return World(*stored_region(folder), mesh, **found)
+    return World(*read_index(folder)[:2], mesh, **found)
 
 
 def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
-    """Write a region's raster as GeoTIFF with its place in `CRS`: the same pixels, the same bytes.
-
-    It is of heights (H, W) float32, NaN where there is none, or of colours (H, W, 3) uint8.
-    """
-    if pixels.ndim == 2:
-        bands = np.where(np.isnan(pixels), np.float32(_NODATA), pixels)[None]
-        profile: dict[str, Any] = {"nodata": _NODATA}
-    else:
-        bands, profile = np.moveaxis(pixels, -1, 0), {"photometric": "RGB"}
+    """Write heights (H, W) float32 or colours (H, W, 3) uint8 of a region as GeoTIFF in `CRS`."""
+    colours = pixels.ndim == 3
+    bands = np.moveaxis(pixels, -1, 0) if colours else pixels[None]
     count, height, width = bands.shape
     step_x, step_y = region.side_m / width, region.side_m / height
-    place = Affine(step_x, 0.0, region.west, 0.0, -step_y, region.north)
-    profile |= {"crs": CRS, "transform": place, "interleave": "pixel"}
-    profile |= {"driver": "GTiff", "dtype": pixels.dtype.name}
+    place = Affine(step_x, 0.0, region.west, 0.0, -step_y, region.south + region.side_m)
+    profile: dict[str, Any] = {"photometric": "RGB"} if colours else {"nodata": -9999.0}
+    profile |= {"driver": "GTiff", "dtype": pixels.dtype.name, "interleave": "pixel"}
+    profile |= {"count": count, "height": height, "width": width, "crs": CRS, "transform": place}
     # By way of memory: GDAL only logs a full disk, Python raises.
     with MemoryFile() as memory:
-        with memory.open(count=count, height=height, width=width, **profile) as dataset:
+        with memory.open(**profile) as dataset:
             dataset.write(bands)
         path.write_bytes(memory.getbuffer())
 

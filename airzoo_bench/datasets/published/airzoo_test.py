@@ -22,7 +22,7 @@ from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import about_of
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.depth_maps import find_depths, read_depth
-from airzoo_bench.datasets.mini.frames import ECEF_COLUMNS, PLACE_COLUMNS
+from airzoo_bench.datasets.mini.frames import PLACE_COLUMNS
 from airzoo_bench.datasets.published.places import (
     chosen_photos,
     files_by_key,
@@ -49,13 +49,13 @@ from airzoo_bench.protocol.model import ProtocolScene, protocol_for, protocol_of
 from airzoo_bench.reconstruction.clouds import VoxelGrid, grid_origin
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 
-_NAME = "airzoo-test"
-_TABLE = "frames.csv"
+_NAME, _TABLE = "airzoo-test", "frames.csv"
 _LAYOUT = "a folder for each trajectory, with frames.csv, images/ and depth/"
 _LENS = ("width", "height", "fx", "fy", "cx", "cy")
+_ECEF = ("ecef_x", "ecef_y", "ecef_z", "ecef_qw", "ecef_qx", "ecef_qy", "ecef_qz")
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 _CONDITIONS = ("weather", "time_of_day")
-_OPTIONAL = (*PLACE_COLUMNS, *ECEF_COLUMNS, *_DISTORTION, *_CONDITIONS)
+_OPTIONAL = (*PLACE_COLUMNS, *_ECEF, *_DISTORTION, *_CONDITIONS)
 _DECIMALS = 4
 
 
@@ -168,11 +168,11 @@ def _cameras(table: Table, rows: Sequence[int], sizes: Sequence[tuple[int, int]]
 
 def _ecef_poses(table: Table) -> tuple[Floats, Floats]:
     """Return centres (N, 3) and rotations (N, 3, 3) from ECEF, or as WGS84 states them."""
-    if table.has(*ECEF_COLUMNS):
-        values = table.columns(ECEF_COLUMNS)
+    if table.has(*_ECEF):
+        values = table.columns(_ECEF)
         return values[:, :3], quaternion_to_matrix(values[:, 3:], table.texts("name"))
     if not table.has(*PLACE_COLUMNS):
-        raise ValueError(f"it needs {', '.join(ECEF_COLUMNS)}; or {', '.join(PLACE_COLUMNS)}")
+        raise ValueError(f"it needs {', '.join(_ECEF)}; or {', '.join(PLACE_COLUMNS)}")
     limits = {"longitude": 180.0, "latitude": 90.0}
     stated = [table.numbers(n, -limits.get(n, 1e6), limits.get(n, 1e6)) for n in PLACE_COLUMNS]
     place, (roll, pitch, yaw) = np.stack(stated[:3], axis=1), stated[3:]

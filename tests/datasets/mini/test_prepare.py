@@ -1,8 +1,8 @@
-"""AirZoo-Mini as a benchmark: perfect input scores perfectly, worse input scores worse."""
+"""AirZoo-Mini as a benchmark: its worlds, maps and truth, and that exact input is perfect."""
 
 from __future__ import annotations
 
-from itertools import pairwise
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +10,16 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.api.benchmark import load_benchmark
+from airzoo_bench.core.errors import UsageError
+from airzoo_bench.datasets.mini.dataset import MiniOptions, mini_photos, mini_protocols
+from airzoo_bench.datasets.mini.noise import noisy_priors
+from airzoo_bench.datasets.mini.renderer import Raycaster
+from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN, Material
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import depth_to_points
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, depth_to_points
 from airzoo_bench.geometry.rasters import world_to_pixel
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
@@ -23,67 +29,102 @@ from tests.datasets.support import hold_crops, hold_tiles
 from tests.processor_truths import fingerprints
 from tests.support import run_main
 
-pytestmark = pytest.mark.slow
-
-HOME = Path(__file__).parents[3]
-SCENES = ("city", "rural")
+slow = pytest.mark.slow
+EACH = pytest.mark.parametrize("region", sorted(REGIONS))
+BYTES = {"city": "973ef2cb90fbe227", "rural": "16fdc6a42e2e5260"}
 TRUTHS = {
-    "city retrieval": "41580b87fce5",
-    "city matching": "22bd551d6457",
-    "city reconstruction": "dc6f7d5c2bb7",
-    "rural retrieval": "02346c8a0363",
-    "rural matching": "54776295dbf3",
-    "rural reconstruction": "88b277010868",
+    **{"city retrieval": "41580b87fce5", "rural retrieval": "02346c8a0363"},
+    **{"city matching": "22bd551d6457", "rural matching": "54776295dbf3"},
+    **{"city reconstruction": "dc6f7d5c2bb7", "rural reconstruction": "88b277010868"},
 }
-Scores = dict[str, float]
 
 
-def test_its_truth_is_the_same_on_every_machine(mini: Prepared) -> None:
+@slow
+def test_world_and_truth_are_the_same_on_every_machine(mini: Prepared) -> None:
+    for region, expected in BYTES.items():
+        found = hashlib.sha256()
+        for _, array in sorted(mini.world(region).arrays.items()):
+            found.update(np.ascontiguousarray(array).tobytes())
+        assert found.hexdigest()[:16] == expected
     for name, fingerprint in fingerprints(mini.root / "airzoo-mini").items():
         assert fingerprint.startswith(TRUTHS[name]), name
 
 
-def test_every_track_has_truth_and_every_condition_is_there(mini: Prepared) -> None:
-    for scene in load_benchmark(mini.root / "airzoo-mini").scenes:
-        home = mini.root / "airzoo-mini" / "scenes" / scene.id
-        hold_tiles(home, scene)
-        hold_crops(home, scene)
-        entry = mini.benchmark.scene(scene.id)
-        assert entry.dom.endswith("dom.tif")
-        assert str(entry.gallery).endswith("satellite.tif")
-        photos = pd.read_csv(home / "queries.csv")
-        frames = pd.read_csv(mini.frames(scene.id) / "frames.csv")
-        assert set(frames["name"] + ".jpg") == set(photos["image"])
-        roll = photos[photos["sequence"] == "roll"]
-        assert roll.groupby(["weather", "time_of_day"]).size().tolist() == [2] * 15
-        assert roll["pitch_deg"].min() < 20
-        assert roll["pitch_deg"].max() > 80
-        surveyed = photos.loc[photos["sequence"] == "survey", "id"].tolist()
-        assert read_reconstruction(mini.benchmark, scene.id).photos["id"].tolist() == surveyed
-        assert len(read_retrieval(home, scene.id).queries) >= 50
-        truth = read_matching(mini.benchmark, scene.id)
-        assert len(truth.queries) >= 50
-        away = np.linalg.norm(truth.priors.centres - truth.poses.centres, axis=1)
-        assert 2 < np.median(away) < 6
+@slow
+@EACH
+def test_dsm_is_the_highest_surface_that_a_vertical_ray_meets(mini: Prepared, region: str) -> None:
+    world = mini.world(region)
+    caster = Raycaster(world.mesh)
+    rows, columns = np.divmod(np.arange(0, 1200 * 1200, 37), 1200)
+    x, y = (columns + 0.5) * 0.5, 600.0 - (rows + 0.5) * 0.5
+
+    def height(off: float) -> Floats:
+        origins = np.stack([x + off, y + off, np.full(len(x), 200.0)])
+        return 200.0 - caster.trace(origins, np.array([[0.0], [0.0], [-1.0]]) + 0.0 * origins)[1]
+
+    # Where a ray beside it meets quite another height, the pixel is at a vertical edge.
+    met = height(0.0)
+    level = (np.abs([height(-0.01) - met, height(0.01) - met]) <= 0.15).all(axis=0)
+    assert level.mean() > 0.97
+    assert np.abs(world.dsm[rows, columns] - met)[level].max() < 1e-4
 
 
-def test_the_submissions_of_this_repository(
-    mini: Prepared, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(mini.root))
-    monkeypatch.chdir(HOME)
-    assert run_main("submission", "check", "submissions/airzoo-mini/matching/sift") == 0
-    assert "scored" in capsys.readouterr().out
+@slow
+@EACH
+def test_walls_stand_roofs_face_up_and_land_goes_on(mini: Prepared, region: str) -> None:
+    mesh = mini.world(region).mesh
+    corners = mesh.vertices[mesh.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    slope = normal[:, 2] / np.linalg.norm(normal, axis=1)
+    assert np.abs(slope[mesh.material == Material.WALL]).max() < 1e-9
+    upper = (Material.ROOF, Material.GROUND, Material.APRON)
+    assert (slope[np.isin(mesh.material, upper)] > 0).all()
+    land, apron = (corners[mesh.material == one].reshape(-1, 3) for one in upper[1:])
+    assert (apron[:, :2].min(), apron[:, :2].max()) == (-800.0, 1400.0)
+    for axis, border in ((0, 0.0), (0, 600.0), (1, 0.0), (1, 600.0)):
+        along, inner = (part[part[:, axis] == border] for part in (apron, land))
+        along = along[(along[:, 1 - axis] >= 0) & (along[:, 1 - axis] <= 600)]
+        assert np.array_equal(np.unique(along, axis=0), np.unique(inner, axis=0))
 
 
-def result_of(mini: Prepared, path: Path) -> Scores:
-    return dict(evaluate(path, data=mini.root, run=Run(jobs=2)).result.overall)
+@slow
+@EACH
+def test_maps_show_the_same_place_in_their_light(mini: Prepared, region: str) -> None:
+    world = mini.world(region)
+    # No channel is brighter than the albedo in the whole sun, none darker than in the sky alone.
+    albedo, sky = world.top[..., :3].astype(float), np.array(SURVEY_SUN.sky)
+    assert (world.dom <= np.minimum(albedo * (sky + SURVEY_SUN.sun) + 0.51, 255)).all()
+    assert (world.dom >= np.floor(np.minimum(albedo * sky, 255))).all()
+    grey = world.dom.mean(axis=2).reshape(200, 12, 200, 12).mean(axis=(1, 3))
+    older = world.satellite.mean(axis=2).reshape(200, 10, 200, 10).mean(axis=(1, 3))
+    assert 0.35 < np.corrcoef(grey.ravel(), older.ravel())[0, 1] < 0.95
+    assert np.corrcoef(np.roll(grey, 30, axis=1).ravel(), older.ravel())[0, 1] < 0.3
 
 
-def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Scores:
-    """Score matches by exact depth, with noise on the map and wrong matches among them."""
-    random, ids, photo_xy, map_xy = np.random.default_rng(1), [], [], []
-    for scene in SCENES:
+@slow
+@EACH
+def test_every_track_has_truth_and_every_condition_is_there(mini: Prepared, region: str) -> None:
+    home = mini.root / "airzoo-mini" / "scenes" / region
+    (scene,) = (one for one in load_benchmark(mini.root / "airzoo-mini").scenes if one.id == region)
+    hold_tiles(home, scene)
+    hold_crops(home, scene)
+    photos = pd.read_csv(home / "queries.csv")
+    roll = photos[photos["sequence"] == "roll"]
+    assert roll.groupby(["weather", "time_of_day"]).size().tolist() == [2] * 15
+    assert (roll["pitch_deg"].min(), roll["pitch_deg"].max()) == pytest.approx((10, 90), abs=10)
+    surveyed = photos.loc[photos["sequence"] == "survey", "id"].tolist()
+    assert read_reconstruction(mini.benchmark, region).photos["id"].tolist() == surveyed
+    truth = read_matching(mini.benchmark, region)
+    assert min(len(read_retrieval(home, region).queries), len(truth.queries)) >= 50
+    away = np.linalg.norm(truth.priors.centres - truth.poses.centres, axis=1)
+    assert 2 < np.median(away) < 6
+
+
+@slow
+def test_exact_matches_and_depth_are_perfect(mini: Prepared, tmp_path: Path) -> None:
+    """Depth, poses, cameras, maps, surface models and clouds of the benchmark agree."""
+    ids, pairs = [], []
+    for scene in REGIONS:
         truth = read_matching(mini.benchmark, scene)
         surface, dom = HeightField.read(truth.maps[0].dsm), truth.maps[0].dom
         for row, query in truth.queries.iterrows():
@@ -92,61 +133,83 @@ def match(mini: Prepared, path: Path, noise_px: float, outliers: float) -> Score
             grid[11::24, 11::24] = True
             grid &= (depth > 0) & (depth < 350)
             points = depth_to_points(depth, grid, truth.cameras.take(row), truth.poses.take(row))
+            there = world_to_pixel(dom.transform, points[:, :2])
             # What lies under a roof's edge or a tree is not what the surface model shows there.
-            level = np.abs(surface.sample(points[:, :2]) - points[:, 2]) < 0.05
-            there = world_to_pixel(dom.transform, points[level, :2])
-            there += random.normal(0, noise_px, there.shape) if noise_px else 0.0
-            wrong = random.random(len(there)) < outliers
-            there[wrong] = random.uniform(0, dom.width, (wrong.sum(), 2))
-            inside = ((there >= 0) & (there <= dom.width)).all(axis=1)
+            fit = np.abs(surface.sample(points[:, :2]) - points[:, 2]) < 0.05
+            fit &= ((there >= 0) & (there <= dom.width)).all(axis=1)
             ids.append(query["id"])
-            photo_xy.append((np.argwhere(grid)[:, ::-1] + 0.5)[level][inside])
-            map_xy.append(there[inside])
-    offsets = np.cumsum([0, *(len(part) for part in photo_xy)])
-    pairs = {"query_xy": np.concatenate(photo_xy), "map_xy": np.concatenate(map_xy)}
-    np.savez(path, protocol="airzoo-mini-matching", query_ids=ids, offsets=offsets, **pairs)
-    return result_of(mini, path)
-
-
-def test_matching_is_perfect_and_falls(mini: Prepared, tmp_path: Path) -> None:
-    ladder = ((0.0, 0.0), (3.0, 0.2), (12.0, 0.5))
-    results = [match(mini, tmp_path / "p.npz", noise, wrong) for noise, wrong in ladder]
-    assert results[0]["within_1m"] == results[0]["within_1m_1deg"] == 1.0
-    assert results[0]["error_m"] < 0.05
-    for better, worse in pairwise(results):
-        assert better["error_m"] < worse["error_m"]
-        assert better["within_1m"] > worse["within_1m"]
-
-
-def reconstruct(mini: Prepared, folder: Path, noise: float, smaller: int = 3) -> Scores:
-    """Score depth maps: exact ones, so many times smaller, with a share of noise."""
-    folder.mkdir()
-    (folder / "protocol.txt").write_text("airzoo-mini-reconstruction\n")
-    for scene in SCENES:
-        random, truth = np.random.default_rng(2), read_reconstruction(mini.benchmark, scene)
-        images, poses = truth.photos["image"], truth.poses
-        # The middle pixel of each three by three is at the centre of the larger one.
-        rows = slice(smaller // 2, None, smaller)
-        columns = slice(smaller // 2, 640 // smaller * smaller, smaller)
-        depth = np.stack([mini.depth(scene, image)[rows, columns] for image in images])
-        depth *= 1 + random.normal(0, noise, depth.shape)
-        K = truth.cameras.matrices / [[smaller], [smaller], [1.0]]
+            pairs.append(np.column_stack([np.argwhere(grid)[:, ::-1] + 0.5, there])[fit])
+        truth = read_reconstruction(mini.benchmark, scene)
+        poses, images = truth.poses, truth.photos["image"]
+        (tmp_path / "depth").mkdir(exist_ok=True)
         np.savez(
-            folder / f"{scene}.npz",
-            depth=depth.astype(np.float32),
-            intrinsics=K,
+            tmp_path / "depth" / f"{scene}.npz",
+            depth=np.stack([mini.depth(scene, image) for image in images]).astype(np.float32),
+            intrinsics=truth.cameras.matrices,
             extrinsics=np.concatenate([poses.rotation, poses.translation[..., None]], axis=2),
             image_names=images.to_numpy(str),
         )
-    return result_of(mini, folder)
-
-
-def test_reconstruction_is_perfect_and_falls(mini: Prepared, tmp_path: Path) -> None:
-    overall = reconstruct(mini, tmp_path / "p", 0.0, smaller=1)
+    (tmp_path / "depth" / "protocol.txt").write_text("airzoo-mini-reconstruction\n")
+    offsets, every = np.cumsum([0, *map(len, pairs)]), np.concatenate(pairs)
+    split = {"query_xy": every[:, :2], "map_xy": every[:, 2:]}
+    path = tmp_path / "matches.npz"
+    np.savez(path, protocol="airzoo-mini-matching", query_ids=ids, offsets=offsets, **split)
+    run = Run(jobs=2)
+    overall = evaluate(path, data=mini.root, run=run).result.overall
+    assert overall["within_1m"] == overall["within_1m_1deg"] == 1.0
+    assert overall["error_m"] < 0.05
+    overall = evaluate(tmp_path / "depth", data=mini.root, run=run).result.overall
     assert overall["f1_10m"] == overall["f1_1m"] == 1.0
     assert overall["pose_auc_3deg"] == pytest.approx(1.0, abs=1e-6)
     assert max(overall["chamfer_m"], overall["ate_m"]) < 1e-3
-    found = [reconstruct(mini, tmp_path / f"{by}", by) for by in (0.0, 0.01, 0.2)]
-    for better, worse in pairwise(found):
-        assert better["chamfer_m"] < worse["chamfer_m"]
-        assert better["f1_1m"] > worse["f1_1m"]
+
+
+@slow
+def test_commands(mini: Prepared, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(mini.root))
+    name = "airzoo_bench.datasets.mini.flights.key_frames"
+    monkeypatch.setattr(name, lambda flown, *rest: np.arange(0, len(flown), len(flown) // 2)[:2])
+    words = ("mini", "render", "--region", "rural", "--flight", "survey", "--weather", "foggy")
+    assert run_main(*words, "--out", str(tmp_path)) == 0
+    frames = pd.read_csv(tmp_path / "frames.csv")
+    assert frames["weather"].tolist() == ["foggy"] * 2
+    found = {path.stem for path in (tmp_path / "images").iterdir()}
+    assert found == {f"{frame:06d}" for frame in frames["name"]}
+    assert run_main(*words[:-1], "hail", "--out", str(tmp_path)) == 2
+    monkeypatch.chdir(Path(__file__).parents[3])
+    assert run_main("submission", "check", "submissions/airzoo-mini/matching/sift") == 0
+
+
+def test_priors_are_off_as_a_drones_metadata() -> None:
+    spread, names = np.linspace(0, 1, 4000), [f"photo_{row}" for row in range(4000)]
+    rotations = angles_to_rotations(360 * spread, -45 - 30 * spread, 0.0, convergence_deg=0.0)
+    poses = Poses.from_centres(rotations, np.outer(spread, np.ones(3)))
+    offsets = noisy_priors(names, poses, 0).centres - poses.centres
+    np.testing.assert_allclose(offsets.std(axis=0), [2.0, 2.0, 3.0], rtol=0.05)
+    np.testing.assert_allclose(offsets.mean(axis=0), 0, atol=0.2)
+    # Normal enough: as many beyond two deviations as there should be.
+    assert (np.abs(offsets / [2.0, 2.0, 3.0]) > 2).mean() == pytest.approx(0.0455, abs=0.01)
+    # They belong to the name and the seed, and are the same numbers everywhere.
+    one = Poses.from_centres(np.eye(3)[None], np.zeros((1, 3)))
+    expected = [1.53424072265625, -0.400146484375, 6.124420166015625]
+    assert noisy_priors(["city/0001"], one, 0).centres[0].tolist() == expected
+
+
+def test_a_sealed_edition_hides_all_that_its_key_does_not_tell(tmp_path: Path) -> None:
+    path, dsm = tmp_path / "mini.key", np.full((1200, 1200), 20.0, np.float32)
+    path.write_text("9f86d081884c7d659a2feaa0c55ad015\n")
+    key = MiniOptions(key_file=path).source
+    public, sealed, other = (mini_photos(REGIONS["city"], dsm, seed) for seed in (0, key, key ^ 1))
+    assert set(sealed.names).isdisjoint(other.names)
+    assert not any("survey" in name or "roll" in name for name in sealed.names)
+    # Whoever flies the survey again knows no more than from a prior: each photo has its gust.
+    for shown in (public, other):
+        off = np.linalg.norm(shown.poses.centres[:20] - sealed.poses.centres[:20], axis=1)
+        assert 2.0 < np.median(off) < 8.0
+    for protocol in mini_protocols(key).every:
+        assert protocol.benchmark == "airzoo-mini-sealed"
+        assert f"{key:x}"[1:] not in protocol.model_dump_json()
+    for seed, text in ((3, "0" * 32), (0, ""), (0, "0" * 31), (0, "g" * 32), (0, "0" * 64)):
+        path.write_text(text)
+        with pytest.raises(UsageError):
+            _ = MiniOptions(seed, path).source

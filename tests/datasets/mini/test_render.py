@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from functools import cache
 from itertools import combinations, product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from airzoo_bench.datasets.mini.renderer import Raycaster, Renderer
-from airzoo_bench.datasets.mini.weather import TIMES, WEATHERS
-from airzoo_bench.datasets.mini.world import SURVEY_SUN, Mesh
+from airzoo_bench.datasets.mini.renderer import Raycaster, Renderer, default_camera
+from airzoo_bench.datasets.mini.shading import TIMES, WEATHERS
+from airzoo_bench.datasets.mini.world import Mesh
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, project
 from airzoo_bench.geometry.poses import Poses, depth_to_points, world_to_camera
-from tests.datasets.mini import support as small
-from tests.datasets.mini.support import BLOCK, CORNER, GROUND_M, HORIZON, NADIR, OBLIQUE, camera
+from tests.datasets.mini import conftest as small
+from tests.datasets.mini.conftest import BLOCK, CAMERA, CORNER, GROUND_M, HORIZON, NADIR, OBLIQUE
 
-SUN = np.array(SURVEY_SUN.direction)
+FINE = default_camera(320, 240)
 
 
-def shot(lens: Cameras, view: Poses, weather: str = "sunny", time: str = "day") -> np.ndarray:
+def shot(view: Poses, weather: str = "sunny", time: str = "day", lens: Cameras = CAMERA) -> Floats:
     return small.renderer().render(lens, view, weather, time, 1).rgb.astype(float)
 
 
-def depth_of(lens: Cameras, view: Poses) -> np.ndarray:
+def depth_of(view: Poses, lens: Cameras = CAMERA) -> np.ndarray:
     return small.renderer().render(lens, view, "sunny", "day", 1).depth
 
 
@@ -39,24 +36,6 @@ def test_a_mesh_far_from_the_origin_of_its_ray_is_met_to_the_last_digits() -> No
     target = np.array([0.3, 0.3, 0.4]) @ vertices
     _, distance = Raycaster(mesh).trace(origin, (target - origin)[:, None])
     np.testing.assert_allclose(distance, 1.0, atol=1e-14)
-
-
-@cache
-def caster() -> Raycaster:
-    return Raycaster(small.world().mesh)
-
-
-@settings(max_examples=40, deadline=None)
-@given(north=st.floats(0.3, 11.0), east=st.floats(26.0, 38.0))
-def test_the_shadow_of_the_block(north: float, east: float) -> None:
-    """The block stands 12 m high and the sun, in (-6, -10, 15), rises 1.5 m a metre of northing.
-
-    North of the wall its shadow so reaches 8 m; x moves by 4.8 m at most and stays in the block.
-    """
-    point, up = np.array([[east], [BLOCK[3] + north], [GROUND_M]]), np.array([[0.0], [0.0], [1.0]])
-    blocked = caster().occluded(point, up, SUN)
-    if abs(north - 8.0) > 0.05:
-        assert bool(blocked[0]) == (north < 8.0)
 
 
 def block_and_ground(origin: Floats, directions: Floats) -> Floats:
@@ -75,9 +54,8 @@ def block_and_ground(origin: Floats, directions: Floats) -> Floats:
 
 @pytest.mark.parametrize("view", [NADIR, OBLIQUE, HORIZON, small.pose((5, 20, 26), 60, 0, 8)])
 def test_depth_against_slabs(view: Poses) -> None:
-    lens = camera()
-    truth = block_and_ground((view.centres - CORNER)[0], small.rays(lens, view))
-    depth = depth_of(lens, view).ravel()
+    truth = block_and_ground((view.centres - CORNER)[0], small.rays(CAMERA, view))
+    depth = depth_of(view).ravel()
     # House and trees only come before; rays along a silhouette may fall on either side.
     nearer = (depth > 0) & (depth < truth * (1 - 1e-6) - 1e-4)
     truth = np.where(np.isinf(truth), 0.0, truth)
@@ -88,12 +66,12 @@ def test_depth_against_slabs(view: Poses) -> None:
 
 def test_depth_is_exact_to_the_bit() -> None:
     """Of level land and roofs from straight above, and of a wall that is looked at squarely."""
-    depth = depth_of(camera(), NADIR)
+    depth = depth_of(NADIR)
     assert (depth.shape, depth.dtype) == ((120, 160), np.float32)
     assert {np.float32(100 - GROUND_M), np.float32(100 - BLOCK[4])} <= set(depth.ravel().tolist())
     assert depth.max() == np.float32(100 - GROUND_M)
-    depth = depth_of(camera(), small.pose((30, 0, 26), 0, 0))
-    focal = camera().focal[0, 0]
+    depth = depth_of(small.pose((30, 0, 26), 0, 0))
+    focal = CAMERA.focal[0, 0]
     wide, high = int(10.0 / 30.0 * focal) - 1, int(6 / 30 * focal) - 1
     wall = depth[60 - high : 60 + high, 80 - wide : 80 + wide]
     np.testing.assert_array_equal(wall, np.float32(30.0))
@@ -101,34 +79,30 @@ def test_depth_is_exact_to_the_bit() -> None:
 
 
 def test_sky_and_what_lies_beyond_the_mesh_have_no_depth() -> None:
-    depth = depth_of(camera(), HORIZON)
-    up = small.rays(camera(), HORIZON).reshape(120, 160, 3)[..., 2] >= 0
+    depth, picture = depth_of(HORIZON), shot(HORIZON)
+    up = small.rays(CAMERA, HORIZON).reshape(120, 160, 3)[..., 2] >= 0
     assert not depth[up].any()
     assert (depth[-20:] > 0.0).all()
     # Land goes on to the horizon, where the mesh has ended.
     beyond = (depth == 0.0) & ~up
     assert beyond.any()
-    picture = shot(camera(), HORIZON)
     assert np.abs(picture[beyond].mean(axis=0) - picture[up].mean(axis=0)).max() > 3.0
 
 
 @pytest.mark.parametrize("view", [OBLIQUE, HORIZON])
 def test_conditions_change_pixels_and_never_depth(view: Poses) -> None:
-    lens = camera(80, 60)
-    render = small.renderer().render
+    lens, render = default_camera(80, 60), small.renderer().render
     frames = [render(lens, view, *given, 5) for given in product(WEATHERS, TIMES)]
-    assert len({frame.depth.tobytes() for frame in frames}) == 1
-    pictures = [frame.rgb.astype(float) for frame in frames]
-    assert len(pictures) == 15
-    for first, second in combinations(pictures, 2):
+    assert (len(frames), len({frame.depth.tobytes() for frame in frames})) == (15, 1)
+    for first, second in combinations([frame.rgb.astype(float) for frame in frames], 2):
         assert np.abs(first - second).mean() > 1.0
 
 
 def test_a_sunny_day_looks_like_the_orthophoto() -> None:
-    world, view, lens = small.world(), small.pose((48, 48, 70), 0, -90), camera(320, 240)
-    depth = depth_of(lens, view).astype(float)
-    points = depth_to_points(depth, depth > 0, lens, view) - CORNER
-    photo = shot(lens, view).reshape(-1, 3)[depth.ravel() > 0]
+    world, view = small.small_world(), small.pose((48, 48, 70), 0, -90)
+    depth = depth_of(view, FINE).astype(float)
+    points = depth_to_points(depth, depth > 0, FINE, view) - CORNER
+    photo = shot(view, lens=FINE).reshape(-1, 3)[depth.ravel() > 0]
     inside = ((points[:, :2] > 0) & (points[:, :2] < small.SIDE_M)).all(axis=1)
     points, photo = points[inside], photo[inside]
     column, row = (points[:, 0] * 4).astype(int), ((small.SIDE_M - points[:, 1]) * 4).astype(int)
@@ -141,31 +115,29 @@ def test_a_sunny_day_looks_like_the_orthophoto() -> None:
 
 
 def test_what_conditions_look_like() -> None:
+    """The block stands 12 m high and the sun, in (-6, -10, 15), rises 1.5 m a metre of northing.
+
+    North of the wall its shadow so reaches 8 m.
+    """
+
     def at(picture: np.ndarray, north: float) -> float:
-        """Return the light at a point north of the block, see `test_the_shadow_of_the_block`."""
         point = np.array([[[34.0, BLOCK[3] + north, 20.0]]]) + CORNER
-        x, y = project(camera(320, 240), world_to_camera(NADIR, point))[0, 0].astype(int)
+        x, y = project(FINE, world_to_camera(NADIR, point))[0, 0].astype(int)
         return float(picture[y - 1 : y + 2, x - 1 : x + 2].mean())
 
     for weather, shady in (("sunny", True), ("cloudy", False)):
-        picture = shot(camera(320, 240), NADIR, weather)
+        picture = shot(NADIR, weather, lens=FINE)
         assert (at(picture, 6.5) < 0.6 * at(picture, 9.5)) == shady
-    day, snow, red = (
-        shot(camera(), OBLIQUE, *given)
-        for given in (("sunny", "day"), ("snowy", "day"), ("sunny", "sunset"))
-    )
-    assert shot(camera(), OBLIQUE, "sunny", "night").mean() < 0.35 * day.mean()
-    assert shot(camera(), OBLIQUE, "foggy").std() < 0.7 * day.std()
+    day, snow, red = shot(OBLIQUE), shot(OBLIQUE, "snowy"), shot(OBLIQUE, time="sunset")
+    assert shot(OBLIQUE, time="night").mean() < 0.35 * day.mean()
+    assert shot(OBLIQUE, "foggy").std() < 0.7 * day.std()
     assert np.median(snow) > 130
     assert np.median(np.ptp(snow, axis=-1)) < 30  # a little blue
     assert red[..., 0].mean() / red[..., 2].mean() > day[..., 0].mean() / day[..., 2].mean()
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:
-    given = (camera(), OBLIQUE, "rainy", "sunset")
-    first = small.renderer().render(*given, 7).rgb
-    small.renderer().render(camera(100, 80), NADIR, "snowy", "night", 8)
-    for renderer in (small.renderer(), Renderer(small.world())):
-        np.testing.assert_array_equal(first, renderer.render(*given, 7).rgb)
-    other = small.renderer().render(*given, 8).rgb
+    given = (CAMERA, OBLIQUE, "rainy", "sunset")
+    first, other = (small.renderer().render(*given, seed).rgb for seed in (7, 8))
+    np.testing.assert_array_equal(first, Renderer(small.small_world()).render(*given, 7).rgb)
     assert 0.0 < np.abs(first.astype(int) - other).mean() < 6.0

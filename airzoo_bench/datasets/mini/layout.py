@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from airzoo_bench.datasets.mini.noise import Dice, octaves
+from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.world import SIDE_M
 from airzoo_bench.geometry.arrays import Bools, Floats
 
@@ -20,6 +20,8 @@ Point = tuple[float, float]
 Line = tuple[Point, ...]
 Window = tuple[slice, slice]
 Colour = tuple[int, int, int]
+Patch = tuple[Window, Bools, Floats, Floats]
+"""Of pixels that a form may cover: rows and columns, where it does, and u and v in its axes."""
 
 LOOKS = tomllib.loads(Path(__file__).with_name("looks.toml").read_text("utf-8"))
 ALWAYS, SURVEY, OLDER = 0, 1, 2
@@ -66,18 +68,9 @@ class Frame(NamedTuple):
         turn = (-self.sine, self.cosine) if turned else (self.cosine, self.sine)
         return Frame(*self.to_world(u, v), *turn)
 
-    def box(self, half_u: float, half_v: float) -> Box:
-        """Return a box about the origin."""
-        return Box(self, -half_u, half_u, -half_v, half_v)
-
-
-class Patch(NamedTuple):
-    """The part of a raster that a form may cover."""
-
-    window: Window  # rows and columns of the raster
-    mask: Bools  # (h, w): where the form does cover it
-    u: Floats  # (h, w): coordinates in the axes of the form, in metres
-    v: Floats  # (h, w)
+    def box(self, half_u: float, half_v: float, *, is_round: bool = False) -> Box:
+        """Return a rectangle about the origin, or the ellipse in it."""
+        return Box(self, -half_u, half_u, -half_v, half_v, is_round)
 
 
 class Raster(NamedTuple):
@@ -90,9 +83,8 @@ class Raster(NamedTuple):
 
     def window(self, points: Sequence[Point], reach: float = 0.0) -> Window:
         """Return rows and columns that may lie within reach of the box of points."""
-        north = self.south + self.size * self.pixel_m
         x, y = zip(*points, strict=True)
-        spans = []
+        north, spans = self.south + self.size * self.pixel_m, []
         for low, high in (
             (north - max(y), north - min(y)),
             (min(x) - self.west, max(x) - self.west),
@@ -111,13 +103,14 @@ class Raster(NamedTuple):
 
 
 class Box(NamedTuple):
-    """A rectangle along the axes of a frame, from (u0, v0) to (u1, v1)."""
+    """A rectangle along the axes of a frame; or, about its origin, the ellipse in it."""
 
     frame: Frame
     u0: float
     u1: float
     v0: float
     v1: float
+    is_round: bool = False
 
     @property
     def long(self) -> float:
@@ -153,21 +146,9 @@ class Box(NamedTuple):
         window = raster.window(self.grid(1))
         u, v = self.frame.to_local(*raster.centres(window))
         mask = (u >= self.u0) & (u < self.u1) & (v >= self.v0) & (v < self.v1)
-        return Patch(window, mask, u, v)
-
-
-class Ellipse(NamedTuple):
-    """An ellipse along the axes of a frame, about its origin."""
-
-    frame: Frame
-    a: float
-    b: float
-
-    def patch(self, raster: Raster) -> Patch:
-        """Return the pixels with a centre inside."""
-        window = raster.window((self.frame[:2],), max(self.a, self.b))
-        u, v = self.frame.to_local(*raster.centres(window))
-        return Patch(window, (u / self.a) ** 2 + (v / self.b) ** 2 < 1.0, u, v)
+        if self.is_round:
+            mask = (u / self.u1) ** 2 + (v / self.v1) ** 2 < 1.0
+        return window, mask, u, v
 
 
 class Polygon(NamedTuple):
@@ -187,7 +168,7 @@ class Polygon(NamedTuple):
         """Return the pixels with a centre inside."""
         window = raster.window(self.points)
         x, y = raster.centres(window)
-        return Patch(window, self.holds(x, y), *self.frame.to_local(x, y))
+        return window, self.holds(x, y), *self.frame.to_local(x, y)
 
 
 class Stroke(NamedTuple):
@@ -207,10 +188,10 @@ class Stroke(NamedTuple):
             top, left = near[0].start - rows.start, near[1].start - columns.start
             part = away[top : top + off.shape[0], left : left + off.shape[1]]
             np.minimum(part, off, out=part)
-        return Patch((rows, columns), away < reach, away, np.zeros_like(away))
+        return (rows, columns), away < reach, away, np.zeros_like(away)
 
 
-Form = Box | Ellipse | Polygon | Stroke
+Form = Box | Polygon | Stroke
 
 
 def edges(outline: Line) -> list[tuple[Point, Point]]:
@@ -251,11 +232,6 @@ def bend(points: Line) -> Line:
 def steps(start: float, stop: float, gap: float) -> list[float]:
     """Return numbers from start up to stop, a gap apart."""
     return [start + index * gap for index in range(max(math.ceil((stop - start) / gap), 0))]
-
-
-def rolling(seed: int, stream: int, cells: dict[int, int], relief_m: float) -> Floats:
-    """Return smooth hills about zero on the land's grid, most within half of `relief_m`."""
-    return octaves(seed, stream, LAND_X.size, cells).astype(np.float64) * (relief_m / 4096)
 
 
 def blended(land: Floats, away: Floats, level: Floats | float, near: float, far: float) -> Floats:
@@ -367,6 +343,12 @@ class Plan:
         part = np.clip(np.searchsorted(knots_x, x, side="right") - 1, 0, len(slopes) - 1)
         return np.asarray(y > knots_y[part] + (x - knots_x[part]) * slopes[part])
 
+    def season_rows(self, season: int) -> tuple[list[Building], list[Tree]]:
+        """Return the buildings and trees of a season; their places are the owners of triangles."""
+        now = (ALWAYS, season)
+        buildings = [building for building in self.buildings if building.season in now]
+        return buildings, [tree for tree in self.trees if tree.season in now]
+
     def height(self, x: float, y: float) -> float:
         """Return the land's height at the nearest corner of the grid."""
         last = self.heights.shape[0] - 1
@@ -386,12 +368,9 @@ class Plan:
         season = SURVEY if small and self.dice.chance(row["new"]) else ALWAYS
         walls, glass = (colours(LOOKS["covers"][name]) for name in ("walls", "glass"))
         look = pick(walls), pick(glass), pick((3.0, 3.2, 3.5)), pick((2.6, 3.0, 3.4, 4.0))
-        roofing = self._cover_roof(cover if roof != "hipped" or cover == "metal" else "hips", box)
-        self.buildings.append(
-            Building(
-                box, base, eaves, eaves + rise, roof, roofing, season, *look, pick(row["styles"])
-            )
-        )
+        decals = self._cover_roof(cover if roof != "hipped" or cover == "metal" else "hips", box)
+        form = box, base, eaves, eaves + rise, roof, decals
+        self.buildings.append(Building(*form, season, *look, pick(row["styles"])))
         if roof == "flat":
             self._equip_roof(box, eaves, season)
 
@@ -423,8 +402,7 @@ class Plan:
             if min(room_u, room_v) > 0 and dice.chance(75):
                 u = box.u0 + stretch * (place + 0.5) + dice.real(-room_u, room_u)
                 part = box.frame.at(u, dice.real(-room_v, room_v)).box(half_u, half_v)
-                roof = self._cover_roof("machine" if tall < 2 else "membrane", part)
+                decals = self._cover_roof("machine" if tall < 2 else "membrane", part)[:1]
                 top, wall = low_m + tall, dice.pick(colours(LOOKS["covers"]["walls"]))
-                self.buildings.append(
-                    Building(part, low_m, top, top, "flat", roof[:1], season, wall, style=4)
-                )
+                form = part, low_m, top, top, "flat", decals
+                self.buildings.append(Building(*form, season, wall, style=4))
