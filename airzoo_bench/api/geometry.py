@@ -24,7 +24,7 @@ from airzoo_bench.reconstruction.alignment import (
     fit_cameras,
     umeyama,
 )
-from airzoo_bench.reconstruction.clouds import box_of, cloud_of, find_crop, prepare_cloud
+from airzoo_bench.reconstruction.clouds import bounding_box, cloud_of, find_crop, prepare_cloud
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import curve, mean_distances
 from airzoo_bench.results.result import summarise
@@ -249,7 +249,7 @@ def cloud_scores(
         clouds.append(cloud_of(points))
     block = max(*(cloud.count for cloud in clouds), 1)
     with arg.refused("true"):
-        crop = find_crop(clouds[1], box_of(clouds[1]), settings, block)
+        crop = find_crop(clouds[1], bounding_box(clouds[1]), settings, block)
         kept, known = (prepare_cloud(cloud, settings, crop, block) for cloud in clouds)
     found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
     means = mean_distances(*found, None if plain else 10 * limit)

@@ -24,7 +24,7 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.comparison import compare as compare_methods
 from airzoo_bench.results.comparison import score_intervals
-from airzoo_bench.results.records import Method, checked_records, read_methods, write_csv
+from airzoo_bench.results.records import Method, check_records, read_methods, write_csv
 from airzoo_bench.results.result import write_result
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
@@ -170,7 +170,7 @@ def evaluate(
     if "query" not in records:
         records = records.assign(query=records["scene"])
     name = result.predictions.method
-    return Result(name, result, checked_records(records, result, name))
+    return Result(name, result, check_records(records, result, name))
 
 
 @dataclass(frozen=True, repr=False)

@@ -11,7 +11,7 @@ import typer
 from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.about import About, about_file, about_of
+from airzoo_bench.datasets.about import About, about_file, load_about
 from airzoo_bench.engines.engine import Processes
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ def download(
         cli.say(f"{about.title} is not on Hugging Face: fetch it by hand, {how}")
         cli.say(f"next: unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER")
         return
-    from airzoo_bench.datasets.about import HubDataset, others_patterns
+    from airzoo_bench.datasets.about import HubDataset, patterns_to_skip
 
-    left_out = others_patterns(about.scene_files, scene or [])
+    left_out = patterns_to_skip(about.scene_files, scene or [])
     source = HubDataset(about.repository, left_out, folder)
     sizes = source.sizes()
     cli.say(f"{counted(len(sizes), 'file')} to fetch, {sum(sizes) / 1e6:,.3g} MB")
@@ -130,7 +130,7 @@ def _values(key: str, protocol: Protocol) -> tuple[str | int, ...]:
 def find_about(name: str) -> About | None:
     """Return the description of a dataset of this name, without importing a built-in one."""
     if about_file(name).is_file():
-        return about_of(name)
+        return load_about(name)
     found: About | None = DATASETS.get(name).about if name in DATASETS else None
     return found
 

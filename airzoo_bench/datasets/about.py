@@ -54,7 +54,7 @@ def about_file(name: str) -> Path:
     return Path(__file__).parent / "about" / f"{name}.toml"
 
 
-def about_of(name: str) -> About:
+def load_about(name: str) -> About:
     """Return what a built-in dataset says of itself."""
     return read_about(about_file(name))
 
@@ -75,7 +75,7 @@ def read_about(path: Path) -> About:
 # --- downloads ---
 
 
-def others_patterns(patterns: Mapping[str, Sequence[str]], scenes: Sequence[str]) -> list[str]:
+def patterns_to_skip(patterns: Mapping[str, Sequence[str]], scenes: Sequence[str]) -> list[str]:
     """Return the patterns of files that only other scenes need; none if all are wanted."""
     wanted = {one for scene in scenes for one in patterns[scene]}
     others = {

@@ -54,7 +54,7 @@ from airzoo_bench.geometry.heightfield import (
     survey_heights,
 )
 from airzoo_bench.geometry.poses import world_to_camera
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, opened
+from airzoo_bench.geometry.rasters import RasterInfo, open_info, open_raster
 from airzoo_bench.retrieval.prepare import build_stated_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -82,15 +82,15 @@ def make_content(native: NativeScene | ImageScene, protocols: BenchmarkProtocols
     if isinstance(native, ImageScene):
         return _image_content(native, protocols)
     check_names(native.names, native.images)
-    crs = _checked_crs(native)
-    survey = None if native.dsm is None else surveyed(native.dsm)
+    crs = _check_crs(native)
+    survey = None if native.dsm is None else survey_surface(native.dsm)
     inputs = _inputs(native, crs)
     heights = measure_heights(inputs)
     _check_above_surface(*heights, native.dsm)
     above = None if native.cloud is None else check_cloud(native.cloud, inputs)
     truths = build_truths(inputs, protocols, native.cloud)
     if truths.retrieval is not None and truths.retrieval.truth.queries.empty:
-        raise _nothing_to_ask(truths.retrieval.truth, native, inputs)
+        raise _no_answers(truths.retrieval.truth, native, inputs)
     facts = measure_facts(native, inputs, heights[0], survey, truths, above)
     return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
 
@@ -127,7 +127,7 @@ def _inputs(native: NativeScene, crs: str) -> SceneInputs:
 
 def _map(path: Path) -> RasterInfo:
     """Open a map, and read its last block, which a file that was cut lacks."""
-    with opened(path) as dataset:
+    with open_raster(path) as dataset:
         *_, (_, window) = dataset.block_windows(1)
         dataset.read(1, window=window)
     return open_info(path)
@@ -180,7 +180,7 @@ def utm_zone(lonlat: ArrayLike) -> str:
     return f"EPSG:{(32600 if lat >= 0 else 32700) + int((lon + 180.0) // 6.0) % 60 + 1}"
 
 
-def _checked_crs(native: NativeScene) -> str:
+def _check_crs(native: NativeScene) -> str:
     """Return the CRS of the poses and the surface model, in true metres."""
     if native.crs == LOCAL_CRS:
         return LOCAL_CRS
@@ -203,7 +203,7 @@ def _checked_crs(native: NativeScene) -> str:
     return crs.to_string()
 
 
-def surveyed(path: Path) -> HeightSurvey:
+def survey_surface(path: Path) -> HeightSurvey:
     """Survey the heights of a surface model, and refuse heights that no ground has."""
     found = survey_heights(path, _LOWEST_M, _HIGHEST_M)
     if not found.valid or found.beyond:
@@ -227,7 +227,7 @@ def _check_above_surface(heights: Floats, surface: Floats, dsm: Path | None) -> 
         raise BenchmarkError(what, where=dsm, fix=fix)
 
 
-def _nothing_to_ask(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:
+def _no_answers(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:
     (reason, count), *_ = truth.excluded["reason"].value_counts().items()
     x, y, z = inputs.photos[["x", "y", "z"]].median()
     return BenchmarkError(
@@ -261,7 +261,7 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     for path in paths:
         if path.suffix.lower() in (".las", ".laz"):
             _check_stated_crs(path, crs)
-    points = _sampled(cloud, paths)
+    points = _sample_points(cloud, paths)
     low, high = points.min(axis=0), points.max(axis=0)
     centres = inputs.photos[["x", "y"]].to_numpy(np.float64)
     reach = _REACH_M + np.ptp(centres, axis=0)
@@ -279,7 +279,7 @@ def check_cloud(cloud: Path, inputs: SceneInputs) -> float:
     return float(np.median(above)) if above.size else math.nan
 
 
-def _sampled(cloud: Path, paths: list[Path]) -> Floats:
+def _sample_points(cloud: Path, paths: list[Path]) -> Floats:
     """Read all of a cloud, and return some 65,000 evenly spaced finite points."""
     if cloud.is_dir():
         source: Any = open_shards(cloud, paths)

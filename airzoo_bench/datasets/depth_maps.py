@@ -32,7 +32,7 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.geometry.arrays import Bools, Floats, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, back_project, project
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import opened
+from airzoo_bench.geometry.rasters import open_raster
 
 _SUFFIXES = (".tif", ".tiff", ".npy", ".npz", ".png")
 
@@ -61,7 +61,7 @@ def read_depth(
             if path.suffix.lower() == ".npz":
                 stored = stored["depth" if "depth" in stored else stored.files[0]]
         else:
-            with opened(path) as dataset:
+            with open_raster(path) as dataset:
                 stored, nodata = dataset.read(), dataset.nodata
     stored = stored.squeeze()
     unknown_unit = stored.dtype.kind in "iu" and not scale_m
@@ -104,7 +104,7 @@ class Frame:
     points: Floats
 
 
-def sampled_frame(
+def sample_frame(
     camera: Cameras, pose: Poses, depth: NDArray[np.float32], kind: DepthKind, most: int, seed: int
 ) -> Frame:
     """Sample pixels of a depth map, and back-project them."""
@@ -219,7 +219,7 @@ def check_depth_consistency(
         row = rows[number]
         camera = cameras.take(row)
         depth = read_depth(paths[row], int(camera.width[0]), int(camera.height[0]), scale_m)
-        return sampled_frame(camera, poses.take(row), depth, kind, pixels, number)
+        return sample_frame(camera, poses.take(row), depth, kind, pixels, number)
 
     middles = np.empty((len(rows), 3))
     for number in progress(range(len(rows)), "depth maps", len(rows)):

@@ -34,7 +34,7 @@ from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths
 from airzoo_bench.evaluation.predictions import read_truth
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
-    opened,
+    open_raster,
     pixel_to_world,
     place_source,
     raster_sha256,
@@ -153,7 +153,7 @@ def _copy(source: Path, target: Path) -> None:
 
 def copy_map(source: Path, target: Path) -> None:
     """Copy a raster with the files that it needs: world file, mask, tiles of a virtual raster."""
-    with opened(source) as dataset:
+    with open_raster(source) as dataset:
         files, virtual = [Path(name) for name in dataset.files], dataset.driver == "VRT"
     _copy(source, target)
     for file in files:

@@ -26,10 +26,10 @@ def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
 
 def multiply(a: Floats, b: Floats) -> Floats:
     """Multiply matrices (..., 3, 3) without BLAS; leading dimensions broadcast."""
-    return transposed(apply_matrix(a[..., None, :, :], transposed(b)))
+    return transpose(apply_matrix(a[..., None, :, :], transpose(b)))
 
 
-def transposed(matrices: Floats) -> Floats:
+def transpose(matrices: Floats) -> Floats:
     """Return a view of matrices (..., M, N) as (..., N, M)."""
     return np.swapaxes(matrices, -1, -2)
 

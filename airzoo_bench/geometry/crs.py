@@ -98,12 +98,12 @@ def check_same_crs(a: Any, b: Any, what: str) -> None:
 
 def to_lonlat(crs: Any, xy: ArrayLike) -> Floats:
     """Take coordinates (..., 2) of a CRS to WGS84 longitude and latitude in degrees."""
-    return _transformed(_transformer(horizontal_crs(crs), _WGS84), xy)
+    return _transform_points(_transformer(horizontal_crs(crs), _WGS84), xy)
 
 
 def from_lonlat(crs: Any, lonlat: ArrayLike) -> Floats:
     """Take WGS84 longitude and latitude (..., 2) to a CRS; the inverse of `to_lonlat`."""
-    return _transformed(_transformer(_WGS84, horizontal_crs(crs)), lonlat)
+    return _transform_points(_transformer(_WGS84, horizontal_crs(crs)), lonlat)
 
 
 def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
@@ -116,7 +116,7 @@ def change_of_plane(source: Any, target: Any) -> Callable[[Floats], Floats]:
     return lambda xy: from_lonlat(target, to_lonlat(source, xy))
 
 
-def unwrapped(lonlat: ArrayLike, about_lon: float) -> Floats:
+def unwrap(lonlat: ArrayLike, about_lon: float) -> Floats:
     """Move longitudes by whole turns to within 180 degrees of one: none jumps at +-180."""
     given = np.asarray(lonlat, dtype=np.float64)
     turns = np.round((about_lon - given[..., 0]) / 360)
@@ -125,12 +125,12 @@ def unwrapped(lonlat: ArrayLike, about_lon: float) -> Floats:
 
 def geodetic_to_ecef(lonlatheight: ArrayLike) -> Floats:
     """Take lon, lat (degrees), height (m) on WGS84, (..., 3), to ECEF metres (EPSG:4978)."""
-    return _transformed(_transformer(CRS.from_epsg(4979), CRS.from_epsg(4978)), lonlatheight)
+    return _transform_points(_transformer(CRS.from_epsg(4979), CRS.from_epsg(4978)), lonlatheight)
 
 
 def ecef_to_geodetic(xyz: ArrayLike) -> Floats:
     """Take ECEF metres (..., 3) to lon, lat (degrees), height (m) on WGS84 (EPSG:4979)."""
-    return _transformed(_transformer(CRS.from_epsg(4978), CRS.from_epsg(4979)), xyz)
+    return _transform_points(_transformer(CRS.from_epsg(4978), CRS.from_epsg(4979)), xyz)
 
 
 def enu_axes(lonlat: ArrayLike) -> Floats:
@@ -207,7 +207,7 @@ def _transformer(source: CRS, target: CRS) -> Transformer:
     return Transformer.from_crs(source, target, always_xy=True)
 
 
-def _transformed(transformer: Transformer, points: ArrayLike) -> Floats:
+def _transform_points(transformer: Transformer, points: ArrayLike) -> Floats:
     given = np.asarray(points, dtype=np.float64)
     columns: list[Any] = [given[..., axis].ravel() for axis in range(given.shape[-1])]
     moved = np.stack(transformer.transform(*columns), axis=-1).reshape(given.shape)

@@ -25,7 +25,7 @@ from rasterio.windows import Window
 from airzoo_bench.core.errors import RasterError
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import height_unit_m
-from airzoo_bench.geometry.rasters import open_info, opened, pixel_to_world, world_to_pixel
+from airzoo_bench.geometry.rasters import open_info, open_raster, pixel_to_world, world_to_pixel
 
 Heights = NDArray[np.float32] | NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class HeightField:
                 expected=f"at most {_MOST_BYTES / 1e9:.1f} GB",
                 fix="cut it to the photos (gdal_translate -projwin), or resample it (gdalwarp -tr)",
             )
-        with opened(path) as dataset:
+        with open_raster(path) as dataset:
             heights = read_metres(dataset, window)
         a, b, _, d, e, _ = info.transform[:6]
         c, f = pixel_to_world(info.transform, (window.col_off, window.row_off)).tolist()
@@ -267,7 +267,7 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
     """Pass once over a raster's heights, in bounded memory; count those outside two limits."""
     pixels = valid = at_low = beyond = 0
     low = high = next_low = np.nan
-    with small_cache(), opened(path) as dataset:
+    with small_cache(), open_raster(path) as dataset:
         for window in _windows(dataset):
             heights = read_metres(dataset, window)
             there = heights[~np.isnan(heights)].astype(np.float64)
@@ -285,7 +285,7 @@ def survey_heights(path: str | Path, lowest: float, highest: float) -> HeightSur
 
 def median_height(path: str | Path) -> float:
     """Return the exact median of all valid heights of a raster, in metres and bounded memory."""
-    with small_cache(), opened(path) as dataset:
+    with small_cache(), open_raster(path) as dataset:
         low, high, total = np.inf, -np.inf, 0
         for heights in _valid_heights(dataset):
             low, high = min(low, heights.min()), max(high, heights.max())
@@ -323,7 +323,7 @@ def _valid_heights(dataset: Any) -> Iterator[Floats]:
 def blocked_heights(path: str | Path) -> Iterator[HeightField]:
     """Open a raster's first band as a height field that reads blocks when they are asked for."""
     info = open_info(path)
-    with small_cache(), opened(path) as dataset:
+    with small_cache(), open_raster(path) as dataset:
         dtype: Any = read_metres(dataset, Window(0, 0, 1, 1)).dtype
         nothing = np.broadcast_to(dtype.type(np.nan), (info.height, info.width))
         yield _BlockedHeightField(nothing, info.transform, info.crs, dataset)

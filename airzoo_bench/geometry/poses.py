@@ -22,7 +22,7 @@ from airzoo_bench.geometry.arrays import (
     apply_matrix,
     multiply,
     refuse_cameras,
-    transposed,
+    transpose,
 )
 from airzoo_bench.geometry.cameras import Cameras, back_project
 
@@ -73,7 +73,7 @@ class Poses:
         """Build poses from rotations (N, 3, 3) and translations (N, 3) of x_cam = R X + t."""
         rotation = check_rotations(R, names)
         translation = _vectors("translations", t, len(rotation), names)
-        return cls(rotation=rotation, centres=-apply_matrix(transposed(rotation), translation))
+        return cls(rotation=rotation, centres=-apply_matrix(transpose(rotation), translation))
 
     def __len__(self) -> int:
         return len(self.rotation)
@@ -109,7 +109,7 @@ class Poses:
 
 def rays_to_world(poses: Poses, rays: Floats) -> Floats:
     """Turn directions (N, M, 3) of the camera frame into world directions R^T d."""
-    return apply_matrix(transposed(poses.rotation)[:, None], rays)
+    return apply_matrix(transpose(poses.rotation)[:, None], rays)
 
 
 def world_to_camera(poses: Poses, points: Floats) -> Floats:
@@ -159,7 +159,7 @@ def check_rotations(
     bad = ~np.isfinite(matrices).all(axis=(1, 2))
     refuse_cameras(bad, "rotation has NaN or infinite entries", **named)
     with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(multiply(transposed(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
+        off = np.abs(multiply(transpose(matrices), matrices) - np.eye(3)).max(axis=(1, 2))
     said, bad = [f"|R^T R - I| = {value:.2g}" for value in off], ~(off <= _ROTATION_TOLERANCE)
     expected = f"|R^T R - I| <= {_ROTATION_TOLERANCE:g} in every entry"
     refuse_cameras(bad, "rotation is not orthonormal", details=said, expected=expected, **named)
@@ -168,7 +168,7 @@ def check_rotations(
     named |= {"expected": "det = +1", "fix": "check the axes: one of them points the wrong way"}
     refuse_cameras(determinant < 0.0, "rotation is a reflection", details=said, **named)
     for _ in range(_NEWTON_STEPS):
-        rest = 3.0 * np.eye(3) - multiply(transposed(matrices), matrices)
+        rest = 3.0 * np.eye(3) - multiply(transpose(matrices), matrices)
         matrices = multiply(matrices, rest) / 2.0
     return matrices
 
@@ -179,9 +179,9 @@ def rotation_angle_deg(Ra: ArrayLike, Rb: ArrayLike) -> Floats:
     atan2 of sine (the skew part of Ra Rb^T) and cosine (its trace): unlike arccos of the trace, it
     keeps all digits near 0 and near 180 degrees.
     """
-    inverse = transposed(np.asarray(Rb, dtype=np.float64))
+    inverse = transpose(np.asarray(Rb, dtype=np.float64))
     relative = multiply(np.asarray(Ra, dtype=np.float64), inverse)
-    skew = relative - transposed(relative)
+    skew = relative - transpose(relative)
     x, y, z = skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]
     sine = np.sqrt(x * x + y * y + z * z)
     cosine = np.trace(relative, axis1=-2, axis2=-1) - 1.0

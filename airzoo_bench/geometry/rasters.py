@@ -34,7 +34,7 @@ from airzoo_bench.geometry.crs import (
     geodesic_distance_m,
     horizontal_crs,
     to_lonlat,
-    unwrapped,
+    unwrap,
 )
 from airzoo_bench.storage.urls import ensure_file
 
@@ -63,7 +63,7 @@ class RasterInfo:
 
 def open_info(path: str | Path) -> RasterInfo:
     """Read size, grid and type of a raster; refuse one without a georeference."""
-    with opened(path) as dataset:
+    with open_raster(path) as dataset:
         transform, crs = dataset.transform, dataset.crs
         has_area = np.isfinite(transform[:6]).all() and transform.determinant != 0.0
         if crs is None or transform.is_identity or not has_area:
@@ -91,7 +91,7 @@ def open_info(path: str | Path) -> RasterInfo:
 
 
 @contextmanager
-def opened(path: str | Path, **settings: str) -> Iterator[Any]:
+def open_raster(path: str | Path, **settings: str) -> Iterator[Any]:
     """Open a raster for reading; yields rasterio's dataset."""
     if not ensure_file(Path(path)).is_file():
         raise RasterError("no such file", where=path)
@@ -145,7 +145,7 @@ def to_map_pixels(source: Any, raster: RasterInfo) -> Callable[[Floats], Floats]
     def pixels(xy: Floats) -> Floats:
         world = change(xy)
         if raster.crs.is_geographic:
-            world = unwrapped(world, middle[0])
+            world = unwrap(world, middle[0])
         return world_to_pixel(raster.transform, world)
 
     return pixels
@@ -176,7 +176,7 @@ def read_rgb(
 
     Grey is repeated, alpha dropped.
     """
-    with opened(path) as dataset:
+    with open_raster(path) as dataset:
         column, row, width, height = window or (0, 0, dataset.width, dataset.height)
         inside = column >= 0 and row >= 0 and width > 0 and height > 0
         if not inside or column + width > dataset.width or row + height > dataset.height:
@@ -237,7 +237,7 @@ def raster_files(path: Path) -> list[Path]:
     """Return a raster's file, then its side files and those a virtual raster is made of, sorted."""
     found = [path]
     for part in found:  # grows: what a virtual raster names may be virtual
-        with suppress(RasterError) if part != path else nullcontext(), opened(part) as dataset:
+        with suppress(RasterError) if part != path else nullcontext(), open_raster(part) as dataset:
             listed = [Path(name).absolute() for name in dataset.files]
             found += [one for one in listed if one.is_file() and one not in found]
     return [path, *sorted(set(found) - {path, path.absolute()})]
@@ -252,14 +252,14 @@ def raster_sha256(path: Path) -> str:
     of itself because of the rest; statistics and overviews change nothing. That of a virtual
     raster is over its own text and the checksums of the rasters that this names.
     """
-    with opened(path) as dataset:
+    with open_raster(path) as dataset:
         virtual, stated = dataset.driver == "VRT", _stated(dataset)
         files = [Path(name) for name in dataset.files[1:]]
     if virtual:
         files = [one for one in files if str(one).startswith(f"{path}.")]
     beside = [one for one in files if one.suffix.lower() not in _SIDE_FILES]
     own = fingerprint(_virtual_content(path)) if virtual else sha256_of(path)
-    with suppress(RasterError), opened(path, **_WITHOUT_SIDE_FILES) as alone:
+    with suppress(RasterError), open_raster(path, **_WITHOUT_SIDE_FILES) as alone:
         if not beside and stated == _stated(alone):
             return own
     return fingerprint([stated, own, sorted(sha256_of(one) for one in beside)])

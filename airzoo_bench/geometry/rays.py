@@ -68,7 +68,7 @@ def intersect_plane(
     below. BEYOND_RANGE: it is longer than `max_range_m`; the range itself is still a hit.
     """
     plane = np.asarray(z0, dtype=np.float64).reshape(-1, 1)
-    unit, status = _prepared(origins, directions)
+    unit, status = _prepare_rays(origins, directions)
     above = origins[:, 2:] - plane
     going = status == RayStatus.HIT
     with np.errstate(over="ignore"):
@@ -95,7 +95,7 @@ def intersect_heightfield(
     ray leaves the raster above the surface, enters it below, never meets it, or sinks below the
     lowest height where the DSM has none.
     """
-    unit, status = _prepared(origins, directions)
+    unit, status = _prepare_rays(origins, directions)
     length = np.full(status.shape, np.nan)
     low, _ = field.height_range
     on_raster = field.sample(origins[:, :2])
@@ -111,7 +111,7 @@ def intersect_heightfield(
     return _hits(origins, unit, length, status)
 
 
-def _prepared(origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+def _prepare_rays(origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
     """Return unit directions, and a status: NO_RAY, NOT_DOWNWARD, or HIT for those to go on."""
     x, y, z = np.moveaxis(directions, -1, 0)
     norm = np.sqrt(x * x + y * y + z * z)
@@ -153,7 +153,7 @@ def _first_crossings(
 ) -> tuple[Floats, Bools]:
     """Return lengths along rays to their first crossings of the surface; whether the range cut."""
     found = np.full(len(origins), np.nan)
-    walk, cut = _started(origins, unit, field, max_range_m)
+    walk, cut = _start_walks(origins, unit, field, max_range_m)
     while walk.row.size:
         # The lengths at which rays meet the next column and row of pixel centres.
         line = walk.cell + (walk.step > 0.0)
@@ -171,7 +171,7 @@ def _first_crossings(
     return found, cut
 
 
-def _started(
+def _start_walks(
     origins: Floats, unit: Floats, field: HeightField, max_range_m: float
 ) -> tuple[_Walk, Bools]:
     """Put the rays where they come over the raster and below its highest height."""

@@ -15,7 +15,7 @@ import numpy as np
 from airzoo_bench.core.files import atomic_write, fingerprint, write_npz
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.version import __version__
-from airzoo_bench.datasets.about import about_file, about_of
+from airzoo_bench.datasets.about import about_file, load_about
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.leaderboard.answers import (
     Answer,
@@ -116,7 +116,7 @@ def make_table(
         pairs={key: one for key, one in pairs.items() if one},
         about_intervals=first.about_intervals if first else "",
         notes=(f"scored by airzoo-bench {versions}",) if versions else (),
-        data=(about_of(name).page or None) if about_file(name).is_file() else None,
+        data=(load_about(name).page or None) if about_file(name).is_file() else None,
         paper=next((one.url for one in sources if name in one.benchmarks.values()), None),
     )
 

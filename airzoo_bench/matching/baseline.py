@@ -70,13 +70,13 @@ def predict(
         ids += truth.queries["id"].tolist()
         tasks = []
         for row, name in enumerate(truth.queries["image"]):
-            dom, camera, lie = truth.map_of(row).dom, truth.cameras.take(row), (0.0, 1.0)
+            dom, camera, lie_on_map = truth.map_of(row).dom, truth.cameras.take(row), (0.0, 1.0)
             if not truth.map_per_query:
                 ground = needed(entry.plane_height_m, "height of the ground", scene.id)
-                lie = lie_on_map(camera, truth.priors.take(row), entry.crs, dom, ground)
+                lie_on_map = turn_and_ratio(camera, truth.priors.take(row), entry.crs, dom, ground)
             photo, window = benchmark.resolve(entry.images) / name, tuple(truth.crops[row].tolist())
             size = (int(camera.width[0]), int(camera.height[0]))
-            tasks.append(Task(photo, size, dom.path, window, *lie))
+            tasks.append(Task(photo, size, dom.path, window, *lie_on_map))
         matched = run.processes.map(
             match_task, tasks, shared=settings, stage="photos", name=lambda task: str(task.photo)
         )
@@ -91,7 +91,7 @@ def predict(
     write_predictions(out, protocol.name, arrays)
 
 
-def lie_on_map(
+def turn_and_ratio(
     camera: Cameras, prior: Poses, crs: Any, dom: RasterInfo, ground_height_m: float
 ) -> tuple[float, float]:
     """Return from a prior the turn and the ratio of ground sizes that `Task` has."""

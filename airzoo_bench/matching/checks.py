@@ -116,10 +116,10 @@ def _misfit_px(
 
     Of 3D points, `otherwise` heights are in feet. What no camera sees is as far away as can be.
     """
-    parts = [(query, part) for query, part in enumerate(content.parts()) if part.stop > part.start]
-    off = [np.zeros(0)]
-    for query, part in parts[:: -(-len(parts) // 10) or 1]:
-        rows = np.linspace(part.start, part.stop - 1, 40).astype(int)
+    matched, off = np.flatnonzero(np.diff(content.offsets)).tolist(), [np.zeros(0)]
+    for query in matched[:: -(-len(matched) // 10) or 1]:
+        first, stop = content.offsets[query : query + 2]
+        rows = np.linspace(first, stop - 1, 40).astype(int)
         if content.points3d is not None:
             points = content.points3d[rows] * (_FEET if otherwise else 1.0)
         elif content.map_xy is not None:
@@ -129,7 +129,7 @@ def _misfit_px(
         seen = world_to_camera(truth.poses.take(query), points[None])
         away = project(truth.cameras.take(query), seen)[0] - content.query_xy[rows]
         off.append(np.fmin(_length(away), diagonal))
-    return float(np.median(np.concatenate(off))) if parts else 0.0
+    return float(np.median(np.concatenate(off))) if matched else 0.0
 
 
 # --- poses ---

@@ -49,7 +49,7 @@ class Correspondences:
         """The query (M,) of each match."""
         return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
 
-    def parts(self) -> list[slice]:
+    def row_slices(self) -> list[slice]:
         """Return the rows of each query."""
         return [slice(start, stop) for start, stop in pairwise(self.offsets.tolist())]
 

@@ -32,7 +32,7 @@ from airzoo_bench.geometry.heightfield import HeightField, read_metres, small_ca
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     open_info,
-    opened,
+    open_raster,
     pixel_to_world,
     world_to_pixel,
 )
@@ -106,7 +106,7 @@ def lift(
 
     with ExitStack() as stack, ThreadPoolExecutor(jobs) as pool:
         stack.enter_context(small_cache())
-        datasets = [stack.enter_context(opened(ground.path))]
+        datasets = [stack.enter_context(open_raster(ground.path))]
         width, height = window_shape(datasets[0], _BLOCK_PIXELS)
         across = -(-ground.width // width)
         blocks = across * -(-ground.height // height)
@@ -119,7 +119,7 @@ def lift(
         runs = np.stack((starts[:-1], starts[1:]), axis=-1)
         shares = [share for share in np.array_split(runs, jobs) if share.size]
         # Opened here and not by the threads, which share the warnings that `opened` sets.
-        datasets += [stack.enter_context(opened(ground.path)) for _ in shares[1:]]
+        datasets += [stack.enter_context(open_raster(ground.path)) for _ in shares[1:]]
         list(pool.map(sample, datasets, shares))
     return Lifted(points, status)
 
@@ -228,7 +228,7 @@ def _solve_block(
     cameras, pairs, solver, jobs = shared
     assert pairs.points3d is not None
     load_pycolmap()  # here, since signals that it takes are given back in the main thread only
-    pool, parts, points = ThreadPoolExecutor(jobs), pairs.parts(), pairs.points3d
+    pool, parts, points = ThreadPoolExecutor(jobs), pairs.row_slices(), pairs.points3d
 
     def solve(query: int) -> PoseEstimate:
         rows = parts[query]

@@ -41,7 +41,7 @@ from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
     open_info,
-    opened,
+    open_raster,
     pixel_to_world,
     raster_sha256,
     to_map_pixels,
@@ -338,7 +338,7 @@ def write_crop(
     for source, part, target in zip((dom, dsm), (window, below), targets, strict=True):
         # The mask goes into the file: a separate one would not be moved with it.
         internal = rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True)
-        with opened(source.path) as dataset, internal, MemoryFile() as memory:
+        with open_raster(source.path) as dataset, internal, MemoryFile() as memory:
             cut = f"vrt://{dataset.name}?srcwin={','.join(map(str, part))}"
             rasterio.shutil.copy(cut, memory.name, driver="GTiff", compress="deflate", **layout)
             with atomic_write(target) as stream:

@@ -23,7 +23,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers import scenes
 from airzoo_bench.readers.names import names_in, read_names
 from airzoo_bench.readers.pose_files import TUM, read_trajectory, trajectory_columns
-from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction, image_poses
+from airzoo_bench.reconstruction.predictions import ImagePoses, ScenePrediction, read_image_poses
 
 _WHOLE = "all files of a run that went to its end, as the method wrote them"
 _CLOUDS = (".ply", ".pcd", ".las", ".laz", ".xyz", ".pts")
@@ -73,7 +73,7 @@ def _poses_of(path: Path, camera_to_world: Floats, names: scenes.ViewNames | Non
     if names is not None:
         names.check(path, count)
         fields["image_names"] = np.array(names.names, dtype=str)
-    return image_poses(scenes.MadeArrays(path, Budget(1 << 30), fields), count)
+    return read_image_poses(scenes.MadeArrays(path, Budget(1 << 30), fields), count)
 
 
 class _Cut3rDemo(scenes.Layout):

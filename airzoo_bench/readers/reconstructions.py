@@ -17,7 +17,7 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.poses import unit_quaternion_to_matrix
 from airzoo_bench.readers import pose_files, scenes
 from airzoo_bench.readers.frames import frame_files, gather_maps, read_fields
-from airzoo_bench.reconstruction.predictions import ScenePrediction, image_poses
+from airzoo_bench.reconstruction.predictions import ScenePrediction, read_image_poses
 
 _LONG_SIDES = (504, 512, 518)  # of images as MapAnything sees them
 
@@ -80,7 +80,7 @@ class _Model(scenes.Layout):
             "extrinsics": np.concatenate([rotation, poses[:, 4:, None]], axis=2),
         }
         images, dtype = (
-            image_poses(scenes.MadeArrays(path, budget, fields), len(names)),
+            read_image_poses(scenes.MadeArrays(path, budget, fields), len(names)),
             np.dtype("f8"),
         )
         count = pose_files.count_points(cloud)

@@ -24,7 +24,7 @@ from airzoo_bench.formats.arrays import gather, texts
 from airzoo_bench.formats.npz import Budget, NpzFile
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
-from airzoo_bench.reconstruction.predictions import SceneEntries, ScenePrediction, maps_of
+from airzoo_bench.reconstruction.predictions import SceneEntries, ScenePrediction, read_maps
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 _LOOKED_AT = 256
@@ -244,7 +244,7 @@ def scene_of(
     if names is not None:
         names.check(path, len(fields["depth" if "depth" in fields else "world_points"]))
         fields["image_names"] = np.array(names.names, dtype=str)
-    return maps_of(MadeArrays(path, budget, fields))
+    return read_maps(MadeArrays(path, budget, fields))
 
 
 def invert_poses(matrices: Any) -> Any:

@@ -145,7 +145,7 @@ def align(
     if predicted is None:
         return found
     if settings.method != "none":
-        rows, true_rows = partners(predicted, truth)
+        rows, true_rows = pair_cameras(predicted, truth)
         if len(rows) < LEAST_CAMERAS:
             what = f"a similarity needs {LEAST_CAMERAS} cameras with a partner in the truth"
             raise AlignmentError(f"{what}, and there are {len(rows)}")
@@ -160,7 +160,7 @@ def shipped_alignment(**changes: Any) -> AlignmentSettings:
     return settings
 
 
-def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
+def pair_cameras(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
     """Return the rows (P,) of cameras of the same name in both, in the order of the truth.
 
     A camera whose centre is not finite has no partner.
@@ -175,7 +175,7 @@ def partners(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, Ints]:
 
 def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCameras) -> Alignment:
     """Return an alignment with the residuals between partners after its transform."""
-    rows, true_rows = partners(predicted, truth)
+    rows, true_rows = pair_cameras(predicted, truth)
     source, target = predicted.take(rows), truth.take(true_rows)
     away = _distances(found.transform.apply(source.centres), target.centres)
     angles = np.zeros(0)
@@ -247,7 +247,7 @@ class _Consensus:
         """Fit to each of samples (S, k) of rows, except those that leave a rotation free."""
         both = self.source.centres[samples], self.target.centres[samples]
         turns = None if self.turns is None else self.turns[samples]
-        found = fit_many(*both, turns=turns, axis_share=self.settings.line_ratio)
+        found = fit_sim3(*both, turns=turns, axis_share=self.settings.line_ratio)
         return list(itertools.compress(*found))
 
     def residuals(self, fits: list[Similarity]) -> Floats:
@@ -357,14 +357,14 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
     if len(source) < LEAST_CAMERAS:
         what = f"a similarity needs {LEAST_CAMERAS} points, not {len(source)}"
         raise AlignmentError(what, expected="more points")
-    (found,), (determined,) = fit_many(source[None], target[None], with_scale=with_scale)
+    (found,), (determined,) = fit_sim3(source[None], target[None], with_scale=with_scale)
     if not determined or min(_rank(one, _RANK_TOLERANCE) for one in (source, target)) < 2:
         what = "the points lie on one line or point, which leaves a rotation free"
         raise AlignmentError(what, expected="points that span a plane")
     return found
 
 
-def fit_many(
+def fit_sim3(
     source: Floats,
     target: Floats,
     *,

@@ -28,8 +28,8 @@ from airzoo_bench.reconstruction.alignment import (
     AlignmentError,
     PosedCameras,
     Similarity,
-    fit_many,
-    partners,
+    fit_sim3,
+    pair_cameras,
 )
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 from airzoo_bench.reconstruction.metrics import angle_deg, relative_poses
@@ -58,11 +58,11 @@ _PHOTOS = (
 
 
 def scene_notes(
-    prediction: ScenePrediction, found: CloudComparison, protocol: ReconstructionProtocol
+    prediction: ScenePrediction, comparison: CloudComparison, protocol: ReconstructionProtocol
 ) -> list[str]:
     """Collect the notes on a prediction: oddities, points left out, the alignment."""
-    geometry, images, transform = prediction.geometry, prediction.images, found.alignment.transform
-    (cloud, true), scores = found.clouds, protocol.scores
+    geometry, images, scores = prediction.geometry, prediction.images, protocol.scores
+    (cloud, true), transform = comparison.clouds, comparison.alignment.transform
     finest, notes = scores.finest_m / 20.0, [*prediction.notes]
     if not isinstance(geometry, FileCloud) and images is not None and not images.has_names:
         notes.append("has no image_names: its views are the photos in the order of their names")
@@ -74,7 +74,7 @@ def scene_notes(
         error = float(np.median(images.errors[images.posed])) * transform.scale
         notes += digits_notes("extrinsics (C = -R^T t, and t is long)", error, least)
     notes += digits_notes("coordinates", rounding_error(geometry) * transform.scale, least)
-    notes += alignment_notes(found.alignment, protocol.alignment.method)
+    notes += alignment_notes(comparison.alignment, protocol.alignment.method)
     samples = cloud.sample, true.sample
     if all(map(len, samples)):
         bounds = [np.percentile(one, (1.0, 99.0), axis=0) for one in samples]
@@ -98,7 +98,7 @@ def match_cameras(
     rotation = np.where(images.posed[:, None, None], images.poses.rotation, np.nan)
     centres = np.where(images.posed[:, None], images.poses.centres, np.nan)
     cameras = PosedCameras(tuple(names), centres, rotation)
-    rows, true_rows = partners(cameras, truth.posed)
+    rows, true_rows = pair_cameras(cameras, truth.posed)
     note = check_inversion(images.poses.take(rows), truth.poses.take(true_rows), where)
     check_names(cameras, truth.posed, where)
     return cameras, [note] if note else []
@@ -166,7 +166,7 @@ def _misfit_m(centres: Floats, true: Floats, rows: Ints, aligned: bool) -> float
     if len(source) < _SURE_CAMERAS:
         return float("inf")
     if aligned:
-        source = fit_many(source[None], target[None])[0][0].apply(source)
+        source = fit_sim3(source[None], target[None])[0][0].apply(source)
     return float(np.median(np.linalg.norm(source - target, axis=1)))
 
 
@@ -208,28 +208,28 @@ def check_inversion(given: Poses, truth: Poses, where: str) -> str | None:
     return said + axes if as_given > 5.0 and inverted < 0.5 * as_given else None
 
 
-def alignment_notes(found: Alignment, method: str) -> list[str]:
+def alignment_notes(alignment: Alignment, method: str) -> list[str]:
     """Say how cameras were aligned where it is not the usual way, and how many agree."""
-    agree, aligned = 2 * found.inliers >= found.cameras, found.method != "none"
-    lost, cameras = found.cameras_missing, counted(found.cameras, "camera")
-    turned = (found.rotations_deg or {}).get("median", 0.0)
+    agree, aligned = 2 * alignment.inliers >= alignment.cameras, alignment.method != "none"
+    lost, cameras = alignment.cameras_missing, counted(alignment.cameras, "camera")
+    photos = counted(alignment.cameras + lost, "photo")
+    turned = (alignment.rotations_deg or {}).get("median", 0.0)
     notes = {
-        f"holds no cameras: taken as it is, without alignment by {method}": found.centres is None
+        f"holds no cameras: taken as it is, without alignment by {method}": alignment.centres
+        is None
         and not lost
         and method != "none",
         "camera centres lie on a line: aligned by the cameras' orientations too": (
-            found.used_orientations
+            alignment.used_orientations
         ),
         f"cameras are turned by {turned:.0f} degrees (median), though their centres fit: are the "
         "extrinsics in OpenGL axes (y up, z back), or the image names of a strip in reverse "
         "order?": turned > 150.0 and agree,
-        "fewer than 3 cameras agree: aligned to all of them": not found.robust,
-        f"only {found.inliers} of {cameras} within {found.inlier_limit_m or 0:.3g} m: the "
-        "alignment may be that of a part": found.robust and aligned and not agree,
-        f"{found.icp_failure}: aligned by cameras only": found.icp_failure is not None,
-        f"{lost} of {counted(found.cameras + lost, 'photo')} without a pose in the prediction": (
-            aligned and lost > 0
-        ),
+        "fewer than 3 cameras agree: aligned to all of them": not alignment.robust,
+        f"only {alignment.inliers} of {cameras} within {alignment.inlier_limit_m or 0:.3g} m: the "
+        "alignment may be that of a part": alignment.robust and aligned and not agree,
+        f"{alignment.icp_failure}: aligned by cameras only": alignment.icp_failure is not None,
+        f"{lost} of {photos} without a pose in the prediction": aligned and lost > 0,
     }
     return [note for note, holds in notes.items() if holds]
 

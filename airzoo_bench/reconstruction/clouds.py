@@ -138,7 +138,7 @@ class VoxelGrid:
             cells = np.floor(position)
             sums = np.ones((len(cells), 4), np.int64)
             sums[:, :3] = np.rint((position - cells) * _UNIT)
-            self._parts.append(_merged(cells, sums))
+            self._parts.append(_merge_cells(cells, sums))
             # Merged once as much again has come.
             if sum(len(cells) for cells, _ in self._parts[1:]) > len(self._parts[0][0]):
                 self._merge()
@@ -154,13 +154,13 @@ class VoxelGrid:
 
     def _merge(self) -> None:
         cells, sums = map(np.concatenate, zip(*self._parts, strict=True))
-        self._parts = [_merged(cells, sums)]
+        self._parts = [_merge_cells(cells, sums)]
         if self._most is not None and len(self._parts[0][0]) > self._most:
             what = f"a cloud occupies more than the {self._most:,} voxels that memory may hold"
             raise UsageError(what, fix="raise --max-memory, or use larger voxels")
 
 
-def _merged(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:
+def _merge_cells(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:
     """Sum what is in the same cell; cells are sorted by x, then y, then z."""
     low, high = cells.min(axis=0), cells.max(axis=0)
     along_x, along_y, along_z = (int(length) + 1 for length in high - low)
@@ -178,7 +178,7 @@ def _merged(cells: Floats, sums: Ints) -> tuple[Floats, Ints]:
 # --- cells of a grid, and the crop of both clouds ---
 
 
-def box_of(source: CloudSource) -> Floats:
+def bounding_box(source: CloudSource) -> Floats:
     """Return the low and the high corner (2, 3) of the finite points of the true cloud."""
     pieces = (piece for piece in finite_pieces(source, _PIECE) if len(piece))
     corners = [(piece.min(axis=0), piece.max(axis=0)) for piece in pieces]
@@ -339,7 +339,7 @@ def observed_cells(
     times = np.zeros(len(centres), np.int64)
     for row in range(len(poses)):
         camera, pose = cameras.take(row), poses.take(row)
-        times += seen_by(centres, camera, pose, cell, settings.hidden_beyond_m)
+        times += find_visible(centres, camera, pose, cell, settings.hidden_beyond_m)
     keys = occupied.keys[times >= settings.observed_photos]
     if not len(keys):
         what = f"no point of the true cloud is seen by {settings.observed_photos} of the photos"
@@ -347,7 +347,7 @@ def observed_cells(
     return replace(occupied, keys=keys)
 
 
-def seen_by(
+def find_visible(
     points: Floats, camera: Cameras, pose: Poses, cell: float, hidden_beyond: float
 ) -> Bools:
     """Say which of points (N, 3), centres of cells that a surface occupies, a photo sees."""

@@ -13,7 +13,7 @@ from pykdtree.kdtree import KDTree
 
 from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.reconstruction.alignment import AlignmentError, Similarity, fit_many
+from airzoo_bench.reconstruction.alignment import AlignmentError, Similarity, fit_sim3
 from airzoo_bench.reconstruction.clouds import finite_pieces, finite_rows, gather_points
 from airzoo_bench.reconstruction.settings import AlignmentSettings
 
@@ -58,7 +58,7 @@ def refine(
         near = np.isfinite(distances)
         # Without scale, the clouds are fitted as they are now: the scale of before stays.
         moved, with_scale = transform.apply(points[near]), settings.icp_with_scale
-        (step,), (determined,) = fit_many(moved[None], partners[near][None], with_scale=with_scale)
+        (step,), (determined,) = fit_sim3(moved[None], partners[near][None], with_scale=with_scale)
         step = step.after(transform) if determined else transform
         distances, found = nearest(step.apply(points))
         new = _fit_of(distances, limit)

@@ -35,7 +35,7 @@ from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps
 
 _UNPACKED_BYTES = 1 << 40
 _PROTOCOL, _CAMERAS = "protocol.txt", "cameras.npz"
-_PLACE = re.compile(
+_ENTRY = re.compile(
     r"(?P<scene>[^/]+?)(?:[./](?P<cameras>cameras\.npz)|(?:/[^/]+)?"
     rf"(?:{'|'.join(map(re.escape, SUFFIXES))}))",
     re.IGNORECASE,
@@ -127,13 +127,13 @@ def _open_entry(
         if cameras is not None:
             arrays = open_arrays(stack.enter_context(bundle.file(cameras)), limit_bytes)
             check_fields(arrays, ("image_names", "extrinsics"), ("protocol", *_CAMERAS_OF), _POSES)
-            images = image_poses(arrays, len(texts(arrays, "image_names", 1)))
+            images = read_image_poses(arrays, len(texts(arrays, "image_names", 1)))
         path = stack.enter_context(bundle.file(geometry))
         if path.suffix.lower() != ".npz" or not _holds_maps(open_arrays(path, limit_bytes)):
             cloud = open_cloud(path, limit_bytes=limit_bytes, sampling=sampling)
             yield ScenePrediction(cloud, images, cloud.notes)
             return
-        views = maps_of(open_arrays(path, limit_bytes))
+        views = read_maps(open_arrays(path, limit_bytes))
         if views.images is not None and cameras is not None:
             where = f"{bundle.path}, {geometry.name}"
             raise PredictionError(f"holds extrinsics, and so does {cameras.name}", where=where)
@@ -150,11 +150,11 @@ def open_reconstruction(path: Path) -> SceneEntries:
         bundle = Bundle(path.parent, (member,))
         return SceneEntries(path, {path.stem: partial(_open_entry, bundle, member, None)})
     bundle = open_bundle(path, _UNPACKED_BYTES)
-    wrapper, protocol, unknown_files = _wrapper(bundle.members), None, []
+    wrapper, protocol, unknown_files = _outer_folder(bundle.members), None, []
     found: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
-        scene, kind = _place_of(name)
+        scene, kind = _parse_entry(name)
         if name == _PROTOCOL:
             protocol = _protocol_name(bundle, member)
         elif not kind:
@@ -173,20 +173,20 @@ def open_reconstruction(path: Path) -> SceneEntries:
     return SceneEntries(path, entries, tuple(unknown_files), protocol)
 
 
-def _wrapper(members: tuple[Member, ...]) -> str:
+def _outer_folder(members: tuple[Member, ...]) -> str:
     """Return the folder, with its slash, that holds everything and is no scene; or nothing."""
     prefix = members[0].name.partition("/")[0] + "/" if members else ""
     if not all(member.name.startswith(prefix) for member in members):
         return ""
     inside = [member.name.removeprefix(prefix) for member in members]
-    clouds = [name for name in inside if _place_of(name)[1] == "geometry" and name != _CAMERAS]
+    clouds = [name for name in inside if _parse_entry(name)[1] == "geometry" and name != _CAMERAS]
     is_scene = len(clouds) == 1 and "/" not in clouds[0] and _PROTOCOL not in inside
     return "" if is_scene else prefix
 
 
-def _place_of(name: str) -> tuple[str, str]:
+def _parse_entry(name: str) -> tuple[str, str]:
     """Return the scene that a file belongs to, and whether it is its geometry or its cameras."""
-    match = _PLACE.fullmatch(name)
+    match = _ENTRY.fullmatch(name)
     if match is None or name == _PROTOCOL:
         return "", ""
     return match["scene"], "cameras" if match["cameras"] else "geometry"
@@ -211,7 +211,7 @@ def _holds_maps(arrays: Arrays) -> bool:
     return not cloud or arrays.map("points").ndim == 4
 
 
-def maps_of(arrays: Arrays) -> ScenePrediction:
+def read_maps(arrays: Arrays) -> ScenePrediction:
     """Take depth or point maps and their cameras, named as the suite's own files name them."""
     names = arrays.names()
     kind = next((name for name in _MAPS if name in names), "depth")
@@ -219,7 +219,7 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     needed = (kind, "intrinsics", "extrinsics") if kind == "depth" else (kind,)
     allowed = ("protocol", "pixel_centres", kind, *_CAMERAS_OF, trust, *_COLOURS)
     check_fields(arrays, needed, allowed, _EXPECTED)
-    maps = _map_maps(arrays, kind)
+    maps = _read_values(arrays, kind)
     stated = None
     if "pixel_centres" in names:
         stated = "".join(map(str, arrays.read("pixel_centres").reshape(-1)[:2]))
@@ -229,8 +229,8 @@ def maps_of(arrays: Arrays) -> ScenePrediction:
     shift = _HALF_A_PIXEL[stated or ("half" if "image_names" in names else "integer")]
     pixels = maps.shape[1] * maps.shape[2]
     arrays.budget.hold(arrays.path, f"working on views of {pixels:,} px", pixels * _BYTES_A_PIXEL)
-    cameras = _map_cameras(arrays, maps.shape, shift)
-    images = image_poses(arrays, len(maps)) if "extrinsics" in names else None
+    cameras = _read_cameras(arrays, maps.shape, shift)
+    images = read_image_poses(arrays, len(maps)) if "extrinsics" in names else None
     confidence = arrays.map(trust) if trust in names else None
     if confidence is not None and (
         confidence.shape != maps.shape[:3] or confidence.dtype.kind not in "biuf"
@@ -251,7 +251,7 @@ def _fault(
     return PredictionError(what, where=where, expected=expected, fix=fix)
 
 
-def _map_maps(arrays: Arrays, name: str) -> NDArray[Any]:
+def _read_values(arrays: Arrays, name: str) -> NDArray[Any]:
     values = arrays.map(name)
     if name == "depth" and values.ndim == 4 and values.shape[-1] == 1:
         values = values[..., 0]
@@ -266,7 +266,7 @@ def _map_maps(arrays: Arrays, name: str) -> NDArray[Any]:
     return values
 
 
-def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Cameras | None:
+def _read_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Cameras | None:
     if "intrinsics" not in arrays.names():
         return None
     matrices = numbers(arrays, "intrinsics", (None, 3, 3)).astype(np.float64)
@@ -281,7 +281,7 @@ def _map_cameras(arrays: Arrays, shape: tuple[int, ...], shift: float) -> Camera
     return cameras
 
 
-def image_poses(arrays: Arrays, count: int) -> ImagePoses:
+def read_image_poses(arrays: Arrays, count: int) -> ImagePoses:
     """Read ``extrinsics`` and, where there are any, ``image_names`` of `count` images."""
     named = "image_names" in arrays.names()
     names = np.array([f"view {row}" for row in range(count)])

@@ -32,8 +32,8 @@ from airzoo_bench.reconstruction.alignment import (
     PosedCameras,
     Similarity,
     align,
-    fit_many,
-    partners,
+    fit_sim3,
+    pair_cameras,
     with_residuals,
 )
 from airzoo_bench.reconstruction.checks import match_cameras, scene_notes, true_names
@@ -57,10 +57,7 @@ _LEFT_OUT = ("distrusted", "not_finite", "outside", "thinned")
 
 @dataclass(frozen=True, eq=False)
 class CloudComparison:
-    """A prediction compared with the truth of its scene, both clouds as they were compared.
-
-    `recalled` are the distances of the true points that recall is measured on.
-    """
+    """Both clouds as they were compared; recall is measured on the distances `recalled`."""
 
     alignment: Alignment
     clouds: tuple[clouds.PreparedCloud, clouds.PreparedCloud]
@@ -76,7 +73,7 @@ def score_scene(
     run: Run,
 ) -> SceneScores:
     """Read a scene's prediction and score it; an error names the scene."""
-    where, found = f"{predictions.path}, scene {truth.scene}", None
+    where, comparison = f"{predictions.path}, scene {truth.scene}", None
     with open_scene(predictions, truth.scene, protocol, run.memory_bytes) as prediction:
         true_cloud = open_true_cloud(truth.cloud, run.memory_bytes, protocol.meshes.sampling)
         geometry, images = prediction.geometry, prediction.images
@@ -84,20 +81,21 @@ def score_scene(
             geometry = geometry.take(np.flatnonzero(images.posed))  # others are nowhere
         try:
             cameras, doubts = match_cameras(images, truth, where)
-            found = compare(geometry, cameras, truth, true_cloud, protocol, run)
+            comparison = compare(geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
             worst = _worst_cloud(protocol.scores) | _worst_poses(protocol.scores)
-            scored = _scored(truth.scene, worst, {"failed": 1, "points": 0})
+            scored = _make_scores(truth.scene, worst, {"failed": 1, "points": 0})
             notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
         else:
-            poses = pose_scores(cameras, found.alignment.transform, truth.posed, protocol.scores)
-            scored = score_comparison(truth.scene, found, poses, protocol.scores)
-            notes = [*scene_notes(prediction, found, protocol), *doubts]
+            transform, (predicted, true) = comparison.alignment.transform, comparison.clouds
+            poses = pose_scores(cameras, transform, truth.posed, protocol.scores)
+            scored = score_comparison(truth.scene, comparison, poses, protocol.scores)
+            notes = [*scene_notes(prediction, comparison, protocol), *doubts]
             if run.keep and (run.limits is not None or not predictions.path.is_dir()):
                 # Once the predictions are closed, their files are gone.
-                found = replace(found, clouds=(found.clouds[0].in_memory(), found.clouds[1]))
-        scored = replace(scored, kind=prediction.kind, details=found if run.keep else None)
+                comparison = replace(comparison, clouds=(predicted.in_memory(), true))
+        scored = replace(scored, kind=prediction.kind, details=comparison if run.keep else None)
         return replace(scored, notes=tuple(f"scene {truth.scene}: {note}" for note in notes))
 
 
@@ -135,8 +133,8 @@ def compare(
     settings, scores = protocol.preparation, protocol.scores
     block = max(run.memory_bytes // _BYTES_A_POINT, _LEAST_BLOCK)
     progress = Headed(truth.scene, run.progress)
-    box = clouds.box_of(true_cloud)
-    cloud, alignment = _aligned(geometry, cameras, truth, true_cloud, protocol, block)
+    box = clouds.bounding_box(true_cloud)
+    cloud, alignment = _align_cloud(geometry, cameras, truth, true_cloud, protocol, block)
     crop = clouds.find_crop(true_cloud, box, settings, block)
     both = progress((cloud, true_cloud), "preparing clouds", 2)
     predicted, true = (clouds.prepare_cloud(one, settings, crop, block) for one in both)
@@ -153,7 +151,7 @@ def compare(
     return CloudComparison(alignment, (predicted, true), distances, recalled, found)
 
 
-def _aligned(
+def _align_cloud(
     geometry: Geometry,
     cameras: PosedCameras | None,
     truth: ReconstructionTruth,
@@ -162,22 +160,22 @@ def _aligned(
     block: int,
 ) -> tuple[CloudSource, Alignment]:
     """Bring a prediction into the frame of the truth, by cameras and perhaps by ICP."""
-    found, settings = align(cameras, truth.posed, protocol.alignment), protocol.fusion
+    alignment, settings = align(cameras, truth.posed, protocol.alignment), protocol.fusion
     cloud: CloudSource
     if isinstance(geometry, fusion.PointMaps):
-        cloud = fusion.point_map_cloud(geometry, found.transform, settings)
+        cloud = fusion.point_map_cloud(geometry, alignment.transform, settings)
     elif isinstance(geometry, fusion.DepthMaps):
         make = fusion.fuse if settings.method == "tsdf" else fusion.depth_cloud
-        cloud = make(geometry, found.transform, settings)
+        cloud = make(geometry, alignment.transform, settings)
     else:
-        cloud = clouds.transform_cloud(geometry, found.transform, settings.least_confidence)
-    if found.method != "sim3+icp" or cameras is None:
-        return cloud, found
+        cloud = clouds.transform_cloud(geometry, alignment.transform, settings.least_confidence)
+    if alignment.method != "sim3+icp" or cameras is None:
+        return cloud, alignment
     try:
         step, report = refine(cloud, true_cloud, protocol.alignment, memory_points=block)
     except AlignmentError as error:
-        return cloud, replace(found, icp_failure=error.what)
-    moved = replace(found, transform=step.after(found.transform), icp=report)
+        return cloud, replace(alignment, icp_failure=error.what)
+    moved = replace(alignment, transform=step.after(alignment.transform), icp=report)
     return clouds.transform_cloud(cloud, step), with_residuals(moved, cameras, truth.posed)
 
 
@@ -185,14 +183,15 @@ def _aligned(
 
 
 def score_comparison(
-    scene: str, found: CloudComparison, poses: dict[str, float], settings: ReconstructionScores
+    scene: str, comparison: CloudComparison, poses: dict[str, float], settings: ReconstructionScores
 ) -> SceneScores:
     """Put the scores of a cloud and of its cameras into a scene's record."""
-    (predicted, true), distances, alignment = found.clouds, found.distances, found.alignment
+    distances, alignment = comparison.distances, comparison.alignment
+    predicted, true = comparison.clouds
     counts = {
         "points": len(distances.to_truth),
         "truth_points": len(distances.to_prediction),
-        "truth_unseen": len(distances.to_prediction) - len(found.recalled),
+        "truth_unseen": len(distances.to_prediction) - len(comparison.recalled),
         **{name: getattr(predicted, name) for name in _LEFT_OUT},
         "truth_outside": true.outside,
         "truth_thinned": true.thinned,
@@ -207,13 +206,13 @@ def score_comparison(
         "centres_rms_m": centres.get("rms", np.nan),
         "centres_median_m": centres.get("median", np.nan),
         "rotations_median_deg": turns.get("median", np.nan),
-        **_cloud_columns(distances.to_truth, found.recalled, settings),
+        **_cloud_columns(distances.to_truth, comparison.recalled, settings),
         **poses,
     }
-    return replace(_scored(scene, columns, counts), facts={"alignment": alignment.values})
+    return replace(_make_scores(scene, columns, counts), facts={"alignment": alignment.values})
 
 
-def _scored(
+def _make_scores(
     scene: str, columns: dict[str, Any], counts: dict[str, int], answered: bool = True
 ) -> SceneScores:
     whole = {name: counts[name] for name in counts if name not in ("missing", "failed")}
@@ -262,7 +261,7 @@ def pose_scores(
     if len(truth.names) < 2:
         return scores
     true = Poses(rotation=truth.rotation, centres=truth.centres)
-    rows, true_rows = partners(predicted, truth)
+    rows, true_rows = pair_cameras(predicted, truth)
     given = Poses(rotation=np.full_like(true.rotation, np.nan), centres=true.centres * np.nan)
     given.rotation[true_rows] = predicted.rotation[rows]
     given.centres[true_rows] = predicted.centres[rows]
@@ -280,7 +279,7 @@ def pose_scores(
         return scores
     if settings.trajectory_alignment == "umeyama":
         # All predicted cameras are brought nearest to the true ones, as evo does.
-        ((transform,), _) = fit_many(given.centres[placed][None], true.centres[placed][None])
+        ((transform,), _) = fit_sim3(given.centres[placed][None], true.centres[placed][None])
     aligned = transform.apply_poses(given)
     translation, rotation_deg = metrics.step_errors(aligned, true)
     scores["ate_m"] = metrics.rms_of_placed(metrics.centre_errors(aligned, true))
@@ -372,7 +371,7 @@ class ReconstructionTrack(Track):
         predictions, scene = part
         if scene not in predictions.scenes:
             worst = _worst_cloud(protocol.scores)
-            return _scored(scene, worst, {"missing": 1, "points": 0}, answered=False)
+            return _make_scores(scene, worst, {"missing": 1, "points": 0}, answered=False)
         return score_scene(predictions, truth, protocol, run)
 
     def check(

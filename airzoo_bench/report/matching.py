@@ -65,7 +65,7 @@ def gather_matches(
     none = Correspondences(np.zeros(len(poses) + 1, np.int64), *_NO_MATCHES)
     found: Any = content if is_drawn else none
     parts, counts = [], []
-    for row, part in enumerate(found.parts()):
+    for row, part in enumerate(found.row_slices()):
         inliers = inlier[part] if is_drawn and inlier is not None else np.zeros(0, np.bool_)
         kinds = [np.flatnonzero(kind) for kind in (~inliers, inliers)]
         rows = np.concatenate([kind[:: -(-len(kind) // _MOST_LINES) or 1] for kind in kinds])

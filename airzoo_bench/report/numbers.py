@@ -23,11 +23,7 @@ from airzoo_bench.statistics.intervals import Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.breakdown import breakdown_table
-from airzoo_bench.tables.comparison import (
-    comparison_table,
-    describe_intervals,
-    differences_table,
-)
+from airzoo_bench.tables.comparison import comparison_table, describe_intervals, differences_table
 from airzoo_bench.tables.layouts import score_cell, score_column, share_notes, shared_references
 from airzoo_bench.tables.marks import mark_cells
 from airzoo_bench.tables.model import Cell, Column, Row, Table

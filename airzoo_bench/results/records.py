@@ -104,7 +104,7 @@ def read_records(
     records: pd.DataFrame = pa.table(typed).to_pandas()
     if "query" not in records:
         records.insert(1, "query", records["scene"])
-    return checked_records(records, result, file)
+    return check_records(records, result, file)
 
 
 def column_names(file: Path) -> list[str]:
@@ -127,7 +127,7 @@ def _with_type(texts: Any) -> Any:
     return texts
 
 
-def checked_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
+def check_records(records: pd.DataFrame, result: Result, file: object) -> pd.DataFrame:
     """Return records sorted by ``query``, where they give the averages that a result states."""
     columns = [column for column in result.columns if column.key in records]
     rows, scenes = pd.factorize(records["scene"])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from airzoo_bench.engines.engine import split
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
-from airzoo_bench.geometry.crs import to_lonlat, unwrapped
+from airzoo_bench.geometry.crs import to_lonlat, unwrap
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rays import intersect_heightfield, intersect_plane
@@ -51,7 +51,7 @@ def cast_footprints(
 ) -> Footprints:
     """Cast the anchor rays of N photos onto a plane's height or a surface model.
 
-    Longitudes are unwrapped about `about_lon`; see `crs.unwrapped`.
+    Longitudes are unwrapped about `about_lon`; see `crs.unwrap`.
     """
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, inset)))
     if isinstance(ground, HeightField):
@@ -64,7 +64,7 @@ def cast_footprints(
     lonlat, centres = (np.round(to_lonlat(crs, part), LONLAT_DECIMALS) for part in (xy, middle))
     if about_lon is not None:
         lonlat, centres = (
-            np.round(unwrapped(part, about_lon), LONLAT_DECIMALS) for part in (lonlat, centres)
+            np.round(unwrap(part, about_lon), LONLAT_DECIMALS) for part in (lonlat, centres)
         )
     return Footprints(lonlat, centres, 4 - count[:, 0])
 

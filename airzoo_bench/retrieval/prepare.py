@@ -23,10 +23,16 @@ from airzoo_bench.geometry.crs import (
     describe_crs,
     geodesic_distance_m,
     to_lonlat,
-    unwrapped,
+    unwrap,
 )
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, opened, pixel_to_world, to_map_pixels
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    gsd_m,
+    open_raster,
+    pixel_to_world,
+    to_map_pixels,
+)
 from airzoo_bench.retrieval.positives import (
     Footprints,
     cast_footprints,
@@ -220,7 +226,7 @@ def _outlines(info: RasterInfo, tiles: pd.DataFrame) -> Floats:
     x0, y0, x1, y1 = _windows_of(tiles).T[:, :, None].astype(np.float64)
     pixels = np.stack([x0 + (x1 - x0) * right, y0 + (y1 - y0) * down], axis=-1)
     lonlat = to_lonlat(info.crs, pixel_to_world(info.transform, pixels))
-    ring = unwrapped(lonlat, _middle_lon(info))
+    ring = unwrap(lonlat, _middle_lon(info))
     if not (np.abs(ring[..., 1]) <= 90).all():  # also tells NaN
         raise RasterError(
             "reaches places that are not on the earth",
@@ -234,7 +240,7 @@ def _outlines(info: RasterInfo, tiles: pd.DataFrame) -> Floats:
 def _valid_shares(path: Path, windows: Ints) -> Floats:
     """Return the share of valid pixels of windows (n, 4) of a raster, exactly."""
     left, top, right, bottom = windows.T
-    with opened(path) as dataset:
+    with open_raster(path) as dataset:
         if all(flags == [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
             return np.ones(len(windows))
         height, width = dataset.shape

@@ -18,13 +18,7 @@ from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.validation import (
-    Name,
-    Strict,
-    read_toml,
-    validated,
-    validation_message,
-)
+from airzoo_bench.core.validation import Name, Strict, read_toml, validated, validation_message
 from airzoo_bench.protocol.model import shipped_protocols
 
 OVERALL = ""

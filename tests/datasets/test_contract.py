@@ -19,7 +19,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import poses_of, read_queries
 from airzoo_bench.cli.prepare import app as prepare_app
 from airzoo_bench.core.registry import DATASETS, TRACKS
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.table_dataset import TableDataset
@@ -56,7 +56,7 @@ def test_it_says_what_the_command_line_asks(
     about = dataset.about
     assert isinstance(dataset, Dataset)
     assert is_dataclass(dataset.options)
-    assert about == about_of(name)
+    assert about == load_about(name)
     assert about.title
     assert about.summary.split("\n\n")[0].endswith(".")
     assert about.page.startswith("https://") or not about.is_published

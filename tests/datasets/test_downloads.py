@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.about import About, others_patterns
+from airzoo_bench.datasets.about import About, patterns_to_skip
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.support import run_main
 
@@ -102,7 +102,7 @@ def test_scenes_of_airzoo_real_are_those_of_prepare() -> None:
         ("City", ["README.md", "Scene1/a.JPG"]),
         ("plaza-12-14", [*shared, "airzoo_real_recon/guangchang/12-14/images/1_0.png"]),
     ):
-        patterns = others_patterns(about.scene_files, [scene])
+        patterns = patterns_to_skip(about.scene_files, [scene])
         paths = ["Scene1/a.JPG", "Scene2/a.JPG", *shared, *sites]
         left = {one for one in paths if not any(fnmatch.fnmatch(one, p) for p in patterns)}
         assert left == {*wanted}

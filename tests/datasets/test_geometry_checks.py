@@ -29,7 +29,7 @@ from airzoo_bench.datasets.depth_maps import (
     compare_depths,
     find_depths,
     read_depth,
-    sampled_frame,
+    sample_frame,
 )
 from airzoo_bench.datasets.geometry_checks import (
     CLOSES_M,
@@ -179,7 +179,7 @@ def checked(flight: Flight, folder: Path, kind: str = "z", **changes: float) -> 
 def frame(flight: Flight, index: int, depth: np.ndarray) -> Frame:
     made = scene(flight)
     camera, pose = made.cameras.take(index), made.poses.take(index)
-    return sampled_frame(camera, pose, depth[index], "z", 4096, index)
+    return sample_frame(camera, pose, depth[index], "z", 4096, index)
 
 
 class TestDepth:

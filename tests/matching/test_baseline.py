@@ -15,7 +15,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.geometry.sift import mutual_nearest
-from airzoo_bench.matching.baseline import Task, lie_on_map, match, match_task
+from airzoo_bench.matching.baseline import Task, match, match_task, turn_and_ratio
 from airzoo_bench.matching.info import SiftSettings
 from tests.geometry.support import write_tif
 
@@ -110,7 +110,7 @@ def test_plans_worked_by_hand(
     prior = Poses(rotation=rotation, centres=np.array(((576010.0, 5187990.0, height),)))
     dom = open_info(write_tif(tmp_path / "dom.tif", np.zeros((3, 40, 40), np.uint8)))
     camera = Cameras.from_matrices([np.diag((1000.0, 1000.0, 1.0))], 800, 600)
-    found = lie_on_map(camera, prior, "EPSG:32615", dom, 50.0)
+    found = turn_and_ratio(camera, prior, "EPSG:32615", dom, 50.0)
     assert found[0] == pytest.approx(turn, abs=1e-6)
     assert found[1] == pytest.approx(ratio, rel=1e-3)  # the grid's metres are not quite true
 

@@ -17,21 +17,13 @@ from airzoo_bench.reconstruction.alignment import (
     PosedCameras,
     Similarity,
     align,
-    partners,
+    pair_cameras,
     umeyama,
 )
 from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import refine
 from tests.geometry.support import quick, seeds
-from tests.reconstruction.world import (
-    UTM,
-    cameras,
-    moved,
-    ransac,
-    seen_from,
-    shaken,
-    similarity,
-)
+from tests.reconstruction.world import UTM, cameras, moved, ransac, seen_from, shaken, similarity
 
 LINE = np.arange(6.0)[:, None] * (1.0, 2.0, 3.0)
 PLANE = np.random.default_rng(5).normal(size=(6, 3))
@@ -98,7 +90,7 @@ def test_sim3_is_exact_and_ignores_outliers(seed: int) -> None:
     assert found.values["inlier_centres"]["largest"] < 1e-7
     assert found.values["centres"]["largest"] > 25.0
     assert found.values["rotations_deg"]["largest"] < 1e-8
-    rows, true_rows = partners(truth.take(order[:20]), truth)
+    rows, true_rows = pair_cameras(truth.take(order[:20]), truth)
     np.testing.assert_array_equal(order[:20][rows], true_rows)
     np.testing.assert_array_equal(true_rows, np.sort(order[:20]))
 

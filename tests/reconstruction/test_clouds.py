@@ -16,13 +16,13 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.reconstruction.clouds import (
     PreparedCloud,
     VoxelGrid,
-    box_of,
+    bounding_box,
     cloud_of,
     covered_columns,
     find_crop,
+    find_visible,
     observed_cells,
     prepare_cloud,
-    seen_by,
 )
 from airzoo_bench.reconstruction.distances import cloud_distances, mutual_distances
 from airzoo_bench.reconstruction.settings import Preparation
@@ -68,7 +68,7 @@ def test_voxels_beyond_the_limit_are_refused() -> None:
 def prepare(points: Floats, block: int, **changes: Any) -> PreparedCloud:
     """Prepare a cloud whose truth is two corners of the unit cube."""
     used, truth = settings(**changes), cloud_of(np.array(((0.0, 0, 0), (1, 1, 1))))
-    region = find_crop(truth, box_of(truth), used, block)
+    region = find_crop(truth, bounding_box(truth), used, block)
     return prepare_cloud(cloud_of(points), used, region, block)
 
 
@@ -98,7 +98,7 @@ def test_a_covered_region_holds_what_is_within_its_margin(seed: int) -> None:
     random = np.random.default_rng(seed)
     points, others = random.uniform(-9, 9, (5, 3)) + UTM, random.uniform(-40, 40, (2000, 3)) + UTM
     margin, size = float(random.uniform(0.5, 12)), 4.0
-    held = covered_columns([points], size, box_of(cloud_of(points)), margin)(others)
+    held = covered_columns([points], size, bounding_box(cloud_of(points)), margin)(others)
     away = np.linalg.norm(others[:, None, :2] - points[None, :, :2], axis=-1).min(axis=1)
     low, high = points[:, 2].min() - margin, points[:, 2].max() + margin
     upright = (others[:, 2] >= low) & (others[:, 2] <= high)
@@ -130,9 +130,9 @@ def test_points_under_a_roof_and_outside_of_the_photo_are_hidden() -> None:
     ground, roof = level(0.0), level(12.0, half=8.0)
     x, y = np.abs(ground - UTM)[:, :2].T
     inside, border = (x < 50) & (y < 37.5), np.abs(y - 37.5) < 0.25
-    seen = seen_by(ground, *photos(0.0), 1.0, 3.0)
+    seen = find_visible(ground, *photos(0.0), 1.0, 3.0)
     np.testing.assert_array_equal(seen[~border], inside[~border])
-    seen = seen_by(np.concatenate((ground, roof)), *photos(0.0), 1.0, 3.0)
+    seen = find_visible(np.concatenate((ground, roof)), *photos(0.0), 1.0, 3.0)
     # The roof, 8 m to each side, hides 9.1 m of the ground; a cell of the buffer is about 2 m wide.
     assert seen[len(ground) :].all()
     assert not seen[: len(ground)][(x < 7) & (y < 7)].any()
@@ -141,7 +141,7 @@ def test_points_under_a_roof_and_outside_of_the_photo_are_hidden() -> None:
 
 def test_points_that_one_photo_sees_are_not_observed() -> None:
     points = level(0.0)
-    given_all = (cloud_of(points), box_of(cloud_of(points)), *photos(-40.0, 40.0))
+    given_all = (cloud_of(points), bounding_box(cloud_of(points)), *photos(-40.0, 40.0))
     found = observed_cells(*given_all, settings(), 1000)
     x, y = np.abs(points - UTM)[:, :2].T
     off = np.abs(y - 37.5) > 0.75  # the border of a photo

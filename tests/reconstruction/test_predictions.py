@@ -32,7 +32,7 @@ from airzoo_bench.reconstruction.checks import (
 )
 from airzoo_bench.reconstruction.clouds import PieceCloud
 from airzoo_bench.reconstruction.fusion import DepthMaps, PointMaps, depth_cloud, fuse
-from airzoo_bench.reconstruction.predictions import ScenePrediction, maps_of, open_reconstruction
+from airzoo_bench.reconstruction.predictions import ScenePrediction, open_reconstruction, read_maps
 from airzoo_bench.reconstruction.settings import Fusion
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, write_ply
 from tests.geometry.support import looking_down
@@ -140,13 +140,13 @@ def test_links_other_archives_and_nothing_are_refused(tmp_path: Path) -> None:
 # --- maps ---
 
 
-def read_maps(folder: Path, **changes: Any) -> ScenePrediction:
+def read_views(folder: Path, **changes: Any) -> ScenePrediction:
     fields = {key: value for key, value in (VIEWS | changes).items() if value is not None}
-    return maps_of(open_arrays(save(folder / "v.npz", fields), LIMIT))
+    return read_maps(open_arrays(save(folder / "v.npz", fields), LIMIT))
 
 
 def test_depth_maps(tmp_path: Path) -> None:
-    views = read_maps(tmp_path, pixel_centres=None, depth=VIEWS["depth"][..., None])
+    views = read_views(tmp_path, pixel_centres=None, depth=VIEWS["depth"][..., None])
     assert isinstance(views.geometry, DepthMaps)
     np.testing.assert_array_equal(views.geometry.values, VIEWS["depth"])
     np.testing.assert_array_equal(views.geometry.confidence, VIEWS["conf"])
@@ -172,7 +172,7 @@ def test_pixel_centres_that_are_integers_are_shifted(
 ) -> None:
     changes: dict[str, Any] = {} if named else {"image_names": None}
     centres = None if stated is None else np.array(stated)
-    maps = read_maps(tmp_path, pixel_centres=centres, **changes).geometry
+    maps = read_views(tmp_path, pixel_centres=centres, **changes).geometry
     assert isinstance(maps, DepthMaps)
     assert maps.cameras.principal_point[0].tolist() == [WIDTH / 2 + shift, HEIGHT / 2 + shift]
 
@@ -195,7 +195,7 @@ def test_wrong_views_are_refused_by_their_field(
     changes: dict[str, Any], field: str, tmp_path: Path
 ) -> None:
     with pytest.raises(PredictionError) as caught:
-        read_maps(tmp_path, **changes)
+        read_views(tmp_path, **changes)
     assert field in str(caught.value)
     assert "v.npz" in str(caught.value)
 

@@ -20,7 +20,7 @@ from airzoo_bench.geometry.rasters import RasterInfo
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction import track
 from airzoo_bench.reconstruction.alignment import umeyama
-from airzoo_bench.reconstruction.clouds import box_of, cloud_of, observed_cells
+from airzoo_bench.reconstruction.clouds import bounding_box, cloud_of, observed_cells
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.track import (
     CloudComparison,
@@ -366,7 +366,7 @@ def test_recall_is_over_the_points_that_the_photos_saw() -> None:
     assert everywhere["f1_1m"] == 1.0
     assert 0 < everywhere["truth_unseen"] < everywhere["truth_points"]
     cloud, settings = cloud_of(points), protocol().preparation
-    seen = observed_cells(cloud, box_of(cloud), lenses(len(poses)), poses, settings, 1 << 20)
+    seen = observed_cells(cloud, bounding_box(cloud), lenses(len(poses)), poses, settings, 1 << 20)
     observed = points[seen.holds(points)]
     # Voxels lie across the borders of cells, so that a few are lost.
     recall = bought(observed)["recall_1m"]

@@ -20,12 +20,7 @@ import pytest
 import rasterio
 
 import airzoo_bench as ab
-from airzoo_bench.benchmark.folder import (
-    Benchmark,
-    data_here,
-    find_benchmark,
-    write_benchmark_file,
-)
+from airzoo_bench.benchmark.folder import Benchmark, data_here, find_benchmark, write_benchmark_file
 from airzoo_bench.core.errors import BenchmarkError, StorageError, UsageError, UserError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.storage.urls import AbsentError, ensure_file, local_path, path_of, url_at, url_of

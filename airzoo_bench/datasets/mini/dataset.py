@@ -22,7 +22,7 @@ from airzoo_bench.benchmark.queries import SceneInputs, photo_id, photo_table
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress, silent, with_progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.folder import write_benchmark
@@ -174,7 +174,7 @@ class AirZooMini(Dataset[MiniOptions]):
     """The benchmark that is made on the spot."""
 
     name = "airzoo-mini"
-    about = about_of("airzoo-mini")
+    about = load_about("airzoo-mini")
     options = MiniOptions
     jobs = 2
 

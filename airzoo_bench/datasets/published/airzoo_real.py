@@ -27,7 +27,7 @@ import numpy as np
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import (
     metadata_priors,
@@ -105,7 +105,7 @@ class _AirZooReal(Dataset[_AirZooRealOptions]):
     """AirZoo's own flights."""
 
     name = "airzoo-real"
-    about = about_of("airzoo-real")
+    about = load_about("airzoo-real")
     options = _AirZooRealOptions
 
     def benchmark_protocols(self, options: _AirZooRealOptions, root: Path) -> BenchmarkProtocols:

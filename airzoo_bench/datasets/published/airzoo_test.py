@@ -19,7 +19,7 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of, reada
 from airzoo_bench.core.files import data_root, fingerprint
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.depth_maps import find_depths, read_depth
 from airzoo_bench.datasets.mini.frames import PLACE_COLUMNS
@@ -73,7 +73,7 @@ class _AirZooTest(Dataset[_AirZooTestOptions]):
     """Trajectories of AirZoo."""
 
     name = _NAME
-    about = about_of("airzoo-test")
+    about = load_about("airzoo-test")
     options = _AirZooTestOptions
 
     def benchmark_protocols(self, options: _AirZooTestOptions, root: Path) -> BenchmarkProtocols:

@@ -20,7 +20,7 @@ from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.published.places import find_home, folders_in, missing, published_scenes
 from airzoo_bench.datasets.scenes import ImageScene
@@ -143,7 +143,7 @@ class _University1652(ClassFolders):
     """University-1652; street views are not read."""
 
     name = "university-1652"
-    about = about_of("university-1652")
+    about = load_about("university-1652")
     protocols = tuple(f"university-1652-{direction}" for direction in _DIRECTIONS)
     gallery_sizes = (951, 51_355)
 
@@ -152,7 +152,7 @@ class _Sues200(ClassFolders):
     """SUES-200; a scene is a height in a direction."""
 
     name = "sues-200"
-    about = about_of("sues-200")
+    about = load_about("sues-200")
     protocols = tuple(f"sues-200-{direction}" for direction in _DIRECTIONS)
     gallery_sizes = (200, 10_000)
     places = ("Testing", "Dataset/Testing", "Datasets/Testing", "")
@@ -189,7 +189,7 @@ class _DenseUav(ClassFolders):
     """DenseUAV; a class is a place, and has one position."""
 
     name = "denseuav"
-    about = about_of("denseuav")
+    about = load_about("denseuav")
     protocols = tuple(f"denseuav-{direction}" for direction in _DIRECTIONS)
     gallery_sizes = (18_198, 9_099)
     places = ("test",)
@@ -235,7 +235,7 @@ class _GtaUav(Dataset[SourceOptions]):
     """GTA-UAV; a scene is a test list in a direction."""
 
     name = "gta-uav"
-    about = about_of("gta-uav")
+    about = load_about("gta-uav")
     protocols = tuple(f"gta-uav-{area}-{direction}" for area in _AREAS for direction in _DIRECTIONS)
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:

@@ -30,7 +30,7 @@ from rasterio.io import MemoryFile
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.files import atomic_write, data_root, fingerprint
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.published.places import (
@@ -75,7 +75,7 @@ class _AerialExtreMatch(Dataset[_Options]):
     """The localisation set of _AerialExtreMatch."""
 
     name = "aerialextrematch"
-    about = about_of("aerialextrematch")
+    about = load_about("aerialextrematch")
     options = _Options
 
     def benchmark_protocols(self, options: _Options, root: Path) -> BenchmarkProtocols:
@@ -147,7 +147,7 @@ class _OrthoLoc(Dataset[SourceOptions]):
     """The two test sets of OrthoLoC, a scene each."""
 
     name = "ortholoc"
-    about = about_of("ortholoc")
+    about = load_about("ortholoc")
     protocols = ("ortholoc-matching",)
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:

@@ -27,7 +27,7 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
 from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, pose_errors_m
-from airzoo_bench.geometry.rasters import opened
+from airzoo_bench.geometry.rasters import open_raster
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
 T = TypeVar("T")
@@ -225,7 +225,7 @@ def join_maps(paths: Sequence[Path], home: Path, name: str) -> Path:
         return target
     pixels, corners = 0, []
     for path in paths:
-        with opened(path) as dataset:
+        with open_raster(path) as dataset:
             pixels += dataset.width * dataset.height
             size, bands, crs = dataset.res, dataset.count, dataset.crs
             corners.append(dataset.bounds)
@@ -255,7 +255,7 @@ def find_maps(folder: Path) -> tuple[list[Path], list[Path]]:
     found = (p for p in folder.rglob("*") if p.suffix.lower() in (".tif", ".tiff") and p.is_file())
     maps, surfaces = [], []
     for path in sorted(path for path in found if not path.name.startswith(".")):
-        with opened(path) as dataset:
+        with open_raster(path) as dataset:
             bands, kind = dataset.count, dataset.dtypes[0]
         if bands in (3, 4) and kind in _COLOUR_TYPES:
             maps.append(path)
@@ -276,7 +276,7 @@ def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple
 
     Where the file does not, a virtual one over it does, written into `home`.
     """
-    with opened(path) as dataset:
+    with open_raster(path) as dataset:
         crs, nodata, masked = dataset.crs, dataset.nodata, dataset.mask_flag_enums[0]
         placed = not dataset.transform.is_identity
     notes, wkt, empty = [], None, None
@@ -314,7 +314,7 @@ def with_georeference(path: Path, home: Path, *, heights: bool = False) -> tuple
 
 def _lowest_number(path: Path) -> float:
     """Return the lowest number in a file, in its own unit; NaN if it has none."""
-    with small_cache(), opened(path) as dataset:
+    with small_cache(), open_raster(path) as dataset:
         kind, windows = height_type(dataset.dtypes[0]), dataset.block_windows(1)
         blocks = (read_heights(dataset, window, kind) for _, window in windows)
         return float(np.fmin.reduce([np.fmin.reduce(block, axis=None) for block in blocks]))

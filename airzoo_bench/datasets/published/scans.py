@@ -30,7 +30,7 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.poses import read_poses
@@ -43,7 +43,7 @@ from airzoo_bench.datasets.published.places import (
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
 from airzoo_bench.datasets.settings import Files, SourceOptions
-from airzoo_bench.datasets.surveys.colmap import similarity_in
+from airzoo_bench.datasets.surveys.colmap import read_similarity
 from airzoo_bench.datasets.tables import values_by_scene
 from airzoo_bench.formats.foreign_arrays import read_tensors
 from airzoo_bench.geometry.arrays import Floats
@@ -70,7 +70,7 @@ class _UavScenes(Dataset[_UavScenesOptions]):
     """The runs of UAVScenes."""
 
     name = "uavscenes"
-    about = about_of("uavscenes")
+    about = load_about("uavscenes")
     options = _UavScenesOptions
     protocols = ("uavscenes-reconstruction",)
 
@@ -192,7 +192,7 @@ class _UrbanScene3D(Dataset[_UrbanScene3DOptions]):
     """The real scenes of _UrbanScene3D."""
 
     name = "urbanscene3d"
-    about = about_of("urbanscene3d")
+    about = load_about("urbanscene3d")
     options = _UrbanScene3DOptions
     protocols = ("urbanscene3d-reconstruction",)
 
@@ -220,7 +220,7 @@ class _UrbanScene3D(Dataset[_UrbanScene3DOptions]):
             )
         images, photos, unposed, notes = _photos(folder, options.every, progress)
         if transform is not None:
-            moved = similarity_in(Path(transform)).apply_poses(photos.poses)
+            moved = read_similarity(Path(transform)).apply_poses(photos.poses)
             moved = Poses.from_centres(moved.rotation, moved.centres, photos.names)
             photos = photos._replace(poses=moved)
         return NativeScene(

@@ -20,7 +20,7 @@ from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.content import utm_zone
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.published.places import find_home, join_maps, missing
@@ -57,7 +57,7 @@ class _UavVisLoc(Dataset[UavVisLocOptions]):
     """Photos of eleven flights, to be found on a satellite map of each."""
 
     name = "uav-visloc"
-    about = about_of("uav-visloc")
+    about = load_about("uav-visloc")
     options = UavVisLocOptions
 
     def benchmark_protocols(self, options: UavVisLocOptions, root: Path) -> BenchmarkProtocols:

@@ -11,7 +11,7 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, readable
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.metadata import read_prior
 from airzoo_bench.datasets.poses import read_poses
@@ -47,7 +47,7 @@ class _ColmapOptions(SurveyOptions):
 class _ColmapModels(Survey[_ColmapOptions]):
     """Photos registered by COLMAP."""
 
-    about = about_of("colmap")
+    about = load_about("colmap")
     options = _ColmapOptions
     needs = ("images", "dom")
     needs_ground = True
@@ -75,7 +75,7 @@ def _placed(
     photos = photos._replace(crs=crs.to_string())
     transform, notes, left = None, tuple[str, ...](), None
     if file is not None:
-        transform = similarity_in(file)
+        transform = read_similarity(file)
     elif options.from_exif:
         transform, notes, left = _fitted(photos, _exif_positions(images, photos, crs), images)
     if transform is not None:
@@ -83,7 +83,7 @@ def _placed(
     return photos, notes, left
 
 
-def similarity_in(path: Path) -> Similarity:
+def read_similarity(path: Path) -> Similarity:
     """Read a turn, a scale and a shift: four lines of four numbers, the last 0 0 0 1."""
     expected, fix = "four lines of four numbers, the last of them 0 0 0 1", "register without shear"
     lines = (line.split("#")[0] for line in read_native_text(path).splitlines())

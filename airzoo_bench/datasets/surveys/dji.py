@@ -13,7 +13,7 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, first_of, readable
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.cameras import (
     are_alike,
     cameras_of_lenses,
@@ -32,12 +32,7 @@ from airzoo_bench.datasets.metadata import (
     read_prior_file,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.surveys.survey import (
-    Survey,
-    SurveyOptions,
-    posed_scene,
-    stated_crs,
-)
+from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, posed_scene, stated_crs
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.cameras import Cameras
@@ -69,7 +64,7 @@ class _DjiOptions(SurveyOptions):
 class _DjiFolders(Survey[_DjiOptions]):
     """Photos with their own metadata as truth: RTK position, gimbal angles."""
 
-    about = about_of("dji")
+    about = load_about("dji")
     options = _DjiOptions
     needs = ("dom",)
 

@@ -31,7 +31,7 @@ from airzoo_bench.core.errors import (
 )
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.cameras import Lens, cameras_of_lenses
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
@@ -62,14 +62,14 @@ _LENS_KEYS: Mapping[str, tuple[str, ...]] = {
 class _OdmProjects(Survey[SurveyOptions]):
     """Photos, poses and map of a project."""
 
-    about = about_of("odm")
+    about = load_about("odm")
     options = SurveyOptions
 
     def read(self, options: SurveyOptions, scene: str, progress: Progress) -> NativeScene:
         project, images = options.source, options.images or options.source / "images"
         folders = _parts(project)
         crs, sizes = _crs_of(folders), photo_sizes(images, progress)
-        photos, notes, apart = _joined([_read_part(f) for f in folders], sizes, crs)
+        photos, notes, apart = _join_parts([_read_part(f) for f in folders], sizes, crs)
         dom, dsm = options.dom or project / _ORTHOPHOTO, options.dsm
         if dsm is None and (project / _SURFACE).is_file():
             dsm = project / _SURFACE
@@ -192,7 +192,7 @@ def _lens(camera: Mapping[str, Any], size: tuple[int, int], where: object) -> Le
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], distortion
 
 
-def _joined(
+def _join_parts(
     parts: Sequence[_Part], sizes: Mapping[str, tuple[int, int]], crs: CRS
 ) -> tuple[PosedPhotos, list[str], float]:
     """Put the parts' photos together; one of several parts has the pose of the first.

@@ -13,7 +13,7 @@ from pyproj import CRS
 
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.cameras import (
     Convention,
     attitudes_to_rotations,
@@ -71,7 +71,7 @@ class _PoseTableOptions(SurveyOptions):
 class _PoseTables(Survey[_PoseTableOptions]):
     """Photos with their poses in a table."""
 
-    about = about_of("poses")
+    about = load_about("poses")
     options = _PoseTableOptions
     needs = ("images", "dom", "camera")
     needs_ground = True

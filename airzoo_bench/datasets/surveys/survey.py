@@ -13,7 +13,7 @@ from pyproj import CRS
 from airzoo_bench.core.errors import CameraError, UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
-from airzoo_bench.datasets.about import about_of
+from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.content import metric_crs, photo_sizes
 from airzoo_bench.datasets.dataset import Dataset, path_options
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
@@ -177,7 +177,7 @@ class PhotoOptions(SceneOptions):
 class _Photos(Survey[PhotoOptions]):
     """A scene of own photos."""
 
-    about = about_of("photos")
+    about = load_about("photos")
     options = PhotoOptions
     needs_ground = True
 
