@@ -228,12 +228,10 @@ def _outlines(info: RasterInfo, tiles: pd.DataFrame) -> Floats:
     lonlat = to_lonlat(info.crs, pixel_to_world(info.transform, pixels))
     ring = unwrap(lonlat, _middle_lon(info))
     if not (np.abs(ring[..., 1]) <= 90).all():  # also tells NaN
-        raise RasterError(
-            "reaches places that are not on the earth",
-            where=info.path,
-            expected=f"coordinates that {describe_crs(info.crs)} is defined for",
-            fix="look at the geotransform and the CRS of the map, or cut it",
-        )
+        expected = f"coordinates that {describe_crs(info.crs)} is defined for"
+        fix = "look at the geotransform and the CRS of the map, or cut it"
+        what = "reaches places that are not on the earth"
+        raise RasterError(what, where=info.path, expected=expected, fix=fix)
     return ring
 
 
