@@ -17,6 +17,7 @@ from rasterio.windows import Window
 from airzoo_bench.benchmark.folder import needed
 from airzoo_bench.benchmark.queries import SceneInputs, cameras_of, poses_of, with_unposed
 from airzoo_bench.core.errors import RasterError, counted
+from airzoo_bench.geometry import rasters
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.crs import (
     LONLAT_CRS,
@@ -26,13 +27,7 @@ from airzoo_bench.geometry.crs import (
     unwrap,
 )
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.rasters import (
-    RasterInfo,
-    gsd_m,
-    open_raster,
-    pixel_to_world,
-    to_map_pixels,
-)
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, pixel_to_world, to_map_pixels
 from airzoo_bench.retrieval.positives import (
     Footprints,
     cast_footprints,
@@ -238,7 +233,7 @@ def _outlines(info: RasterInfo, tiles: pd.DataFrame) -> Floats:
 def _valid_shares(path: Path, windows: Ints) -> Floats:
     """Return the share of valid pixels of windows (n, 4) of a raster, exactly."""
     left, top, right, bottom = windows.T
-    with open_raster(path) as dataset:
+    with rasters.open_raster(path) as dataset:
         if all(flags == [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
             return np.ones(len(windows))
         height, width = dataset.shape
