@@ -2,7 +2,7 @@
 
 A step is what Python's audit hooks announce: opening to write, making, renaming, removing; "line"
 kills at every line of Python between them too. Each case runs in a forked process of its own, on
-a folder of its own; as a program this file runs the cases of a writer and prints JSON.
+a folder of its own; as a program this file runs the cases of a fault and prints JSON.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -21,7 +23,6 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core.files import atomic_entries, atomic_folder, atomic_write
-from tests.support import HANGS_S
 
 NAMES = ("result", "records", "figures")
 STEPS = ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.chmod", "shutil.rmtree")
@@ -105,38 +106,40 @@ def state(home: Path) -> dict[str, str]:
     return {name: path.read_text() for name, path in shown.items() if path.is_file()}
 
 
-def main() -> None:
-    root, kind, fault = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
-    cases = []
-    for step in range(1, 2000):
-        home = root / str(step)
+def cases_of(root: Path, kind: str, fault: str) -> list[dict[str, Any]]:
+    cases: list[dict[str, Any]] = []
+    while not cases or cases[-1]["code"] != _NO_FAULT:
+        step = len(cases) + 1
+        home = root / kind / str(step)
         (home / "out").mkdir(parents=True)
         fill(home / "out", "a")
         (home / "out" / ("benchmark.toml" if kind == "folder" else "thesis")).touch()
         code = run(WRITERS[kind], home, "b", Fault(fault, step))
         case = {"code": code, "left": state(home)}
         case["again"] = run(WRITERS[kind], home, "b", Fault("none", -1))
-        case |= {"end": state(home), "hidden": [str(path) for path in home.rglob(".*")]}
-        cases.append(case)
-        if code == _NO_FAULT:
-            break
-    json.dump(cases, sys.stdout)
+        cases.append(
+            case | {"end": state(home), "hidden": [str(path) for path in home.rglob(".*")]}
+        )
+    return cases
 
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks")
 KINDS = pytest.mark.parametrize("kind", list(WRITERS))
 
 
-def cases(tmp_path: Path, kind: str, fault: str) -> list[dict[str, Any]]:
-    done = subprocess.run(
-        [sys.executable, "-m", __name__, str(tmp_path / "homes"), kind, fault],
-        cwd=Path(__file__).parents[2],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        capture_output=True,
-        check=True,
-        timeout=HANGS_S,
-    )
-    found: list[dict[str, Any]] = json.loads(done.stdout)
+@cache
+def cases(fault: str) -> dict[str, list[dict[str, Any]]]:
+    """Run the cases of a fault in one process, and return them by the kind of writer."""
+    with tempfile.TemporaryDirectory() as home:
+        command = [sys.executable, "-m", __name__, home, fault]
+        root, env = (
+            Path(__file__).parents[2],
+            os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        )
+        done = subprocess.run(
+            command, cwd=root, env=env, capture_output=True, check=True, timeout=600
+        )
+    found: dict[str, list[dict[str, Any]]] = json.loads(done.stdout)
     return found
 
 
@@ -147,8 +150,8 @@ def whole(letter: str, kind: str) -> dict[str, str]:
 
 
 @KINDS
-def test_a_step_that_fails_leaves_what_was_there(kind: str, tmp_path: Path) -> None:
-    found = cases(tmp_path, kind, "failed")
+def test_a_step_that_fails_leaves_what_was_there(kind: str) -> None:
+    found = cases("failed")[kind]
     assert len(found) > 3
     for case in found:
         # A step may fail without harm: one that makes what is there, or takes the old away.
@@ -160,8 +163,8 @@ def test_a_step_that_fails_leaves_what_was_there(kind: str, tmp_path: Path) -> N
 
 @KINDS
 @pytest.mark.parametrize("fault", ["killed", pytest.param("line", marks=pytest.mark.slow)])
-def test_killed_at_any_step(kind: str, fault: str, tmp_path: Path) -> None:
-    found = cases(tmp_path, kind, fault)
+def test_killed_at_any_step(kind: str, fault: str) -> None:
+    found = cases(fault)[kind]
     assert len(found) > (3 if kind == "file" else 10)
     for case in found:
         left = case["left"]
@@ -174,4 +177,6 @@ def test_killed_at_any_step(kind: str, fault: str, tmp_path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    json.dump(
+        {kind: cases_of(Path(sys.argv[1]), kind, sys.argv[2]) for kind in WRITERS}, sys.stdout
+    )

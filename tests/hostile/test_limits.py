@@ -49,7 +49,7 @@ def run(*arguments: object, data: Path) -> tuple[int, int, str]:
     return done.returncode, int(peak) * 1024, said
 
 
-LIMIT = 48 << 20
+LIMIT = 24 << 20
 # Of the libraries that are loaded, and buffers of one size whatever the limit.
 ROOM = 200 << 20
 IDS = [f"east/q{q:05d}" for q in range(6)]
@@ -108,7 +108,7 @@ def test_small_files_stay_below_the_limit(
     make: Callable[[Path], Path], of: tuple[str, str], home: Path, tmp_path: Path
 ) -> None:
     track, protocol = of
-    options = ("--protocol", protocol, "--max-memory", "48M", "--untrusted")
+    options = ("--protocol", protocol, "--max-memory", "24M", "--untrusted")
     code, peak, said = run("eval", track, make(tmp_path), *options, data=home)
     assert code == 2, said
     assert peak < LIMIT + ROOM, f"{peak / 1e6:.0f} MB: {said}"
