@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL.Image import Resampling
 
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.formats.photos import open_photo
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.storage.urls import ensure_file
 
@@ -21,7 +21,7 @@ _FIX = "put the photos back where benchmark.toml says, or prepare with --copy"
 
 def photo_size(path: Path) -> tuple[int, int]:
     """Read width and height in pixels, as stored, from a photo's header."""
-    with opened_photo(ensure_file(path)) as image:
+    with open_photo(ensure_file(path)) as image:
         orientation = image.getexif().get(_ORIENTATION_TAG)
         size = image.size
     if orientation in range(2, 9):  # other values mean nothing, and some cameras write 0
@@ -45,7 +45,7 @@ def read_rgb_photo(path: Path, long_side: int) -> NDArray[np.uint8]:
 
 
 def _read(path: Path, long_side: int, mode: str) -> NDArray[np.uint8]:
-    with opened_photo(ensure_file(path), _FIX) as image:
+    with open_photo(ensure_file(path), _FIX) as image:
         scale = min(1.0, long_side / max(image.size))
         size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
         # libjpeg skips what is thrown away. It rounds sizes up, so that the last row and

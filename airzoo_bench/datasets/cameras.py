@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from airzoo_bench.core.errors import BenchmarkError, CameraError, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.formats.photos import open_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import angles_to_rotations
@@ -117,7 +117,7 @@ def are_alike(first: float, second: float) -> bool:
 
 def film_focal_px(path: Path, size: tuple[int, int]) -> tuple[float | None, int]:
     """Return the focal length of 35 mm film, of the same diagonal, in pixels and in mm."""
-    with opened_photo(path) as image:
+    with open_photo(path) as image:
         focal = image.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_35MM)
     if not isinstance(focal, int) or not 0 < focal < 10_000:
         return None, 0

@@ -19,7 +19,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.tables import read_table
-from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.formats.photos import open_photo
 from airzoo_bench.geometry.crs import (
     describe_crs,
     from_lonlat,
@@ -144,7 +144,7 @@ def metadata_priors(metadata: Mapping[str, PhotoPrior], crs: str) -> Poses | Non
 
 def _metadata(path: Path) -> tuple[dict[int, Any], dict[str, str]]:
     """Read the GPS part of EXIF and DJI's namespace of XMP; empty where there is none."""
-    with opened_photo(path) as image:
+    with open_photo(path) as image:
         gps = dict(image.getexif().get_ifd(_GPS_IFD))
         segments = getattr(image, "applist", [])
     packets = (data for name, data in segments if name == "APP1" and data.startswith(_XMP))

@@ -18,7 +18,7 @@ _DAMAGE = (OSError, ValueError, SyntaxError, struct.error, Image.DecompressionBo
 
 
 @contextmanager
-def opened_photo(
+def open_photo(
     path: Path, fix: str = "copy it again, or take it out of the folder"
 ) -> Iterator[Image.Image]:
     """Open a photo; Pillow's errors inside the block become a BenchmarkError."""

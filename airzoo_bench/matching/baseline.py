@@ -21,7 +21,7 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.progress import Headed
 from airzoo_bench.evaluation.predictions import check_npz, write_predictions
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.formats.photos import opened_photo
+from airzoo_bench.formats.photos import open_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LONLAT_CRS, to_lonlat
@@ -113,7 +113,7 @@ def match_task(settings: SiftSettings, task: Task) -> tuple[Floats, Floats]:
     colours = read_rgb(task.dom, task.window)
     # Black is where a map has no data; what is nearly black is not.
     crop = np.maximum(np.round(colours @ _GREY).astype(np.uint8), colours.any(axis=-1))
-    with opened_photo(task.photo, "put the photos back where benchmark.toml says") as image:
+    with open_photo(task.photo, "put the photos back where benchmark.toml says") as image:
         if image.size != task.size:
             what = "the photo is {} x {} px".format(*image.size)
             expected = "{} x {} px, the size of its camera".format(*task.size)
