@@ -36,7 +36,7 @@ LONGEST = (
     "leaderboard/test_walk_through.py",
     "matching/test_baseline.py",
     "cli/test_check_command.py",
-    "retrieval/test_descriptors.py",
+    "retrieval/test_ranking.py",
     "engines/test_engines.py",
 )
 PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.sandbox import Limits
 from airzoo_bench.evaluation.evaluate import check_run_folder, evaluate, save
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.result import Result, read_result, write_result
+from tests.matching.world import make_world as make_matching
+from tests.readers.method_files import WRITERS
+from tests.reconstruction.world import PROTOCOL, make_world, predict_clouds, true_points
 from tests.statistics.support import made_method, write_method
 from tests.support import (
     MadeScene,
@@ -20,6 +27,7 @@ from tests.support import (
     made_protocol,
     made_truth,
     run_main,
+    write_benchmark,
     write_predictions,
 )
 
@@ -133,3 +141,128 @@ def test_a_folder_that_no_run_wrote_stays(
     shutil.rmtree(out / "figures")
     assert run_main(*ask) == 0
     assert files_below(out) == {"result.json", "records.csv", "mine.npz"}
+
+
+# --- ties: a constant scorer gains nothing, whatever the form of its file ---
+
+N_TIED = 300
+SCENE = MadeScene("s", [[q, q + 5] for q in range(4)], N_TIED)
+
+
+def constant_predictions() -> dict[str, dict[str, Any]]:
+    """Every way of saying the same of all tiles, with the tile that answers in the first place."""
+    lists = [[SCENE.tile(t) for t in [q, *range(q), *range(q + 1, N_TIED)]] for q in range(4)]
+    found: dict[str, dict[str, Any]] = {}
+    for listed in (5, 20, 100, 101, N_TIED):
+        ranked = [row[:listed] for row in lists]
+        found[f"ids {listed}"] = {"ranked_ids": ranked, "scores": np.ones((4, listed))}
+    short = [[*row[:3], "", ""] for row in lists]
+    found["ids 3"] = {"ranked_ids": short, "scores": np.ones((4, 5))}
+    for dtype in (np.float16, np.float32, np.float64):
+        found[f"equal {dtype.__name__}"] = {
+            "query_descriptors": np.random.default_rng(0).standard_normal((4, 8)).astype(dtype),
+            "gallery_ids": SCENE.tile_ids,
+            "gallery_descriptors": np.ones((N_TIED, 8), dtype),
+        }
+    return found
+
+
+def test_constant_scorers_of_every_form_score_exactly_nothing(tmp_path: Path) -> None:
+    chosen = made_protocol([SCENE])
+    scores = chosen.scores.model_dump() | {"descriptor_metric": "cosine"}
+    values = chosen.model_dump(by_alias=True) | {"scores": scores}
+    write_benchmark(tmp_path / "data" / "made", type(chosen).model_validate(values), [SCENE])
+    for form, arrays in constant_predictions().items():
+        path = tmp_path / f"{form}.npz"
+        write_predictions(path, "made-retrieval", query_ids=SCENE.query_ids, **arrays)
+        result = evaluate(path, data=tmp_path / "data").result
+        assert result.overall.pop("distance_m") == np.inf, form
+        assert set(result.overall.values()) == {0.0}, form
+        assert result.counts["s"]["tie_dependent"] == 4, form
+        assert any("4 queries depend on ties" in note for note in result.notes), form
+
+
+def test_a_tie_is_broken_before_a_list_is_cut(tmp_path: Path) -> None:
+    # One tile is told apart and wrong; 299 tie, and the one that answers stands second.
+    scene = MadeScene("s", [[7]], N_TIED)
+    write_benchmark(tmp_path / "data" / "made", made_protocol([scene]), [scene])
+    others = [scene.tile(t) for t in range(N_TIED) if t not in (7, 40)]
+    path = write_predictions(
+        tmp_path / "p.npz",
+        "made-retrieval",
+        query_ids=scene.query_ids,
+        ranked_ids=[[scene.tile(40), scene.tile(7), *others]],
+        scores=[[1.0, *[0.5] * (N_TIED - 1)]],
+    )
+    evaluation = evaluate(path, data=tmp_path / "data")
+    assert (evaluation.result.overall["map"], evaluation.result.overall["mrr"]) == (0.0, 0.0)
+    assert evaluation.records["ranked"].tolist() == [100]
+    assert evaluation.records["tie_dependent"].tolist() == [True]
+
+
+# --- predictions read in a child under limits score as they do without ---
+
+MEMORY = 1 << 28
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+
+
+def alike(path: Path, data: Path, protocol: str | None = None, **more: Any) -> Any:
+    found = [
+        evaluate(path, data=data, protocol=protocol, run=Run(MEMORY, limits=limits, **more))
+        for limits in (None, Limits(MEMORY))
+    ]
+    plain, limited = (one.result.model_dump(exclude={"created", "checksum"}) for one in found)
+    assert limited == plain
+    pd.testing.assert_frame_equal(found[1].records, found[0].records, check_exact=True)
+    return found[1].given.predictions
+
+
+@LINUX
+def test_retrieval_of_strangers_maps_what_the_file_stores(
+    data: Path, tmp_path: Path, scenes: list[MadeScene]
+) -> None:
+    random = np.random.default_rng(0)
+    arrays = {
+        "query_ids": [q for s in scenes for q in s.query_ids],
+        "query_descriptors": random.standard_normal((10, 4)),
+        "gallery_ids": [t for s in scenes for t in s.tile_ids],
+        "gallery_descriptors": random.standard_normal((20, 4)),
+    }
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    gallery = alike(path, data).content.gallery
+    assert isinstance(gallery, np.memmap)
+    assert gallery.filename == path
+    np.testing.assert_array_equal(gallery, arrays["gallery_descriptors"])
+
+
+@LINUX
+def test_matches_of_strangers(tmp_path: Path) -> None:
+    world = make_matching(tmp_path)
+    alike(world.write(tmp_path / "p.npz", world.named(**world.matches())), world.root)
+
+
+@LINUX
+def test_clouds_of_strangers_in_a_folder(tmp_path: Path) -> None:
+    world = make_world(tmp_path / "data")
+    clouds = predict_clouds(world, tmp_path / "p", {"lot": true_points("lot")}, cameras=False)
+    alike(clouds, world.root, keep=True)
+
+
+@LINUX
+@pytest.mark.slow
+def test_maps_of_strangers_read_one_by_one(tmp_path: Path) -> None:
+    world = make_world(tmp_path / "data")
+    alike(WRITERS["cut3r"](tmp_path / "native", world), world.root, PROTOCOL)
+
+
+def test_a_system_without_limits_is_refused_with_the_reason(
+    data: Path,
+    tmp_path: Path,
+    perfect: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
+    monkeypatch.setattr("airzoo_bench.core.sandbox.sys.platform", "darwin")
+    assert run_main("eval", "retrieval", path, "--data", data, "--untrusted") == 2
+    assert "--untrusted: reading under limits needs Linux" in capsys.readouterr().err

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from airzoo_bench.engines.engine import Processes
 from airzoo_bench.retrieval.baseline import describe, vlad
 from airzoo_bench.retrieval.info import VladSettings
 
@@ -26,14 +25,6 @@ def test_an_image_is_nearest_to_its_own_tile() -> None:
     gallery, queries = (describe(some, SETTINGS, "tiles") for some in (tiles, tiles[::-1]))
     assert (queries @ gallery.T).argmax(axis=1).tolist() == [5, 4, 3, 2, 1, 0]
     np.testing.assert_allclose(np.linalg.norm(gallery, axis=1), 1, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_the_number_of_workers_and_the_images_before_do_not_matter() -> None:
-    tiles = [partial(textured, seed, 48 + 16 * (seed % 2)) for seed in range(5)]
-    alone = describe(tiles, SETTINGS, "tiles")
-    assert np.array_equal(alone, describe(tiles, SETTINGS, "tiles", Processes(2)))
-    assert np.array_equal(alone[4:5], describe([tiles[4]], SETTINGS, "photos"))
 
 
 def test_vlad_worked_by_hand() -> None:

@@ -132,15 +132,6 @@ def test_moving_a_hit_up_never_lowers_a_score(data, k):
     assert after["map"][query] > before["map"][query]
 
 
-@given(st.integers(1, 12), st.integers(1, 15))
-def test_the_best_list_scores_one(n_positives, k):
-    found = np.arange(20)[None] < n_positives
-    scores = all_scores(found, np.array([n_positives]), k)
-    assert scores.pop("trec") == min(n_positives, k) / n_positives
-    assert scores.pop("precision") == min(n_positives, k) / k
-    assert all(score == 1 for score in scores.values())
-
-
 # --- distances ---
 
 METRES = np.array([[0.0, 100.0, INF], [30.0, 0.0, 10.0], [INF, INF, INF]])

@@ -1,15 +1,18 @@
-"""Scores of galleries of images, against the benchmarks' own definitions worked out plainly."""
+"""Scores of scenes: of galleries of images by the benchmarks' own definitions, and of chance."""
 
 from __future__ import annotations
 
 import math
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import hypergeom
 
 from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.core.validation import validated
@@ -19,37 +22,36 @@ from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.prepare import ImageSet, build_stated_truth, pairs_of_labels
-from airzoo_bench.retrieval.ranking import rank_scene
-from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.ranking import Ranking, rank_scene
+from airzoo_bench.retrieval.settings import RetrievalProtocol, TileScores
 from airzoo_bench.retrieval.track import list_scores, score_scene
 from airzoo_bench.retrieval.truth import RetrievalTruth
+from tests.retrieval.ranking_support import records_of
+from tests.support import MadeScene, protocol
+from tests.support import made_truth as made_tiles
 
 QUERIES, IMAGES, CLASSES = 40, 330, 12
 
 
-def protocol(name: str) -> Any:
+def shipped(name: str) -> Any:
     return load_protocol(shipped_protocols()[f"{name}-drone-to-satellite"])
 
 
-UNIVERSITY = protocol("university-1652")
+UNIVERSITY = shipped("university-1652")
 
 
 def made_truth(
     labels: tuple[Any, Any], positions: tuple[Floats, Floats] | None = None, **how: bool
 ) -> RetrievalTruth:
-    sets = [
-        ImageSet(
-            [f"{letter}{number:04d}" for number in range(len(of))],
-            [f"{number}.jpg" for number in range(len(of))],
-            None if positions is None else positions[which],
-            **how,
-        )
-        for which, (letter, of) in enumerate(zip("qt", labels, strict=True))
-    ]
+    sets = []
+    for which, (letter, of) in enumerate(zip("qt", labels, strict=True)):
+        names = [f"{letter}{number:04d}" for number in range(len(of))]
+        places = None if positions is None else positions[which]
+        sets.append(ImageSet(names, [f"{name}.jpg" for name in names], places, **how))
     return build_stated_truth("s", *sets, pairs_of_labels(*labels), UNIVERSITY.ground_truth).truth
 
 
-def records_of(
+def score_images(
     truth: RetrievalTruth, settings: Any, content: Any, rows: Any = slice(None)
 ) -> pd.DataFrame:
     """Score predictions whose rows that are not in `rows` are missing."""
@@ -75,9 +77,6 @@ class Made:
             (means[of] + 1.5 * random.standard_normal((len(of), 16))).astype(np.float32)
             for of in (self.of_images, self.of_queries)
         )
-        # DenseUAV's place: metres are some 1e-5 degrees, and float32 has 7.6e-6 at 120.
-        places = np.array([120.385, 30.318]) + random.uniform(0, 0.004, (CLASSES, 2))
-        self.places = places[self.of_queries], places[self.of_images]
         self.labels = self.of_queries.astype(str), self.of_images.astype(str)
         # Rows of the images for each query, the greatest inner product first.
         products = self.queries.astype(np.float64) @ self.images.astype(np.float64).T
@@ -102,7 +101,7 @@ def curve_area(right: np.ndarray[Any, Any]) -> float:
 def test_university_1652_scores(seed: int) -> None:
     made, settings = Made(seed), UNIVERSITY.scores
     truth = made_truth(made.labels)
-    records = records_of(truth, settings, made.content(truth))
+    records = score_images(truth, settings, made.content(truth))
     hits = [made.of_images[o] == c for o, c in zip(made.orders, made.of_queries, strict=True)]
     # Their code looks at place round(330 * 0.01) = 3 of a curve that counts from 0.
     for column, place in (("recall@1", 0), ("recall@5", 4), ("recall@10", 9), ("recall@1%", 3)):
@@ -116,36 +115,6 @@ def test_university_1652_scores(seed: int) -> None:
     assert headline == ["R@1", "R@5", "R@10", "R@1%", "AP"]
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_denseuav_scores(seed: int) -> None:
-    made, settings = Made(seed), protocol("denseuav").scores
-    truth = made_truth(made.labels, made.places, degrees=True)
-    records = records_of(truth, settings, made.content(truth))
-    asked, given = made.places
-    single = [one.astype(np.float32) for one in made.places]
-    for k in (1, 3, 5, 10):
-        weight, expected = 1 - np.arange(k) / k, []
-        for order, query in zip(made.orders, single[0], strict=True):
-            step = single[1][order[:k]] - query
-            apart = np.sqrt((step.astype(np.float64) ** 2).sum(axis=1))
-            expected.append((weight / np.exp(5000 * apart)).sum() / weight.sum())
-        np.testing.assert_allclose(records[f"sdm@{k}"], expected, atol=1e-9)
-    firsts = [
-        haversine(one, given[order[0]]) for one, order in zip(asked, made.orders, strict=True)
-    ]
-    np.testing.assert_allclose(records["dis@1"], firsts, rtol=1e-6, atol=1e-6)
-    for limit in (5, 10, 20, 50):
-        assert records[f"ma@{limit}m"].mean() == np.mean(np.array(firsts) < limit)
-    assert 0 < records["sdm@10"].mean() < 1
-    # Of every second query the predictions lack, nothing is found, the farthest image is taken.
-    half = records_of(truth, settings, made.content(truth), slice(None, None, 2))
-    nothing = half.iloc[1::2][["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]]
-    assert not nothing.to_numpy().any()
-    farthest = [max(haversine(one, place) for place in given) for one in asked[1::2]]
-    np.testing.assert_allclose(half["dis@1"].iloc[1::2], farthest, rtol=1e-9)
-    pd.testing.assert_frame_equal(half.iloc[::2], records.iloc[::2])
-
-
 def haversine(one: Floats, other: Floats) -> float:
     (lon_a, lat_a), (lon_b, lat_b) = np.radians(one), np.radians(other)
     half = math.sin((lat_a - lat_b) / 2) ** 2
@@ -153,20 +122,44 @@ def haversine(one: Floats, other: Floats) -> float:
     return 2 * math.asin(math.sqrt(half)) * 6_378_137
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_gta_uav_scores(seed: int) -> None:
-    made, settings = Made(seed), protocol("gta-uav-cross-area").scores
-    random = np.random.default_rng(seed)
+def test_denseuav_scores() -> None:
+    made, settings = Made(0), shipped("denseuav").scores
+    # DenseUAV's place: metres are some 1e-5 degrees, and float32 has 7.6e-6 at 120.
+    places = np.array([120.385, 30.318]) + np.random.default_rng(0).uniform(0, 0.004, (CLASSES, 2))
+    asked, given = places[made.of_queries], places[made.of_images]
+    truth = made_truth(made.labels, (asked, given), degrees=True)
+    records = score_images(truth, settings, made.content(truth))
+    single = [one.astype(np.float32) for one in (asked, given)]
+    for k in (1, 3, 5, 10):
+        weight, expected = 1 - np.arange(k) / k, []
+        for order, query in zip(made.orders, single[0], strict=True):
+            step = single[1][order[:k]] - query
+            apart = np.sqrt((step.astype(np.float64) ** 2).sum(axis=1))
+            expected.append((weight / np.exp(5000 * apart)).sum() / weight.sum())
+        np.testing.assert_allclose(records[f"sdm@{k}"], expected, atol=1e-9)
+    firsts = [haversine(a, given[order[0]]) for a, order in zip(asked, made.orders, strict=True)]
+    np.testing.assert_allclose(records["dis@1"], firsts, rtol=1e-6, atol=1e-6)
+    for limit in (5, 10, 20, 50):
+        assert records[f"ma@{limit}m"].mean() == np.mean(np.array(firsts) < limit)
+    assert 0 < records["sdm@10"].mean() < 1
+    # Of every second query the predictions lack, nothing is found, the farthest image is taken.
+    half = score_images(truth, settings, made.content(truth), slice(None, None, 2))
+    nothing = half.iloc[1::2][["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]]
+    assert not nothing.to_numpy().any()
+    farthest = [max(haversine(one, place) for place in given) for one in asked[1::2]]
+    np.testing.assert_allclose(half["dis@1"].iloc[1::2], farthest, rtol=1e-9)
+    pd.testing.assert_frame_equal(half.iloc[::2], records.iloc[::2])
+
+
+def test_gta_uav_scores() -> None:
+    made, settings = Made(1), shipped("gta-uav-cross-area").scores
+    random = np.random.default_rng(1)
     places = random.uniform(0, 9000, (QUERIES, 2)), random.uniform(0, 9000, (IMAGES, 2))
     truth = made_truth(made.labels, places)
-    records = records_of(truth, settings, made.content(truth))
+    records = score_images(truth, settings, made.content(truth))
     for k in (1, 3, 5):
-        metres = np.array(
-            [
-                [math.dist(place, places[1][tile]) for tile in order[:k]]
-                for place, order in zip(places[0], made.orders, strict=True)
-            ]
-        )
+        pairs = zip(places[0], made.orders, strict=True)
+        metres = np.array([[math.dist(a, places[1][t]) for t in order[:k]] for a, order in pairs])
         weight = np.arange(k, 0, -1)
         sdm = (weight * np.exp(-0.001 * metres)).sum(axis=1) / weight.sum()
         np.testing.assert_allclose(records[f"sdm@{k}"], sdm, rtol=1e-12)
@@ -178,26 +171,10 @@ def test_gta_uav_scores(seed: int) -> None:
     assert ap == "map"  # scikit-learn's, not the trapezoids'
 
 
-@pytest.mark.parametrize("n_positives", [1, 2, 5])
-def test_chance_is_the_mean_over_all_orders(n_positives: int) -> None:
-    n_tiles, settings = 5, UNIVERSITY.scores
-    orders = list(permutations(range(n_tiles)))
-    labels = ["1"] * n_positives + ["2"] * (n_tiles - n_positives)
-    truth = made_truth((["1"] * len(orders), labels))
-    ids = truth.tiles["id"].to_numpy(str)
-    ranked = RankedIds(np.array([ids[list(order)] for order in orders]), None)
-    records = records_of(truth, settings, ranked)
-    found = chance_scores(np.array([n_positives, 0]), n_tiles, settings)
-    assert {"recall@1", "recall@1%", "ap/trapezoid", "map", "mrr"} <= set(found)
-    for name, value in found.items():
-        assert value == pytest.approx([records[name].mean(), 0], abs=1e-12), name
-
-
 def test_positives_that_are_not_ranked_are_never_found() -> None:
     truth = made_truth((["1", "2"], ["1", "1", "2", "3"]))
-    settings = UNIVERSITY.scores
     ranked = RankedIds(np.array([["s/t0003", "s/t0001"], ["", ""]]), None)
-    records = records_of(truth, settings, ranked)
+    records = score_images(truth, UNIVERSITY.scores, ranked)
     # One of two positives, at rank 2: half of (0 / 1 + 1 / 2) / 2.
     assert records["ap/trapezoid"].tolist() == [1 / 8, 0.0]
     assert records["map"].tolist() == [1 / 4, 0.0]
@@ -226,3 +203,69 @@ def test_sections_must_fit(base: str, section: str, changes: dict[str, Any], nam
     values[section] = {k: v for k, v in (values[section] | changes).items() if v is not None}
     with pytest.raises(ProtocolError, match=named):
         validated(values, RetrievalProtocol, ProtocolError, None, "protocol file")
+
+
+# --- chance, against all orders there are, SciPy, and the metrics themselves ---
+
+
+def tile_scores(**changes: object) -> TileScores:
+    return TileScores.model_validate(protocol().scores.model_dump() | changes)
+
+
+def score_orders(tiles: np.ndarray, n_positives: int, chosen: TileScores) -> dict[str, np.ndarray]:
+    """Score orders (n, tiles) of a gallery whose first tiles are positive by our own metrics."""
+    scene = MadeScene("s", [list(range(n_positives))] * len(tiles), tiles.shape[1])
+    ranking = Ranking(tiles[:, : chosen.ranks_kept], np.zeros(len(tiles), bool))
+    return dict(records_of(made_tiles(scene), ranking, chosen).select_dtypes("number"))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 8), st.data())
+def test_chance_is_the_mean_over_all_orders(n_tiles: int, data: st.DataObject) -> None:
+    n_positives = data.draw(st.integers(0, n_tiles))
+    ranks = {"ranks_kept": data.draw(st.integers(10, 12)), "ap_at": data.draw(st.integers(1, 7))}
+    chosen = tile_scores(**ranks)
+    places = list(combinations(range(n_tiles), n_positives))  # only these can matter
+    tiles = np.empty((len(places), n_tiles), np.int32)
+    for row, place in zip(tiles, places, strict=True):
+        row[list(place)] = np.arange(n_positives)
+        row[np.setdiff1d(np.arange(n_tiles), place)] = np.arange(n_positives, n_tiles)
+    expected = score_orders(tiles, n_positives, chosen)
+    found = chance_scores(np.array([n_positives]), n_tiles, chosen)
+    names = {"map", "mrr", *(name for name in expected if name.startswith(("re", "ap@", "nd")))}
+    assert set(found) == names
+    for name, value in found.items():
+        assert value[0] == pytest.approx(expected[name].mean(), abs=1e-12), name
+
+
+def test_chance_of_recall_is_that_of_scipy_for_each_query() -> None:
+    positives = np.array([1, 3, 40, 500, 0, 3, 5000])
+    found = chance_scores(positives, 5000, tile_scores())
+    for k in (1, 3, 5):
+        expected = hypergeom.sf(0, 5000, positives, k)
+        np.testing.assert_allclose(found[f"recall@{k}"], expected, rtol=1e-9)
+
+
+def test_chance_of_lists_cut_at_the_ranks_kept_agrees_with_random_orders() -> None:
+    # 400 tiles, 100 kept: the mean over 4,000 random orders, within four standard errors.
+    rng = np.random.default_rng(0)
+    tiles = rng.permuted(np.tile(np.arange(400, dtype=np.int32), (4000, 1)), axis=1)
+    expected = score_orders(tiles, 9, tile_scores())
+    for name, value in chance_scores(np.array([9]), 400, tile_scores()).items():
+        column = expected[name]
+        assert abs(column.mean() - value[0]) < 4 * column.std() / np.sqrt(4000), name
+
+
+@pytest.mark.parametrize("n_positives", [1, 2, 5])
+def test_chance_of_images_is_the_mean_over_all_orders(n_positives: int) -> None:
+    n_tiles, settings = 5, UNIVERSITY.scores
+    orders = list(permutations(range(n_tiles)))
+    labels = ["1"] * n_positives + ["2"] * (n_tiles - n_positives)
+    truth = made_truth((["1"] * len(orders), labels))
+    ids = truth.tiles["id"].to_numpy(str)
+    ranked = RankedIds(np.array([ids[list(order)] for order in orders]), None)
+    records = score_images(truth, settings, ranked)
+    found = chance_scores(np.array([n_positives, 0]), n_tiles, settings)
+    assert {"recall@1", "recall@1%", "ap/trapezoid", "map", "mrr"} <= set(found)
+    for name, value in found.items():
+        assert value == pytest.approx([records[name].mean(), 0], abs=1e-12), name

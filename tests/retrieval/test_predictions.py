@@ -1,0 +1,157 @@
+"""Prediction files as they are read, and the notes on them by `eval` and by `check` alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
+from airzoo_bench.evaluation.track import Run
+from airzoo_bench.retrieval.predictions import (
+    Descriptors,
+    RankedIds,
+    check_predictions,
+    read_retrieval,
+)
+from airzoo_bench.retrieval.ranking import Ranking
+from tests.retrieval.ranking_support import records_of
+from tests.support import MadeScene, made_protocol, made_truth, write_benchmark, write_predictions
+
+LIMIT = 1 << 24
+IDS = np.array(["e/a", "e/b"])
+RANKED = {"query_ids": IDS, "ranked_ids": np.array([["e/t1", "e/t2"], ["e/t2", ""]])}
+SCORES = np.array([[2, 1], [3, np.nan]], np.float16)  # NaN beside an empty id is nobody's score
+DESCRIBED = {
+    "query_ids": np.char.encode(IDS, "utf-8"),
+    "query_descriptors": np.eye(2),
+    "gallery_ids": ["e/1", "e/2", "e/3"],
+    "gallery_descriptors": np.asfortranarray(np.arange(6, dtype=">f4").reshape(3, 2)),
+}
+
+
+def saved(folder: Path, **arrays: Any) -> Path:
+    np.savez(folder / "p.npz", **arrays)
+    return folder / "p.npz"
+
+
+def test_both_forms_of_npz_and_parquet(tmp_path: Path) -> None:
+    scores = np.nan_to_num(SCORES.astype(float))  # tables have a number in every place
+    table = {name: values.tolist() for name, values in (RANKED | {"scores": scores}).items()}
+    pd.DataFrame(table).assign(protocol="p").to_parquet(tmp_path / "p.parquet")
+    arrays = saved(tmp_path, protocol="p", scores=SCORES, **RANKED)
+    for path, expected in ((arrays, SCORES), (tmp_path / "p.parquet", scores)):
+        read = read_retrieval(path, LIMIT)
+        assert isinstance(read.content, RankedIds)
+        assert (read.protocol, read.query_ids.tolist()) == ("p", IDS.tolist())
+        assert read.content.ids.tolist() == RANKED["ranked_ids"].tolist()
+        np.testing.assert_array_equal(read.content.scores, expected)
+        check_predictions(read)
+    read = read_retrieval(saved(tmp_path, **DESCRIBED), LIMIT)
+    assert isinstance(read.content, Descriptors)
+    assert (read.protocol, read.query_ids.tolist()) == (None, IDS.tolist())
+    np.testing.assert_array_equal(read.content.gallery, DESCRIBED["gallery_descriptors"])
+
+
+@pytest.mark.parametrize("field", [*RANKED, *DESCRIBED])
+@pytest.mark.parametrize("value", [np.array(1.5), np.zeros((2, 2, 2)), np.zeros(2, bool), b"x"])
+def test_every_field_of_a_wrong_type(field: str, value: Any, tmp_path: Path) -> None:
+    arrays = RANKED if field in RANKED else DESCRIBED
+    with pytest.raises(PredictionError, match=f"field '{field}'"):
+        read_retrieval(saved(tmp_path, **(arrays | {field: value})), LIMIT)
+
+
+# --- scored ---
+
+
+def both(path: Path, data: Path, *words: str) -> Evaluation:
+    """Return what `eval` finds, having held its notes to words and to those of `check`."""
+    found, checked = evaluate(path, data=data), check(path, data=data)
+    notes = list(found.result.notes)
+    assert checked.errors == []
+    assert [note for note in checked.notes if note in notes] == notes
+    assert all(any(word in note for note in notes) for word in words)
+    assert bool(words) == bool(notes)
+    return found
+
+
+def test_empty_and_short_lists_are_worst_and_counted(
+    data: Path, tmp_path: Path, perfect: dict[str, Any]
+) -> None:
+    both(write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect), data)
+    lists, records = np.array(perfect["ranked_ids"]), []
+    for ranked in (lists[:, :3], np.where(np.arange(lists.shape[1]) < 3, lists, "")):
+        arrays = {"query_ids": perfect["query_ids"], "ranked_ids": ranked}
+        path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+        records.append(evaluate(path, data=data).records)
+    assert records[0].equals(records[1])
+    lists[1:3] = ""
+    arrays = {"query_ids": perfect["query_ids"], "ranked_ids": lists}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    found = both(path, data, "2 queries have an empty list")
+    assert found.result.counts["east"]["empty_lists"] == 2
+    assert found.result.counts["east"]["missing"] == 2
+    assert (~found.records["answered"]).sum() == 2
+
+
+@pytest.mark.parametrize(("rule", "share", "asked"), [("exclude", 1.0, 3), ("miss", 0.6, 5)])
+def test_queries_that_no_tile_answers(tmp_path: Path, rule: str, share: float, asked: int) -> None:
+    """Made by hand: `prepare` would have left two of the five out."""
+    scene = MadeScene("east", [[0], [], [1], [], [2]], 3)
+    made = made_protocol([scene])
+    rules = made.ground_truth.model_copy(update={"without_positive": rule})
+    made = made.model_copy(update={"ground_truth": rules})
+    write_benchmark(tmp_path / "made", made, [scene])
+    ranked = [[scene.tile(max(found, default=0))] for found in scene.positives]
+    arrays = {"query_ids": scene.query_ids, "ranked_ids": ranked}
+    path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
+    named = ["2 (east/q00001, east/q00003)"] if rule == "exclude" else []
+    result = both(path, tmp_path, *named).result
+    assert result.overall["recall@1"] == share
+    assert result.counts["east"]["queries"] == asked
+    assert result.counts["east"]["without_positive"] == 2
+
+
+def test_gallery_rows_stand_in_any_order_that_fits_the_memory(
+    data: Path, tmp_path: Path, scenes: list[MadeScene]
+) -> None:
+    random = np.random.default_rng(2)
+    arrays = {
+        "query_ids": [q for s in scenes for q in s.query_ids][:1],
+        "query_descriptors": random.standard_normal((1, 4_000)).astype(np.float32),
+    }
+    tiles = np.array([t for s in scenes for t in s.tile_ids])
+    described = random.standard_normal((20, 4_000)).astype(np.float32)
+    little = Run(100_000)  # a scene has more
+    records = []
+    for order in (np.arange(20), random.permutation(20)):
+        gallery = {"gallery_ids": tiles[order], "gallery_descriptors": described[order]}
+        path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays, **gallery)
+        records += [evaluate(path, data=data, run=Run(jobs=jobs)).records for jobs in (1, 2)]
+        if order[0] == 0:
+            records.append(evaluate(path, data=data, run=little).records)
+    for one in records:
+        pd.testing.assert_frame_equal(one, records[0])
+    with pytest.raises(PredictionError, match="--max-memory"):
+        evaluate(path, data=data, run=little)
+
+
+def test_the_first_tiles_are_named_rank_by_rank_down_to_the_deepest_recall() -> None:
+    scene = MadeScene("east", [[3], [0], [1, 2]], 9)
+    tiles = np.array([[3, 1, 8, 7, 6, 5, 4], [2, 0, -1, -1, -1, -1, -1], [-1] * 7], np.int32)
+    settings, ranking = made_protocol([scene]).scores, Ranking(tiles, np.zeros(3, bool))
+    assert settings.recall_at == (1, 3, 5)
+    records = records_of(made_truth(scene), ranking, settings, np.array([True, True, False]))
+    names = [f"tile@{rank}" for rank in range(1, 6)]
+    assert [name for name in records if str(name).startswith("tile@")] == names
+    assert records[names].to_numpy().tolist() == [
+        ["east/t00003", "east/t00001", "east/t00008", "east/t00007", "east/t00006"],
+        ["east/t00002", "east/t00000", "", "", ""],
+        [""] * 5,
+    ]
+    assert records["ranked"].tolist() == [7, 2, 0]
+    assert records["first_hit_rank"].tolist() == [1, 2, 0]
