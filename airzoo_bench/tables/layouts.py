@@ -112,7 +112,8 @@ def method_table(
     """Put results of one protocol and one truth into one table of methods."""
     alone = [result.predictions.method for result in results]
     names = method_names(paths, results) if paths else alone
-    check_comparable(names, results)
+    files = [f"{name} ({path})" for name, path in zip(names, paths, strict=False)]
+    check_comparable(files or names, results)
     first, named = results[0], list(zip(names, results, strict=True))
     floors = {name: floor_note(result) for name, result in named}
     rows = (
