@@ -100,17 +100,15 @@ def group_records(
         between = [f"{low} to {high}" for low, high in pairwise(texts)]
         labels = [f"below {texts[0]}", *between, f"{texts[-1]} and more"] if edges else ["all"]
     else:
-        known = column
-        if kind == "f":
-            known = column.map(lambda value: float(f"{value:.12g}"))
-        elif kind not in "iu":  # who writes "unknown" means what an empty field does
-            known = column.astype("string")
-            known = known.mask(known == UNKNOWN)
-        codes, found = pd.factorize(known, sort=True)
-        labels = number_texts(found.tolist()) if kind in "iuf" else [*map(str, found)]
-        codes[codes < 0] = len(labels)
+        known = column if kind in "iuf" else column.astype("string")
+        # Who writes "unknown" means what an empty field does, whose code is -1.
+        codes, found = pd.factorize(known.mask(known == UNKNOWN), sort=True)
+        texts = number_texts(found.tolist()) if kind in "iuf" else [*map(str, found)]
+        places = {text: place for place, text in enumerate(dict.fromkeys(texts))}
+        labels = list(places)  # numbers that are written alike are one
+        codes = np.array([*map(places.__getitem__, texts), len(labels)])[codes]
     groups = pd.Categorical.from_codes(codes, pd.Index([*labels, UNKNOWN]))
-    shown = {*groups, *(labels if bins is not None else ())}
+    shown = {*groups.unique(), *(labels if bins is not None else ())}
     return groups.set_categories([name for name in groups.categories if name in shown])
 
 
