@@ -25,12 +25,8 @@ Shape = tuple[int | None, ...]
 class Scores:
     """Scores by name, as items and attributes: ``found["recall@1"]``, ``found.f1``.
 
-    Parameters
-    ----------
-    scores : mapping of str to float, int, str or None
-        Shown with four decimals.
-    **more : object
-        Further attributes: tables and arrays that the scores are made of.
+    `scores` is a mapping that is shown with four decimals; `more` is further attributes, such as
+    the table ``records``.
     """
 
     def __init__(self, scores: Mapping[str, Any], **more: Any) -> None:

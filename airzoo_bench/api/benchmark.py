@@ -108,11 +108,9 @@ class BlindScene:
             sizes = lens.width.tolist(), lens.height.tolist()
             parts = zip(*sizes, lens.matrices, lens.distortion, strict=True)
             cameras = [Camera(*part) for part in parts]
-        names, home = table["image"].tolist(), self._source.resolve(images)
-        paths = [home / name for name in names]
-        records = texts.to_dict("records")
-        columns = zip(table["id"], names, paths, records, priors, cameras, strict=True)
-        return tuple(Photo(*values) for values in columns)
+        home, names = self._source.resolve(images), table["image"]
+        rows = zip(table["id"], names, texts.to_dict("records"), priors, cameras, strict=True)
+        return tuple(Photo(one, name, home / name, *rest) for one, name, *rest in rows)
 
     def tiles(self) -> tuple[Tile, ...]:
         """Return the tiles of the gallery, sorted by id."""

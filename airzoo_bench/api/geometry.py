@@ -18,12 +18,7 @@ from airzoo_bench.matching import metrics, solving
 from airzoo_bench.matching.metrics import PoseErrors, matching_scores, pose_columns
 from airzoo_bench.matching.protocol import SolverName
 from airzoo_bench.matching.solving import PoseEstimate
-from airzoo_bench.reconstruction.alignment import (
-    LEAST_CAMERAS,
-    PosedCameras,
-    fit_cameras,
-    umeyama,
-)
+from airzoo_bench.reconstruction.alignment import PosedCameras, fit_cameras, umeyama
 from airzoo_bench.reconstruction.clouds import bounding_box, cloud_of, find_crop, prepare_cloud
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import curve, mean_distances
@@ -111,12 +106,11 @@ def pose_scores(
         Of pose recall; translation recall and area are at the same metres.
     """
     found = errors if isinstance(errors, PoseErrors) else _pair_errors(*errors)
-    if len(found.translation_m) == 0:
-        raise arg.fault("errors", "hold no query", "at least one")
     rows = arg.floats("thresholds", arg.listed("thresholds", thresholds), (None, 2)).tolist()
+    for name, values in (("errors", found.translation_m), ("thresholds", rows)):
+        if len(values) == 0:
+            raise arg.fault(name, "are none", "at least one")
     pairs = sorted({tuple(arg.positive("thresholds", limit) for limit in row) for row in rows})
-    if not pairs:
-        raise arg.fault("thresholds", "are none", "pairs of metres and degrees, such as (5, 1)")
     metres = tuple(sorted({limit for limit, _ in pairs}))
     limits: dict[str, Any] = {"translation_below_m": metres, "auc_up_to_m": metres}
     limits |= {"pose_below_m_deg": tuple(pairs), "failed_rotation_deg": "infinite"}
@@ -295,7 +289,7 @@ def align_cameras(
     limit, seed = arg.positive("inlier_m", inlier_m), arg.whole("seed", seed, 0)
     inliers: Any = np.isfinite(found.centres).all(axis=1)
     rows, turned = np.flatnonzero(inliers), False
-    if len(rows) < LEAST_CAMERAS:
+    if len(rows) < 3:
         raise arg.fault("predicted", f"has {len(rows)} cameras with a pose", "at least 3")
     source, target = found.take(rows), known.take(rows)
     with arg.refused("predicted, true"):

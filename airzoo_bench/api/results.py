@@ -150,10 +150,9 @@ def evaluate(
     ----------
     predictions : path or mapping of str to array-like
         A prediction file, folder or archive; or the fields of one (the docs page of its track).
-    protocol : str, optional
-        Name or path of a protocol; by default the predictions' own.
-    data : path, optional
-        The benchmark folder, or the one that holds it; by default ``AIRZOO_BENCH_DATA`` or a cache.
+    protocol, data : str, path, optional
+        Name or path of a protocol, by default the predictions' own; the benchmark folder, or the
+        one that holds it, by default ``AIRZOO_BENCH_DATA`` or a cache.
     method, reader : str, optional
         Names: in tables, by default the file's; the reader's, by default found from the content.
     names : path, optional
@@ -164,8 +163,8 @@ def evaluate(
     read_by = ReadBy(reader, None if names is None else Path(names))
     run = Run(memory_bytes=max_memory, jobs=jobs)
     with _as_path(predictions, protocol) as path:
-        named: Any = {"protocol": protocol, "method": method}
-        done = score_predictions(path, data=data_here(data), run=run, read_by=read_by, **named)
+        named: Any = {"protocol": protocol, "method": method, "data": data_here(data)}
+        done = score_predictions(path, run=run, read_by=read_by, **named)
     result, records = done.result, done.records
     if "query" not in records:
         records = records.assign(query=records["scene"])
@@ -200,12 +199,8 @@ def check(
 ) -> Check:
     """Find errors of predictions, the first in each file or scene, without scoring them.
 
-    Raises a `UserError` where there is nothing to check: no such file, or no known protocol.
-
-    Parameters
-    ----------
-    predictions, protocol, data, reader, names : optional
-        As in `evaluate`; the truth of the benchmark may be sealed.
+    Parameters are as in `evaluate`; the truth of the benchmark may be sealed. Raises a `UserError`
+    where there is nothing to check: no such file, or no known protocol.
     """
     read_by = ReadBy(reader, None if names is None else Path(names))
     with _as_path(predictions, protocol) as path:
@@ -269,10 +264,8 @@ def compare(
         Of one protocol and one truth. A single result gives its intervals.
     scores, every : sequence of str, bool
         Keys or titles, by default the headline ones; or every score instead.
-    reference : str, optional
-        The method to compare all others with, or "best"; by default the first.
-    scene : str, optional
-        This scene only, by id or title.
+    reference, scene : str, optional
+        The method to compare with, by default the first, or "best"; one scene by id or title.
     """
     kinds, plan = str | Path | Method, ResamplingConfig()
     listed = [results] if isinstance(results, kinds) else arg.listed("results", results)
@@ -339,21 +332,18 @@ def bootstrap_ci(
     share = arg.positive("confidence", confidence, _MOST_CONFIDENCE)
     plan = ResamplingConfig(seed=arg.whole("seed", seed, 0), confidence=share)
     numbers = arg.floats("values", values, (None,))
+    if len(numbers) == 0:
+        raise arg.fault("values", "holds no value", "a number a query")
     bad = ~(np.abs(numbers) <= _LARGEST) & ~np.isposinf(numbers)
     if statistic == "share":
         bad |= (numbers < 0.0) | (numbers > 1.0)
-    expected = "a number a query, infinite for failures; shares from 0 to 1, not percent"
+    expected = "numbers, infinite for failures; shares from 0 to 1, not percent"
     arg.refuse_rows("values", bad, "NaN or a value out of range", expected)
-    if len(numbers) == 0:
-        raise arg.fault("values", "holds no value", expected)
     groups = {"": numbers}
     if scenes is not None:
-        labels = arg.as_array("scenes", scenes).astype(object)
-        if labels.shape != numbers.shape or pd.isna(labels).any():
-            what = f"has shape {labels.shape}, or names that are missing"
-            raise arg.fault("scenes", what, f"({len(numbers)},), the scene of each value")
         arg.check_pairs(values=values, scenes=scenes)
-        rows, names = pd.factorize(labels.astype(str))
+        rows, names = pd.factorize(arg.as_array("scenes", scenes).astype(object))
+        arg.refuse_rows("scenes", rows < 0, "no name", "the scene of each value")
         groups = {str(name): numbers[rows == place] for place, name in enumerate(names)}
     kinds = (np.array([statistic == kind]) for kind in ("median", "share"))
     sample = Sample("query", tuple(groups), tuple(one[None] for one in groups.values()), *kinds)

@@ -72,7 +72,8 @@ def is_described(thing: Any, parameter: str) -> bool:
     """Whether a docstring has a section or a sentence on a parameter or attribute."""
     said = inspect.getdoc(thing) or ""
     stated = re.search(rf"^(.*, )?{parameter}(,.*)? :", said, re.MULTILINE)
-    return parameter.startswith("_") or f"`{parameter}` is" in said or bool(stated)
+    as_there = "Parameters are as in" in said
+    return parameter.startswith("_") or f"`{parameter}` is" in said or bool(stated) or as_there
 
 
 @pytest.mark.parametrize("name", NAMES)
