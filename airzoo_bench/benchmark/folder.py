@@ -73,7 +73,7 @@ class SceneFile(_Model):
 
 
 class SealedTruth(_Model):
-    """The SHA-256 over a salt of 256 bits and the checksums of a truth that lies elsewhere."""
+    """The SHA-256 of an archive of the truth, which holds a salt of 256 bits and lies elsewhere."""
 
     commitment: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 

@@ -29,16 +29,10 @@ from airzoo_bench.leaderboard.scoring import (
 from airzoo_bench.leaderboard.sealing import read_key, recipient
 from airzoo_bench.leaderboard.sealing import seal as seal_folder
 
-app = typer.Typer(
-    help="A board in your own repository: its files, CI and pages.", no_args_is_help=True
-)
+app = typer.Typer(help="A board: its files, CI and pages.", no_args_is_help=True)
 
-RemoteOption = Annotated[
-    str, option("URL or folder of the repository; $GIT_TOKEN is sent to it.", "--remote")
-]
-RootOption = Annotated[
-    Path, option("A checkout of the board's own branch, with leaderboard.toml.", "--root")
-]
+RemoteOption = Annotated[str, option("The repository; $GIT_TOKEN is sent to it.", "--remote")]
+RootOption = Annotated[Path, option("A checkout of the board's own branch.", "--root")]
 OutOption = Annotated[Path, option("The file or folder to write.", "--out", "-o")]
 
 _MEMORY_BYTES = 4 << 30
@@ -63,14 +57,8 @@ def init(
 def score(
     out: OutOption,
     remote: RemoteOption = ".",
-    event: Annotated[
-        Path | None,
-        option("The event of a pull request as GitHub writes it (default: score all merged)."),
-    ] = None,
-    sealed: Annotated[
-        Path | None,
-        option("Findings on a sealed submission, to be scored with the key in $AIRZOO_BENCH_KEY."),
-    ] = None,
+    event: Annotated[Path | None, option("GitHub's, of a pull request (default: merged).")] = None,
+    sealed: Annotated[Path | None, option("Findings, to score by $AIRZOO_BENCH_KEY.")] = None,
     work: Annotated[Path, option("A folder to work in.")] = Path("work"),
     root: RootOption = Path(),
 ) -> None:
@@ -100,9 +88,7 @@ def score(
 
 @app.command(epilog=examples("leaderboard comment found.json -o comment.md"))
 def comment(
-    findings: Annotated[
-        list[Path], typer.Argument(help="Findings of all steps; the last one that exists counts.")
-    ],
+    findings: Annotated[list[Path], typer.Argument(help="Of all steps; the last one counts.")],
     out: OutOption,
 ) -> None:
     """Write the comment on a pull request, in Markdown, from the findings alone."""
@@ -113,13 +99,9 @@ def comment(
 
 @app.command(epilog=examples("leaderboard keep board-data --remote URL"))
 def keep(
-    found: Annotated[
-        Path, typer.Argument(help="A folder of runs, or the findings on a sealed submission.")
-    ],
+    found: Annotated[Path, typer.Argument(help="A folder of runs, or findings on a sealed one.")],
     remote: RemoteOption,
-    started: Annotated[
-        bool, option("Take a try, before the truth is opened.", "--started")
-    ] = False,
+    started: Annotated[bool, option("Take a try, before scoring.", "--started")] = False,
     out: Annotated[Path | None, option("The file of findings to write.", "--out", "-o")] = None,
     root: RootOption = Path(),
 ) -> None:
@@ -146,12 +128,8 @@ def keep(
 
 @app.command(epilog=examples("leaderboard build --runs board-data --out site"))
 def build(
-    runs: Annotated[
-        Path, option("Scored submissions, as `leaderboard score` wrote them: its --out.")
-    ],
-    out: Annotated[
-        Path, option("The site's folder; an earlier board is replaced.", "--out", "-o")
-    ] = _SITE,
+    runs: Annotated[Path, option("The --out of `leaderboard score`.")],
+    out: Annotated[Path, option("The site, in place of an earlier one.", "--out", "-o")] = _SITE,
     root: RootOption = Path(),
 ) -> None:
     """Make the static site of a board: board.json, tables, pages. See docs/leaderboard.md.

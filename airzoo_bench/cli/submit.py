@@ -40,17 +40,10 @@ def submit(
     licence: Annotated[Text, option("Licence of the predictions, by SPDX.")] = None,
     training_data: Annotated[Texts, option("Id of a dataset, or 'none'; repeatable.")] = None,
     stages: Annotated[Text, option("single-stage or re-ranked.")] = None,
-    more: Annotated[
-        Texts,
-        option("Another key of submission.toml, such as paper=https://...; repeatable.", "--set"),
-    ] = None,
-    url: Annotated[
-        Text, option("Where CI fetches the predictions; then they are not copied.")
-    ] = None,
+    more: Annotated[Texts, option("Another key: paper=https://...; repeatable.", "--set")] = None,
+    url: Annotated[Text, option("Where CI fetches the predictions: no copy.")] = None,
     reader: Annotated[Text, option("The reader of a method's own files.")] = None,
-    board: Annotated[
-        Path, option("A folder in the board's repository.", show_default=False)
-    ] = Path(),
+    board: Annotated[Path, option("A folder in the board.", show_default=False)] = Path(),
     force: Annotated[bool, option("Replace an earlier version.", "--force")] = False,
     commit: Annotated[bool, option("Make a branch and a pull request.")] = True,
 ) -> None:
@@ -78,10 +71,8 @@ def submit(
     values = submitting.ask_missing(given, more or ())
     values = {"account": submitting.gh_account() if commit else None} | values
     place = submitting.find_place(values["protocol"], values["method"], rules, data)
-    folder = root / place.path
-    submitting.write_submission(
-        folder, values, predictions, url, reader, rules.limits, replace=force
-    )
+    folder, values["predictions"] = root / place.path, {"url": url, "reader": reader}
+    submitting.write_submission(folder, values, predictions, rules.limits, replace=force)
     put(f"{folder}\n")
     if not _passes(folder, root, fetch=False):
         say(f"mend {folder / SUBMISSION_FILE}, or submit again with --force; nothing was sent")

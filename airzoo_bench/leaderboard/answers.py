@@ -1,4 +1,4 @@
-"""Answers: what a board keeps of scored submissions, and the rows of board.json made of them.
+"""Answers: the numbers of scored submissions, which a board keeps, and the rows of board.json.
 
 A run is the folder ``runs/<benchmark>/<track>/<folder>/<number>/`` with the answer in ``run.json``,
 with ``submission.toml`` (without ``contact``) and, where the truth is public, with ``result.json``
@@ -176,9 +176,9 @@ def measure(run: Path, tree: str) -> Answer:
         for column, one in zip(headline, part, strict=False)
     }
     conditions, by_condition = _by_condition(method, headline)
-    row = _row(result.overall, result.scenes, limits, kind="re-scored", method=method.name)
+    row = make_row(result.overall, result.scenes, limits, kind="re-scored", method=method.name)
     floors = (
-        _row(part.overall, part.scenes, {}, kind="floor", method=name, source=part.meaning)
+        make_row(part.overall, part.scenes, kind="floor", method=name, source=part.meaning)
         for name, part in result.references.items()
     )
     return Answer(
@@ -196,10 +196,10 @@ def measure(run: Path, tree: str) -> Answer:
     )
 
 
-def _row(
+def make_row(
     overall: Mapping[str, float],
     scenes: Mapping[str, Mapping[str, float]],
-    limits: Mapping[tuple[str, str], tuple[Number, Number]],
+    limits: Mapping[tuple[str, str], tuple[Number, Number]] = {},
     **facts: Any,
 ) -> Row:
     """Return a row with scores over all scenes and by scene, and the ends of their intervals."""
@@ -301,7 +301,7 @@ class Entry(NamedTuple):
 def read_entries(runs: Path, submissions: Path) -> list[Entry]:
     """Read the submissions below a folder of runs, and those that have no run yet."""
     folders = [*runs.glob("*/*/*"), *submissions.glob("*/*/*")]
-    places = sorted({Place.of_folder(path) for path in folders if path.is_dir()})
+    places = sorted({Place.from_folder(path) for path in folders if path.is_dir()})
     plain = (place for place in places if place.is_plain)
     return [one for place in plain if (one := _read_entry(place, runs, submissions))]
 
@@ -340,7 +340,7 @@ def _read_entry(place: Place, runs: Path, submissions: Path) -> Entry | None:
 
 
 def _with_facts(row: Row, given: Submission, place: Place, facts: Mapping[str, Any]) -> Row:
-    """Return a row with what the authors of its submission say, and further facts."""
+    """Return a row with the facts that its submission states, and further ones."""
     said = {name: getattr(given, name) for name in Row.model_fields if hasattr(given, name)}
     said |= {"id": place.folder, "date": given.date.isoformat(), **dict(given.pipeline)}
     return row.model_copy(update=said | dict(facts))

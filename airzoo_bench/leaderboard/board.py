@@ -96,7 +96,7 @@ class Place(NamedTuple):
     folder: Name
 
     @classmethod
-    def of_folder(cls, folder: Path) -> Place:
+    def from_folder(cls, folder: Path) -> Place:
         """Return the place that the last three parts of a folder's path name."""
         return cls(*("", "", "", *folder.resolve().parts)[-3:])
 
@@ -120,7 +120,7 @@ def known_submissions(root: Path) -> dict[Place, submission.Submission]:
     """Return the submissions below a board's root that can be read, in the order of their paths."""
     found = {}
     for path in sorted(root.glob(f"submissions/*/*/*/{SUBMISSION_FILE}")):
-        place = Place.of_folder(path.parent)
+        place = Place.from_folder(path.parent)
         with suppress(SubmissionError):  # its own check says so
             if place.is_plain:
                 found[place] = submission.read_submission(path)

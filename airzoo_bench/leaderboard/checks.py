@@ -78,7 +78,7 @@ def check_submission(
 
     Predictions at an address are fetched within `seconds`, and not where these are 0.
     """
-    found, place = CheckedSubmission(folder), Place.of_folder(folder)
+    found, place = CheckedSubmission(folder), Place.from_folder(folder)
     try:
         refuse_files(folder, board.limits)
         found.submission = given = read_submission(folder / SUBMISSION_FILE)

@@ -112,7 +112,7 @@ def table_csv(table: Json) -> str:
 
 
 def bibtex(row: Json, board: str) -> str:
-    """Return a BibTeX entry made from what a row states."""
+    """Return the BibTeX entry of a row."""
 
     def escaped(text: str) -> str:
         return re.sub("([#$%&_])", r"\\\1", re.sub(r'[{}\\~^@"]', "", text))

@@ -83,7 +83,7 @@ class Rules:
         """Return a submission without errors, or raise its first one."""
         checked = self.check(folder, known, seconds)
         for error in checked.errors:
-            raise type(error)(error.what, where=Place.of_folder(folder).path, fix=error.fix)
+            raise type(error)(error.what, where=Place.from_folder(folder).path, fix=error.fix)
         assert checked.submission is not None  # without errors it was read
         return checked, checked.submission
 
@@ -228,7 +228,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
     names = {one.name for one in rules.board.benchmarks}
     found = sorted(rules.root.resolve().glob("submissions/*/*/*"))
     folders = (path for path in found if path.is_dir() and path.resolve() == path)
-    every = (Place.of_folder(path) for path in folders)
+    every = (Place.from_folder(path) for path in folders)
     places = [place for place in every if place.benchmark in names and place.is_plain]
     with tempfile.TemporaryDirectory() as folder:
         branch = DataBranch(Path(folder), remote)

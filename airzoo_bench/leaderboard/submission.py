@@ -47,11 +47,11 @@ _DRAWN_ALIKE = str.maketrans(
 )
 
 
-def plain_line(text: str) -> str:
+def check_line(text: str) -> str:
     """Refuse a text with invisible characters, or ones that are shown out of order."""
     for letter in text:
         if not letter.isprintable() or _BLANK.match(letter):
-            raise ValueError(f"has {_named(letter)}, which is not shown")
+            raise ValueError(f"has {_describe(letter)}, which is not shown")
     if unicodedata.normalize("NFC", text) != text:
         raise ValueError("is not in Unicode's normal form NFC: type its letters anew")
     if text != " ".join(text.split()):
@@ -59,20 +59,20 @@ def plain_line(text: str) -> str:
     return text
 
 
-def shown_line(text: str) -> str:
-    """Refuse, besides the faults of `plain_line`, markup of pages, comments and spreadsheets."""
-    if found := _ACTS.search(plain_line(text)):
+def check_shown_line(text: str) -> str:
+    """Refuse, besides the faults of `check_line`, markup of pages, comments and spreadsheets."""
+    if found := _ACTS.search(check_line(text)):
         raise ValueError(f"has {found[0]!r} there, which pages or spreadsheets act on")
     return text
 
 
-def board_name(text: str) -> str:
-    """Refuse, besides the faults of `shown_line`, odd letters, and letters of two alphabets."""
-    scripts = {letter: _script_of(letter) for letter in shown_line(text)}
+def check_name(text: str) -> str:
+    """Refuse, besides the faults of `check_shown_line`, odd letters and mixed alphabets."""
+    scripts = {letter: _script_of(letter) for letter in check_shown_line(text)}
     for letter, script in scripts.items():
         if not (script or letter.isascii() or letter in _EXTRA):
             known = "Latin, Greek, Cyrillic, Chinese, Japanese or Korean letters"
-            raise ValueError(f"has {_named(letter)}: names have {known}, digits and punctuation")
+            raise ValueError(f"has {_describe(letter)}: names have {known}, digits and punctuation")
     # Greek letters stand in formulas.
     used = {script for letter, script in scripts.items() if letter not in "πΔλ"} & {*_ALPHABETS}
     if len(used) > 1:
@@ -91,7 +91,7 @@ def _script_of(letter: str) -> str:
     return next((script for script in scripts if name.startswith(script)), "")
 
 
-def _named(letter: str) -> str:
+def _describe(letter: str) -> str:
     return f"U+{ord(letter):04X} {unicodedata.name(letter, 'without a name')}"
 
 
@@ -111,14 +111,14 @@ def skeleton(name: str) -> str:
 _URL = r"^https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#@!$&()*+,;=%-]*)?$"
 _CONTACT = r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$"
 
-Line = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(shown_line)]
+Line = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(check_shown_line)]
 """A line that pages show."""
-BoardName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(board_name)]
+BoardName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(check_name)]
 """What a board calls a method or a team."""
 Url = Annotated[str, Field(max_length=500, pattern=_URL)]
 Account = Annotated[int, Field(ge=1, lt=1 << 63)]
 Contact = Annotated[
-    str, Field(min_length=3, max_length=200, pattern=_CONTACT), AfterValidator(plain_line)
+    str, Field(min_length=3, max_length=200, pattern=_CONTACT), AfterValidator(check_line)
 ]
 
 
@@ -137,7 +137,7 @@ class PredictionsGiven(Strict):
     reader: Name | None = None
 
     @model_validator(mode="after")
-    def _one_place(self) -> PredictionsGiven:
+    def _check_place(self) -> PredictionsGiven:
         if (self.file is None) == (self.url is None):
             raise ValueError('either file or url, such as file = "predictions.npz"')
         return self
@@ -158,7 +158,7 @@ class Submission(Strict):
     schema_version: Literal[1] = Field(alias="schema")
     protocol: Name = _question("The protocol that scores the predictions.", "airzoo-mini-retrieval")
     method: BoardName = _question("The method's name in tables.", "SALAD")
-    summary: Annotated[str, Field(max_length=300), AfterValidator(plain_line)] = ""
+    summary: Annotated[str, Field(max_length=300), AfterValidator(check_line)] = ""
     team: BoardName = _question(
         "Who submits; the same words for all submissions of a team.", "Example Lab"
     )

@@ -88,16 +88,10 @@ def find_place(protocol: str, method: str, board: Board, data: Path) -> Place:
 
 
 def write_submission(
-    folder: Path,
-    values: Mapping[str, Any],
-    predictions: Path,
-    url: str | None,
-    reader: str | None,
-    limits: Limits,
-    *,
-    replace: bool,
+    folder: Path, values: Mapping[str, Any], predictions: Path, limits: Limits, *, replace: bool
 ) -> None:
     """Write the folder of a submission; predictions that have a URL are not copied."""
+    url = values["predictions"]["url"]
     if url is not None and predictions.is_dir():
         fix = "pack it into an archive such as predictions.zip, and publish that"
         raise UsageError("a folder, which has no address", where=predictions, fix=fix)
@@ -105,8 +99,8 @@ def write_submission(
     if not re.match(SAFE_NAME, name) or name == SUBMISSION_FILE:
         name = f"predictions{re.sub('[^A-Za-z0-9.]', '', predictions.suffix)}"
     check_listing([(name, stat.S_IFREG, 0 if url else size)], "here", limits)
-    given = {"sha256": sha256_of_tree(predictions), "bytes": size, "reader": reader}
-    given |= {"url": url} if url else {"file": name}
+    given = {"sha256": sha256_of_tree(predictions), "bytes": size, **values["predictions"]}
+    given |= {} if url else {"file": name}
     keys, path = {**values, "schema": 1, "predictions": given}, folder / SUBMISSION_FILE
     stated = validated(keys, Submission, SubmissionError, path, "option of that name")
     with atomic_folder(folder, replace=replace, mark=SUBMISSION_FILE) as staged:
@@ -124,17 +118,16 @@ def write_submission(
 def gh_account() -> int | None:
     """Return the id of the account that GitHub's command line is logged in with, if any is."""
     said = _run(Path(), "gh", "api", "user", "--jq", ".id")
-    return int(said) if said.isdecimal() else None
+    return int(said) if said and said.strip().isdecimal() else None
 
 
 def open_pull_request(root: Path, place: Place, title: str) -> list[str]:
     """Commit the folder on a branch of its own and open a pull request; return the steps left."""
     branch, push = f"submit-{place.folder}", ["gh", "pr", "create", "--fill"]
     steps = [f"git push -u origin {branch}", " ".join(push)]
-    _run(root, "git", "switch", "--quiet", "-C", branch)
-    _run(root, "git", "add", "--", place.path)
-    _run(root, "git", "commit", "--quiet", "-m", title, "--", place.path)
-    if _run(root, "git", "log", "-1", "--format=%s", branch, "--", place.path) != title:
+    commit = ("commit", "--quiet", "-m", title, "--", place.path)
+    calls = (("switch", "--quiet", "-C", branch), ("add", "--", place.path), commit)
+    if any(_run(root, "git", *words) is None for words in calls):
         return [f"git switch -C {branch}", f"git add {place.path}", "git commit", *steps]
     if shutil.which("gh") is None or not sys.stdin.isatty():
         return steps
@@ -142,11 +135,9 @@ def open_pull_request(root: Path, place: Place, title: str) -> list[str]:
     return steps if done.returncode else []
 
 
-def _run(folder: Path, *command: str) -> str:
-    """Return the output of a command, nothing where it failed or is not installed."""
-    try:
-        return subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, check=True
-        ).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return ""
+def _run(folder: Path, *command: str) -> str | None:
+    """Return the output of a command, None where it failed or is not installed."""
+    if shutil.which(command[0]) is None:
+        return None
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return None if done.returncode else done.stdout

@@ -25,6 +25,7 @@ from airzoo_bench.leaderboard.answers import (
     Row,
     Scene,
     Score,
+    make_row,
     pack,
 )
 from airzoo_bench.protocol.model import Protocol
@@ -32,7 +33,12 @@ from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics import significance
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.tables import published
+from airzoo_bench.tables.published import (
+    OVERALL,
+    published_sources,
+    published_values,
+    read_source_file,
+)
 
 _OLD = "scored by another protocol or truth, earlier"
 
@@ -99,10 +105,7 @@ def make_table(
         if entry.place not in places
     ]
     rows = [*sorted(shown, key=lambda row: _order(lead, row)), *floors.values(), *failed]
-    name, sources = (
-        head.benchmark,
-        map(published.read_source_file, published.published_sources().values()),
-    )
+    name, papers = head.benchmark, map(read_source_file, published_sources().values())
     versions = ", ".join(sorted({answer.version for answer in answers}))
     return Table(
         **dict(head),
@@ -117,7 +120,7 @@ def make_table(
         about_intervals=first.about_intervals if first else "",
         notes=(f"scored by airzoo-bench {versions}",) if versions else (),
         data=(load_about(name).page or None) if about_file(name).is_file() else None,
-        paper=next((one.url for one in sources if name in one.benchmarks.values()), None),
+        paper=next((one.url for one in papers if name in one.benchmarks.values()), None),
     )
 
 
@@ -145,39 +148,23 @@ def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]
 
 def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
     """Return the methods that papers print numbers of; a number comes from the first that does."""
-    shares = {column.key: column.unit == "share" for column in columns}
-    scenes = {scene.title: scene.id for scene in head.scenes} | {
-        published.OVERALL: published.OVERALL
-    }
+    factors = {column.key: 100 if column.unit == "share" else 1 for column in columns}
+    scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
     numbers: dict[str, dict[str, dict[str, float]]] = {}
     sources: dict[str, dict[str, None]] = {}
-    printed = [
-        cell
-        for cell in published.published_values(head.benchmark, head.track)
-        if cell.scene in scenes and cell.metric in shares
-    ]
-    scenic = {cell.table for cell in printed if cell.scene != published.OVERALL}
+    cells = published_values(head.benchmark, head.track)
+    printed = [cell for cell in cells if cell.scene in scenes and cell.metric in factors]
+    scenic = {cell.table for cell in printed if cell.scene != OVERALL}
     for cell in sorted(printed, key=lambda cell: cell.table not in scenic):
         found = numbers.setdefault(cell.method, {}).setdefault(scenes[cell.scene], {})
         if cell.metric not in found:
-            found[cell.metric] = float(cell.value) / (100 if shares[cell.metric] else 1)
+            found[cell.metric] = float(cell.value) / factors[cell.metric]
             sources.setdefault(cell.method, {})[cell.table] = None
     return [
-        Row(
-            kind="reported",
-            method=method,
-            source="; ".join(sources[method]),
-            scores={
-                key: Score(value=v) for key, v in numbers[method].get(published.OVERALL, {}).items()
-            },
-            scenes={
-                scene: {key: (value, None, None) for key, value in part.items()}
-                for scene, part in numbers[method].items()
-                if scene
-            },
-        )
-        for method in sources
-    ]
+        make_row(numbers[method].pop(OVERALL, {}), numbers[method], kind="reported", method=method,
+                 source="; ".join(tables))
+        for method, tables in sources.items()
+    ]  # fmt: skip
 
 
 def _order(lead: ScoreColumn, row: Row) -> tuple[bool, float, str, str]:

@@ -108,22 +108,19 @@ def refusal(into: Path, url: str = URL, **changes: Any) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [
+def test_a_file_arrives_under_its_name_once(web: Web, tmp_path: Path) -> None:
+    for path, name in (
         ("/a/preds.npz?download=1", "preds.npz"),
         ("/api/records/7/files/salad.zip/content", "salad.zip"),
         ("/a/..%2f..%2fetc.passwd", "etc.passwd"),
         ("/a/.ssh", "predictions"),
-    ],
-)
-def test_a_file_arrives_under_its_name_once(web: Web, tmp_path: Path, path: str, name: str) -> None:
-    web.answers[path] = plain(CONTENT)
-    for _ in range(2):
-        found = fetched(tmp_path, f"https://{HOST}{path}")
-        assert (found, found.read_bytes()) == (tmp_path / name, CONTENT)
-    [request] = web.requests
-    assert b"\r\nHost: data.example.org\r\n" in request
+    ):
+        web.answers[path] = plain(CONTENT)
+        for _ in range(2):
+            found = fetched(tmp_path, f"https://{HOST}{path}")
+            assert (found, found.read_bytes()) == (tmp_path / name, CONTENT)
+        assert b"\r\nHost: data.example.org\r\n" in web.requests[-1]
+    assert len(web.requests) == 4
 
 
 def test_an_endless_body_is_cut(web: Web, tmp_path: Path) -> None:

@@ -23,22 +23,10 @@ from typer.testing import CliRunner
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.leaderboard import checks
+from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
-from airzoo_bench.leaderboard.checks import (
-    FETCHED,
-    CheckedSubmission,
-    check_pipeline,
-    check_submission,
-    size_of_tree,
-)
-from airzoo_bench.leaderboard.submission import (
-    board_name,
-    plain_line,
-    read_submission,
-    shown_line,
-    skeleton,
-    submission_text,
-)
+from airzoo_bench.leaderboard.submission import read_submission, skeleton, submission_text
 from tests.leaderboard.conftest import (
     ADA,
     AUTHOR,
@@ -73,10 +61,10 @@ REFUSED = [
 
 
 def test_names_are_printable_and_of_one_script() -> None:
-    assert [board_name(name) for name in TAKEN] == TAKEN
+    assert [rules.check_name(name) for name in TAKEN] == TAKEN
     for name in REFUSED:
         with pytest.raises(ValueError, match=r"^(has|is)"):
-            board_name(name)
+            rules.check_name(name)
 
 
 @pytest.mark.parametrize(
@@ -109,14 +97,14 @@ def test_unicodes_lookalikes_of_ascii_are_refused_or_have_its_skeleton() -> None
     for before in ("", "Net"):
         for letter, plain in pairs:
             with suppress(ValueError):
-                taken.add(board_name(before + letter))
+                taken.add(rules.check_name(before + letter))
                 assert skeleton(before + letter) == skeleton(before + plain), (letter, plain)
     assert len(taken) > 10
 
 
 @given(st.text(max_size=40))
 def test_any_text_is_taken_or_refused_and_what_is_shown_is_harmless(text: str) -> None:
-    for rule in (plain_line, shown_line, board_name):
+    for rule in (rules.check_line, rules.check_shown_line, rules.check_name):
         try:
             taken = rule(text)
         except ValueError as error:
@@ -128,7 +116,7 @@ def test_any_text_is_taken_or_refused_and_what_is_shown_is_harmless(text: str) -
 # --- submission.toml ---
 
 
-def only_error(found: CheckedSubmission) -> str:
+def only_error(found: checks.CheckedSubmission) -> str:
     [error] = found.errors
     return str(error)
 
@@ -272,7 +260,7 @@ def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
         found = checked(home, data, seconds)
         assert not found.errors
         assert found.predictions is not None
-        assert found.predictions.is_relative_to(data / FETCHED)
+        assert found.predictions.is_relative_to(data / checks.FETCHED)
     assert asked == [("https://example.org/preds.npz", stated["bytes"], stated["sha256"])]
     write_limits(root, "url_bytes = 100")
     assert "at most 100" in only_error(checked(home, data))
@@ -312,8 +300,10 @@ def test_poses_that_are_the_prior_belong_to_its_class() -> None:
     counts = {scene: c | {"near_prior": 2} for scene, c in result.counts.items()}
     result = result.model_copy(update={"counts": counts})
     with pytest.raises(SubmissionError, match="2 of 10 poses are the photo's own prior"):
-        check_pipeline(submission(), result)
-    check_pipeline(submission(pipeline={"stages": "single-stage", "uses": ["prior"]}), result)
+        checks.check_pipeline(submission(), result)
+    checks.check_pipeline(
+        submission(pipeline={"stages": "single-stage", "uses": ["prior"]}), result
+    )
 
 
 def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> None:
@@ -321,8 +311,10 @@ def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> N
     board, known = read_board(CHECKOUT / BOARD_FILE), known_submissions(CHECKOUT)
     assert {place.benchmark for place in known} >= {"airzoo-demo", "airzoo-mini"}
     for place in known:
-        assert not check_submission(CHECKOUT / place.path, board, tmp_path, known=known).errors
-    assert size_of_tree(CHECKOUT / "submissions") < 1_500_000
+        assert not checks.check_submission(
+            CHECKOUT / place.path, board, tmp_path, known=known
+        ).errors
+    assert checks.size_of_tree(CHECKOUT / "submissions") < 1_500_000
 
 
 # --- submit ---

@@ -123,8 +123,12 @@ def test_checkers_of_workflows_find_nothing(name: str) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_init_writes_a_board_that_can_be_read(tmp_path: Path) -> None:
-    home = tmp_path / "b"
+def test_init_writes_a_board_that_can_be_read_and_replaces_no_file(tmp_path: Path) -> None:
+    home, own = tmp_path / "b", tmp_path / "own/.github/workflows/board.yml"
+    own.parent.mkdir(parents=True)
+    own.write_text("mine")
+    assert run_main("leaderboard", "init", tmp_path / "own") == 2
+    assert [p for p in (tmp_path / "own").rglob("*") if p.is_file()] == [own]
     assert run_main("leaderboard", "init", home, "--repository", "lab/x-1") == 0
     board = read_board(home / "leaderboard.toml")
     assert (board.url, board.repository) == ("https://lab.github.io/x-1/", "lab/x-1")
@@ -134,17 +138,6 @@ def test_init_writes_a_board_that_can_be_read(tmp_path: Path) -> None:
     subprocess.run([home / ".ci" / "get-data"], check=True, env=environment)
     assert run_main("leaderboard", "init", tmp_path / "c") == 0
     assert read_board(tmp_path / "c" / "leaderboard.toml").repository is None
-
-
-def test_init_replaces_no_file_and_then_writes_none(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    own = tmp_path / ".github/workflows/board.yml"
-    own.parent.mkdir(parents=True)
-    own.write_text("mine")
-    assert run_main("leaderboard", "init", tmp_path) == 2
-    assert "none is replaced: 1 (.github/workflows/board.yml)" in capsys.readouterr().err
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == [own]
 
 
 # --- the container of the workflows, in which a child reads what strangers wrote ---
