@@ -55,10 +55,7 @@ class Found(Model):
 
 def read_found(path: Path) -> Found:
     """Read findings that another job of the same run has written."""
-    try:
-        return Found.model_validate_json(read_text(path, SubmissionError, "file of findings"))
-    except ValueError as error:
-        raise SubmissionError(f"not a file of findings: {error}", where=path) from error
+    return Found.model_validate_json(read_text(path, SubmissionError, "file of findings"))
 
 
 def comment_on(found: Found) -> str:

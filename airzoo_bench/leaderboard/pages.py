@@ -24,7 +24,6 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_folder, check_new_folder
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.answers import read_entries
@@ -44,7 +43,6 @@ _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored"
 _PARTS = ("value", "low", "high", "standard_error")
 _SCORED = ("re-scored", "sealed")
 _LEADING = 3
-_IN_PAGE = ("scores", "scenes", "conditions", "rows", "pairs")  # of a table, for its scripts
 
 
 def build_board(runs: Path, submissions: Path, board: Board, data: Path, out: Path) -> list[str]:
@@ -132,9 +130,6 @@ def bibtex(row: Json, board: str) -> str:
 
 def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
     """Serve a site until Ctrl-C."""
-    if not (site / BOARD_JSON).is_file():
-        fix = f"airzoo-bench leaderboard build --out {site}"
-        raise UsageError("not the site of a board", where=site, fix=fix)
     handler = partial(SimpleHTTPRequestHandler, directory=str(site))
     with (
         ThreadingHTTPServer((_ADDRESS, port), handler) as server,
@@ -182,10 +177,11 @@ def render_pages(board: Json) -> dict[str, str]:
         values = [*_values(table["rows"], lead, "value", "low", "high")] or [0.0]
         ends = (min(values), max(values)) if min(values) < max(values) else None
         views = {"table": table, "lead": lead, "ends": ends, "curve": _timeline(table, lead)}
-        data = {name: table[name] for name in _IN_PAGE}
+        data = {name: table[name] for name in ("scores", "rows")}
         page(f"{home}/index.html", "table.html", "board.js", data, **views)
         ranked = next(iter(table["pairs"].values()), {"ids": ()})["ids"]
         if ranked:
+            data |= {name: table[name] for name in ("scenes", "pairs")}
             page(f"{home}/compare.html", "compare.html", "compare.js", data, table=table)
         for row in table["rows"]:
             if row["kind"] != "floor":

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from airzoo_bench.core.errors import SubmissionError, first_of, printable
+from airzoo_bench.core.errors import SubmissionError, first_of, printable, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.leaderboard.board import Board, Place
 from airzoo_bench.leaderboard.checks import MOST_FILES, check_listing
@@ -139,15 +139,12 @@ class PullRequest(NamedTuple):
 
 def read_event(path: Path) -> PullRequest:
     """Read the event of a pull request, as GitHub writes it."""
-    try:
-        pull = json.loads(read_text(path, SubmissionError, "event"))["pull_request"]
+    what, fix = "not the event of a pull request", "give $GITHUB_EVENT_PATH"
+    with readable(path, what, kind=BoardError, fix=fix):
+        pull = json.loads(read_text(path, BoardError, "event"))["pull_request"]
         [head] = re.findall("^(?:[0-9a-f]{40}|[0-9a-f]{64})$", pull["head"]["sha"])
-        return PullRequest(
-            int(pull["number"]), head, str(pull["base"]["ref"]), int(pull["user"]["id"])
-        )
-    except (ValueError, KeyError, TypeError) as error:
-        what = f"not the event of a pull request: {error!r}"[:200]
-        raise SubmissionError(what, where=path, expected="$GITHUB_EVENT_PATH") from error
+        base, account = str(pull["base"]["ref"]), int(pull["user"]["id"])
+        return PullRequest(int(pull["number"]), head, base, account)
 
 
 def fetch_changed(

@@ -19,16 +19,10 @@ from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.evaluate import save, truth_fingerprint
 from airzoo_bench.evaluation.predictions import read_truths
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard import answers, pull_request
+from airzoo_bench.leaderboard import answers, checks, pull_request
 from airzoo_bench.leaderboard.answers import Answer, run_folders
 from airzoo_bench.leaderboard.board import Board, Place, known_submissions
-from airzoo_bench.leaderboard.checks import (
-    FETCHED,
-    FETCHING_S,
-    CheckedSubmission,
-    check_submission,
-    refuse_files,
-)
+from airzoo_bench.leaderboard.checks import FETCHED, FETCHING_S, CheckedSubmission
 from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.data_branch import DataBranch
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
@@ -75,7 +69,7 @@ class Rules:
     ) -> CheckedSubmission:
         """Check a submission as the command line does."""
         options: Any = {"known": known, "seconds": seconds, "run": self.run}
-        return check_submission(folder, self.board, self.data, **options)
+        return checks.check_submission(folder, self.board, self.data, **options)
 
     def check_sound(
         self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
@@ -127,10 +121,9 @@ def score_pull_request(
         raise
     except UserError as error:
         about |= {"kind": "refused", "problems": [error]}
-    for key in ("problems", "warnings"):  # no path of the folder that CI works in
-        about[key] = tuple(
-            re.sub(f"{re.escape(str(work))}/?", "", str(text)) for text in about.get(key, ())
-        )
+    own = re.compile(f"{re.escape(str(work))}/?")  # the folder that CI works in is not told
+    for key in ("problems", "warnings"):
+        about[key] = tuple(own.sub("", str(text)) for text in about.get(key, ()))
     return found.model_copy(update=about)
 
 
@@ -145,12 +138,11 @@ def _score_written(
     if pull.account not in (own, *rules.board.maintainers):
         what = f"key 'account' is {own or 'missing'}, but that of the pull request is "
         fix = f"write account = {pull.account}"
-        checked.errors.append(
-            pull_request.RefusedError(f"{what}{pull.account}", where=place.path, fix=fix)
-        )
-    for error in checked.errors:
-        if isinstance(error, _OF_BOARD):
-            raise error
+        error = pull_request.RefusedError(f"{what}{pull.account}", where=place.path, fix=fix)
+        checked.errors.append(error)
+    for fault in checked.errors:
+        if isinstance(fault, _OF_BOARD):
+            raise fault
     if checked.errors or given is None or predictions is None:
         return {"kind": "refused", "problems": checked.errors}
     tree = sha256_of_tree(folder)
@@ -253,7 +245,7 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     before = None
     with suppress(UserError):  # an answer that cannot be read does not count
         before = None if last is None else answers.read_answer(last / answers.RUN_FILE)
-    refuse_files(folder, rules.board.limits)  # or a hash would follow its links
+    checks.refuse_files(folder, rules.board.limits)  # or a hash would follow its links
     tree, sealed = sha256_of_tree(folder), rules.is_sealed(place)
     counts = before is not None and rules.is_current(before.head)
     if before is not None and before.tree == tree and (sealed or counts):

@@ -61,20 +61,10 @@ class Sealed(NamedTuple):
     archive: Path
 
 
-def change(folder: Path, **columns: float) -> Path:
-    """Give the third photo of a prepared folder other columns, as a host may by hand."""
-    queries = folder / SCENE / "queries.csv"
-    table = pd.read_csv(queries)
-    for name, value in columns.items():
-        table.loc[2, name] = value
-    table.to_csv(queries, index=False, lineterminator="\n")
-    return write_sums(folder)
-
-
-def write_sums(folder: Path) -> Path:
+def write_sums(folder: Path) -> None:
+    """Write the checksums of a folder whose tables were changed by hand."""
     values = read_toml(folder / "benchmark.toml", BenchmarkError, "benchmark file")
     write_benchmark_file(folder, BenchmarkFile.model_validate(values))
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -171,14 +161,17 @@ def test_tables_have_no_other_columns_in_public(sealed: Sealed, tmp_path: Path) 
 @pytest.mark.parametrize("said", ["priors equal the true pose: 1 of 5", "data outside the folder"])
 def test_a_folder_that_cannot_be_sealed(sealed: Sealed, tmp_path: Path, said: str) -> None:
     folder = Path(shutil.copytree(sealed.folder, tmp_path / NAME))
+    toml, queries = folder / "benchmark.toml", folder / SCENE / "queries.csv"
     if "priors" in said:
-        pose = pd.read_csv(folder / SCENE / "queries.csv").loc[2]
-        change(folder, **{f"prior_{name}": pose[name] for name in POSE_COLUMNS})
+        table = pd.read_csv(queries)
+        for name in POSE_COLUMNS:
+            table.loc[2, f"prior_{name}"] = table.loc[2, name]
+        table.to_csv(queries, index=False, lineterminator="\n")
     else:
-        toml, images = folder / "benchmark.toml", f"data/{NAME}/images"
+        images = f"data/{NAME}/images"
         moved = shutil.copytree(folder / images, folder.parent / "images")
         toml.write_text(toml.read_text().replace(f'"{images}"', json.dumps(str(moved))))
-        write_sums(folder)
+    write_sums(folder)
     with pytest.raises(BenchmarkError, match=said):
         seal(folder, tmp_path / "public", tmp_path / "truth.age", KEY.to_public())
 
