@@ -60,9 +60,9 @@ class Rules:
             )
         return head.truth == self.truths[head.protocol]
 
-    def is_sealed(self, of: answers.Head | Place) -> bool:
-        """Whether the truth of a benchmark is sealed."""
-        return self.board.archive(of.benchmark) is not None
+    def is_sealed(self, place: answers.Head | Place) -> bool:
+        """Whether the truth of a place's benchmark is sealed."""
+        return self.board.archive(place.benchmark) is not None
 
     def check(
         self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
