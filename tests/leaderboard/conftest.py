@@ -123,14 +123,6 @@ def _scores(column: ScoreColumn, ease: np.ndarray, rate: float) -> np.ndarray:
     return np.where(ease > 0.95, np.inf, np.round(ease * 30 * (1.5 - rate), 6))
 
 
-def write_answer(
-    root: Path, folder: str, number: int, answer: answers.Answer, **fields: Any
-) -> None:
-    """Write the submission and the answer of a run of the data branch."""
-    given = submission(**{"team": "Team"} | fields)
-    answers.write_run(root / RUNS / folder / str(number), given, answer)
-
-
 def write_run(
     root: Path, folder: str, number: int, scored: Method, *, day: int = 1, **fields: Any
 ) -> None:
@@ -139,7 +131,8 @@ def write_run(
     write_method(run, scored)
     when = {"scored": f"2026-04-{day:02}T12:00:00Z"}
     answer = answers.measure(run, "d" * 64).model_copy(update=when)
-    write_answer(root, folder, number, answer, method=scored.name, **fields)
+    given = submission(**{"team": "Team", "method": scored.name} | fields)
+    answers.write_run(run, given, answer)
 
 
 def write_runs(root: Path, count: int = 4) -> Path:
@@ -258,13 +251,9 @@ class Hosted:
 
 def write_event(path: Path, number: int, head: str, account: int) -> Path:
     """Write what GitHub tells a workflow of a pull request, with fields that nobody reads."""
-    pull = {
-        "number": number,
-        "title": "`$(id)` ${{ github.token }}",
-        "head": {"sha": head, "ref": "$(reboot)", "label": "x:y", "repo": {"fork": True}},
-        "base": {"ref": "main", "sha": "0" * 40},
-        "user": {"login": "someone", "id": account, "type": "User"},
-    }
+    pull: dict[str, Any] = {"number": number, "title": "`$(id)` ${{ github.token }}"}
+    pull["head"] = {"sha": head, "ref": "$(reboot)", "label": "x:y", "repo": {"fork": True}}
+    pull |= {"base": {"ref": "main", "sha": "0" * 40}, "user": {"login": "a", "id": account}}
     path.write_text(json.dumps({"pull_request": pull, "sender": {"id": 1}}), encoding="utf-8")
     return path
 
@@ -325,8 +314,7 @@ class Board:
     def score(self, number: int, head: str, account: int = ADA, *, code: int = 0) -> Path:
         """Play the job that checks a pull request, and return the folder of its files."""
         self.jobs += 1
-        work = self.home / f"run{self.jobs}"
-        work.mkdir()
+        (work := self.home / f"run{self.jobs}").mkdir()
         event = write_event(work / "event.json", number, head, account)
         places = ("--out", work / "found-score.json", "--work", work / "work")
         self.step("score", "--event", event, *places, code=code)

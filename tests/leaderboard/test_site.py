@@ -24,7 +24,7 @@ from urllib.parse import urldefrag
 import numpy as np
 import pytest
 
-from airzoo_bench.leaderboard.answers import Answer
+from airzoo_bench.leaderboard import answers
 from airzoo_bench.leaderboard.pages import bibtex, render_pages, serve_folder, table_csv
 from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_methods
@@ -39,8 +39,8 @@ from tests.leaderboard.conftest import (
     files_of,
     method,
     rows_of,
+    submission,
     unpack_pair,
-    write_answer,
     write_run,
     write_runs,
 )
@@ -157,24 +157,24 @@ def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("answers", "expected"),
+    ("told", "expected"),
     [
         ([(0.9, 0.02), (0.86, 0.02), (0.4, 0.03)], [[1, 2], [1, 2], [3, 3]]),
         ([(0.9, 0.02), (0.8, None), (0.4, 0.03)], [[1, 2], [1, 3], [2, 3]]),
     ],
 )
 def test_sealed_answers_have_conservative_ranges_and_no_pairs(
-    tmp_path: Path, answers: list[tuple[float, float | None]], expected: list[list[int]]
+    tmp_path: Path, told: list[tuple[float, float | None]], expected: list[list[int]]
 ) -> None:
     head: Any = {"benchmark": "made", "track": "retrieval", "protocol": PROTOCOL, "sealed": True}
     head |= {"protocol_version": 1, "protocol_fingerprint": "p", "truth": "t"}
     head["scenes"] = [{"id": "a", "title": "A", "queries": 50}]
-    for folder, (value, error) in zip("abc", answers, strict=True):
+    for folder, (value, error) in zip("abc", told, strict=True):
         scores = {"recall@1": {"value": value, "standard_error": error}}
         row = {"kind": "sealed", "method": folder, "scores": scores}
         given = {"tree": "", "scored": "2026-04-01", "version": "1", "head": head, "row": row}
-        answer = Answer.model_validate(given | {"columns": [HIT.model_dump()]})
-        write_answer(tmp_path, folder, 1, answer, method=folder.upper())
+        answer = answers.Answer.model_validate(given | {"columns": [HIT.model_dump()]})
+        answers.write_run(tmp_path / RUNS / folder / "1", submission(method=folder.upper()), answer)
     table = board_of(built(tmp_path)[0])["tables"][PROTOCOL]
     assert table["sealed"]
     assert [row["kind"] for row in table["rows"]] == ["sealed"] * 3
