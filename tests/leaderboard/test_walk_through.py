@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from airzoo_bench.core import sandbox
-from airzoo_bench.evaluation import evaluate
+from airzoo_bench.evaluation import predictions
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from tests.leaderboard.conftest import (
     ADA,
@@ -98,14 +98,14 @@ def test_new_words_keep_their_scores_and_another_truth_or_protocol_scores_again(
 ) -> None:
     def call_here(place: str, request: Any, **_: Any) -> Any:
         read.append(place)
-        return getattr(evaluate, place.partition(":")[2])(**request)
+        return getattr(predictions, place.partition(":")[2])(**request)
 
     read: list[str] = []
     board.submit(board.main, perfect, "Salad")
     board.push_main("One")
     with monkeypatch.context() as patched:
         patched.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
-        patched.setattr(evaluate, "call_limited", call_here)
+        patched.setattr(predictions, "call_limited", call_here)
         board.step("keep", board.rescore())
     assert read  # strangers' predictions are read under limits
     board.submit(board.main, perfect, "Salad", "--force", "--set", "summary=Other words")
