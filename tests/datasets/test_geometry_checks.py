@@ -20,7 +20,6 @@ from scipy.spatial.transform import Rotation
 from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import photo_table, write_queries
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
-from airzoo_bench.datasets import geometry_checks
 from airzoo_bench.datasets.depth_maps import (
     OCCLUSION,
     DepthConsistency,
@@ -32,8 +31,6 @@ from airzoo_bench.datasets.depth_maps import (
     sample_frame,
 )
 from airzoo_bench.datasets.geometry_checks import (
-    CLOSES_M,
-    CLOSES_PX,
     PosedScene,
     SceneGeometry,
     cast_corners,
@@ -208,23 +205,22 @@ class TestDepth:
         error = compare_depths(frame(flight, 0, depth), frame(flight, 1, depth))
         assert np.abs(error).max(initial=0.0) < EXACT
 
-    @pytest.mark.parametrize("axis", [0, 1, 2])
-    def test_one_pose_turned_by_a_fifth_of_a_degree_is_named(self, depths: Path, axis: int) -> None:
-        found = checked(FLIGHT.turned(0.2 * np.eye(3)[axis], MIDDLE), depths)
+    @pytest.mark.parametrize("fault", ["pose", "depth", "f", "cy"])
+    def test_one_frame_that_is_off_is_named(self, fault: str, depths: Path, tmp_path: Path) -> None:
+        """A pose turned by a fifth of a degree, a depth 0.2 % short; intrinsics fail as a whole."""
+        if fault in ("f", "cy"):
+            assert checked(FLIGHT, depths, **{fault: {"f": 131.0, "cy": 62.0}[fault]}).failures
+            return
+        flight, depth = FLIGHT, FLIGHT.depths()
+        if fault == "pose":
+            flight = FLIGHT.turned((0.0, 0.2, 0.0), MIDDLE)
+        else:
+            depth[MIDDLE] *= np.float32(0.998)
+        found = checked(flight, write_depths(tmp_path / "depth", depth))
         assert found.bad_frames.index[0] == "f004.png"
-        assert any("f004.png" in fault for fault in found.failures)
-
-    @pytest.mark.parametrize("factor", [0.998, 1.002])
-    def test_one_depth_scaled_is_named(self, tmp_path: Path, factor: float) -> None:
-        depth = FLIGHT.depths()
-        depth[MIDDLE] *= np.float32(factor)
-        found = checked(FLIGHT, write_depths(tmp_path / "depth", depth)).bad_frames
-        assert found.index[0] == "f004.png"
-        assert found.iloc[0] == pytest.approx(abs(factor - 1), rel=0.1)
-
-    @pytest.mark.parametrize("changes", [{"f": 131.0}, {"cy": 62.0}])
-    def test_other_intrinsics_are_found(self, depths: Path, changes: dict[str, float]) -> None:
-        assert checked(FLIGHT, depths, **changes).failures
+        assert any("f004.png" in said for said in found.failures)
+        if fault == "depth":
+            assert found.bad_frames.iloc[0] == pytest.approx(0.002, rel=0.1)
 
     def test_points_before_a_surface_count_and_those_behind_are_hidden(self) -> None:
         centres = np.array([(0.0, 0.0, 60.0), (4.0, 0.0, 60.0)])
@@ -280,7 +276,7 @@ def poses(*centres: tuple[float, float, float], seed: int = 0) -> Poses:
 
 
 class TestFrameChain:
-    @settings(max_examples=40, deadline=None, derandomize=True)
+    @settings(max_examples=20, deadline=None, derandomize=True)
     @given(
         crs=st.sampled_from([*MIDDLES]),
         east=st.floats(-90_000, 90_000),
@@ -309,17 +305,6 @@ class TestFrameChain:
         assert np.isfinite(metres).tolist() == [True, False]
         with pytest.raises(UserError, match="grid"):
             check_frame_chain(cameras(LENSES[0]), poses((113.0, 28.0, 100.0)), "EPSG:4326")
-
-    def test_a_link_that_is_broken_shows(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        one = (cameras(LENSES[0]), poses((401_000.0, 3_120_000.0, 50.0)), "EPSG:4547")
-        back, project = geometry_checks.ecef_to_geodetic, geometry_checks.project
-        with monkeypatch.context() as patch:
-            patch.setattr(
-                geometry_checks, "ecef_to_geodetic", lambda p: back(p) + np.array((2e-11, 0, 0))
-            )
-            assert check_frame_chain(*one)[0][0] > CLOSES_M
-        monkeypatch.setattr(geometry_checks, "project", lambda c, p: project(c, p) + 0.5)
-        assert check_frame_chain(*one)[1][0] > CLOSES_PX
 
 
 class TestCommand:

@@ -57,12 +57,11 @@ def footprints(root: Path, flight: str) -> Floats:
     return cast_footprints(*posed, inset=0.0, max_range_m=5000.0).lonlat
 
 
-@pytest.mark.parametrize("flight", ["01", "07", "09"])
-def test_footprints_are_those_of_the_ellipsoid(root: Path, flight: str) -> None:
+def test_footprints_are_those_of_the_ellipsoid(root: Path) -> None:
     """Scale of UTM is off by 0.1 % at most, which is 0.3 m at the corner of a footprint."""
     assert [*UAV_VISLOC.scenes(UavVisLocOptions(root.parent))] == ["01", "07", "09"]
-    expected = np.stack([anchors(photo) for photo in photos(root, flight)])
-    assert geodesic_distance_m(footprints(root, flight), expected).max() < 0.3
+    expected = np.stack([anchors(photo) for photo in photos(root, "07")])
+    assert geodesic_distance_m(footprints(root, "07"), expected).max() < 0.3
 
 
 def test_a_footprint_by_hand(root: Path) -> None:
