@@ -66,7 +66,7 @@ class Ranking(NamedTuple):
         return cls(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
 
     def drop_flat(self, rows: Ints, positives: Positives, n_tiles: int) -> None:
-        """Remove the tiles of queries whose whole gallery ties, unless all are positive."""
+        """Remove the tiles of queries that tie with the whole gallery, unless all are positive."""
         some = rows[positives.counts[rows] < n_tiles] if n_tiles >= 2 else rows[:0]
         self.tiles[some] = -1
         self.tie_dependent[some] = positives.counts[some] > 0
@@ -343,13 +343,13 @@ def _find_candidates(
     search: _Search, queries: NDArray[Any], most_pairs: int
 ) -> tuple[Ints, Ints] | None:
     """Return query and tile of pairs that may be among the first."""
-    single, norms = _rounded(queries, search.metric)
+    single, norms = _round_to_singles(queries, search.metric)
     bounds = _error_bounds(norms, search.longest, queries.shape[1], search.metric)
     n_queries, floors = len(queries), np.full((len(queries), 1), -np.inf, np.float32)
     kept = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32))]
     held = most_held = 0
     for start, rows in blocks(search.gallery, search.memory_bytes, _PRODUCT_CELLS // n_queries):
-        tiles, norms = _rounded(rows, search.metric)
+        tiles, norms = _round_to_singles(rows, search.metric)
         value = single @ tiles.T
         if search.metric == "l2":  # and -|q|^2 / 2, which orders nothing
             value -= (norms**2 / 2).astype(np.float32)
@@ -372,21 +372,24 @@ def _drop_low(
     """Raise the floors (Q, 1) to the k-th similarity less the errors, and drop pairs below."""
     query, tile, value = (np.concatenate(parts) for parts in zip(*kept, strict=True))
     # One whole number holds query and value: its sort is ten times as fast as one by both.
-    keys, counts = np.sort((query << 32) + _flipped(value.view(np.int32))), np.bincount(query)
+    keys, counts = (
+        np.sort((query << 32) + _flip_negatives(value.view(np.int32))),
+        np.bincount(query),
+    )
     some = np.flatnonzero(counts >= k)
     kth = keys[np.cumsum(counts)[some] - k] - (some << 32)
-    kth = _flipped(kth.astype(np.int32)).view(np.float32)
+    kth = _flip_negatives(kth.astype(np.int32)).view(np.float32)
     floors[some, 0] = np.nextafter((kth - 2 * bounds[some]).astype(np.float32), np.float32(-np.inf))
     high = value >= floors[query, 0]
     return query[high], tile[high], value[high]
 
 
-def _flipped(bits: NDArray[np.int32]) -> NDArray[np.int32]:
+def _flip_negatives(bits: NDArray[np.int32]) -> NDArray[np.int32]:
     """Turn the bits of float32 into whole numbers in the same order, and back."""
     return np.asarray(bits ^ (bits >> 31 & 0x7FFFFFFF), np.int32)
 
 
-def _rounded(rows: NDArray[Any], metric: Metric) -> tuple[Singles, Floats]:
+def _round_to_singles(rows: NDArray[Any], metric: Metric) -> tuple[Singles, Floats]:
     """Round descriptors to float32, and return their norms, nearly; cosine makes these 1."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         single = np.ascontiguousarray(rows, dtype=np.float32)
@@ -473,7 +476,7 @@ def _check_norms(rows: NDArray[Any], metric: Metric, field: str, names: Names) -
     """Refuse descriptors that cannot be ranked, by the names of their rows; return the top norm."""
     longest, least = 0.0, _LEAST_NORM if metric == "cosine" else 0.0
     for start, block in blocks(rows):
-        norms = _rounded(block, "l2")[1]
+        norms = _round_to_singles(block, "l2")[1]
         faulty = np.flatnonzero(~((norms >= least) & (norms <= _MOST_NORM)))  # also tells NaN
         if len(faulty):
             what = "descriptors that cannot be ranked (NaN, infinite, zero or far too large): "

@@ -23,7 +23,6 @@ from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.info import INFO
 from airzoo_bench.retrieval.metrics import ap_name, share_name
 from airzoo_bench.retrieval.predictions import (
-    Descriptors,
     RankedIds,
     RetrievalPredictions,
     check_predictions,
@@ -127,11 +126,6 @@ class RetrievalTrack(Track):
         unanswered = excluded["id"][excluded["reason"] == UNANSWERED]
         if len(unanswered):
             notes.append(f"queries that no tile answers, left out: {first_of(unanswered)}")
-        if isinstance(predictions.content, Descriptors):
-            given = predictions.content.gallery_ids
-            strange = given[~np.isin(given, _ids(truth.tiles for truth in truths))]
-            if strange.size:
-                notes.append(f"described tiles that are in no gallery: {first_of(strange)}")
         return notes
 
     def references(self, protocol: RetrievalProtocol, truths: Truths) -> dict[str, Reference]:

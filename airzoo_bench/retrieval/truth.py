@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.benchmark.queries import conditions_of, read_excluded, read_queries
+from airzoo_bench.benchmark.queries import read_excluded, read_queries
 from airzoo_bench.benchmark.tables import read_table, refuse_cells, require_columns
 from airzoo_bench.core.errors import BenchmarkError, PredictionError, counted
 from airzoo_bench.core.files import write_npz
@@ -131,11 +131,6 @@ class RetrievalTruth:
     def footprint_centres(self) -> Floats:
         """Footprint centres (Q, 2): lon, lat in degrees; NaN without a ground point."""
         return self.footprints[list(FOOTPRINT_COLUMNS)].to_numpy(np.float64)
-
-    @property
-    def conditions(self) -> pd.DataFrame:
-        """The columns of the queries that are neither identity nor geometry."""
-        return conditions_of(self.queries)
 
     @property
     def without_ground_point(self) -> int:

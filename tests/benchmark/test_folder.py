@@ -12,7 +12,7 @@ from PIL import Image
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.benchmark.images import photo_size, read_grey
-from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.benchmark.queries import conditions_of, write_queries
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.retrieval.settings import RetrievalProtocol
@@ -113,7 +113,7 @@ def test_truth_both_ways(tmp_path: Path) -> None:
     read = read_truth(tmp_path, "s")
     assert read.fingerprint == truth.fingerprint
     assert [read.positives.tiles_of(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
-    pd.testing.assert_frame_equal(read.conditions, truth.conditions)
+    pd.testing.assert_frame_equal(conditions_of(read.queries), conditions_of(truth.queries))
 
 
 @pytest.mark.parametrize(
