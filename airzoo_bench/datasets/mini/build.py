@@ -219,7 +219,6 @@ def _sunlit(heights: Floats, light: Light, pixel_m: float) -> _Rgb:
 
 
 def _fade(picture: _Rgb) -> _Rgb:
-    """Take contrast and colour away, and add a bluish haze."""
     bands = (picture.astype(np.int32) * 205 >> 8) + np.array([22, 24, 32], np.int32)
     grey = bands @ np.array([2, 3, 1], np.int32) // 6
     return np.asarray((bands * 13 + grey[..., None] * 3 >> 4).astype(np.uint8))

@@ -19,7 +19,7 @@ from airzoo_bench.geometry.arrays import Bools, Floats
 Point = tuple[float, float]
 Line = tuple[Point, ...]
 Window = tuple[slice, slice]
-Colour = tuple[int, int, int]
+Colour = tuple[int, ...]
 Patch = tuple[Window, Bools, Floats, Floats]
 """Of pixels that a form may cover: rows and columns, where it does, and u and v in its axes."""
 
@@ -35,8 +35,7 @@ _FAR_M = 10_000.0
 
 def colours(text: str) -> list[Colour]:
     """Return the colours of hexadecimal triples."""
-    triples = (bytes.fromhex(word) for word in text.split())
-    return [(red, green, blue) for red, green, blue in triples]
+    return [tuple(bytes.fromhex(word)) for word in text.split()]
 
 
 class Frame(NamedTuple):
@@ -74,7 +73,7 @@ class Frame(NamedTuple):
 
 
 class Raster(NamedTuple):
-    """A square raster over a region, first row in the north, whose corner may be moved."""
+    """A square raster over a region, first row in the north, and its corner perhaps moved."""
 
     size: int
     pixel_m: float
@@ -304,7 +303,7 @@ class Plan:
         self.decals += [Decal(kind, part, key, season, self.side) for part in parts]
 
     def strew(self, what: str, lot: Box, count: int) -> None:
-        """Paint so many of a kind of clutter anywhere in a lot."""
+        """Paint a number of things of a kind of clutter anywhere in a lot."""
         dice, rows = self.dice, LOOKS["clutter"][what]
         for _ in range(count):
             spot = self.anywhere(lot).at(0, 0, turned=dice.chance(50))

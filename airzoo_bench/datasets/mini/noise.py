@@ -171,10 +171,7 @@ def _volume() -> tuple[Singles, NDArray[np.int64]]:
 
 
 def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
-    """Return noisy readings of GPS and gimbal for true poses, the same on every machine.
-
-    Normal numbers are sums of uniform ones, in whole numbers till the end.
-    """
+    """Return noisy readings of GPS and gimbal for true poses, the same on every machine."""
     unit = np.empty((len(names), 6))
     for row, name in enumerate(names):
         blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))

@@ -100,14 +100,11 @@ class _Spot:
 
     def __init__(self, canvas: Canvas, decal: Decal) -> None:
         self.canvas, self.decal, self.key = canvas, decal, decal.key
+        self.box = cast("Box", decal.form)  # of a roof
         self.window, self.mask, self.u, self.v = decal.form.patch(canvas.raster)
         self.fine, self.middle, self.coarse = (part[self.window] for part in canvas.noise)
         # Noise for the outline of spots, and for ragged outlines.
         self.spots = self.coarse + self.middle
-
-    @property
-    def box(self) -> Box:
-        return cast("Box", self.decal.form)
 
     @property
     def rim(self) -> Floats:

@@ -57,7 +57,7 @@ def rural_plan(seed: int) -> Plan:
 def _grow(
     plan: Plan, place: Point, radius_m: tuple[float, float], slim: float = 2.3, kind: str = "broad"
 ) -> None:
-    """Plant a tree of a radius between two, and about so many times as high."""
+    """Plant a tree of a radius in a range, and about `slim` times as high."""
     radius = plan.dice.real(*radius_m)
     plan.plant(place, radius, radius * slim * plan.dice.real(0.87, 1.13), kind)
 

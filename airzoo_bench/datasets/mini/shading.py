@@ -147,8 +147,8 @@ class Points(NamedTuple):
     material: NDArray[np.uint8]  # (N,)
     owner: NDArray[np.int32]  # (N,)
 
-    def made_of(self, *materials: int) -> tuple[_Indices, Points]:
-        """Return the points of some materials, after their numbers."""
+    def select(self, *materials: int) -> tuple[_Indices, Points]:
+        """Return the numbers of the points of some materials, and the points."""
         which = np.flatnonzero(np.isin(self.material, materials))
         parts: list[Any] = [values.take(which, axis=-1) for values in self]
         return which, Points(*parts)
@@ -299,7 +299,7 @@ class Shader:
         paint = _Paint(points)
         self._paint_land(paint, points)
         self._paint_leaves(paint, points)
-        which, some = points.made_of(Material.WALL)
+        which, some = points.select(Material.WALL)
         if which.size:
             self._paint_walls(paint, which, some)
         if given.snow > 0.0:
@@ -313,7 +313,7 @@ class Shader:
         return _haze(colour, points.distance, points.view, given)
 
     def _paint_land(self, paint: _Paint, points: Points) -> None:
-        which, some = points.made_of(Material.GROUND, Material.ROOF, Material.APRON)
+        which, some = points.select(Material.GROUND, Material.ROOF, Material.APRON)
         # A pixel that grazes the land covers a long strip of it. Its colour is filtered to the mean
         # of the strip's sides, up to this: a little too sharp along, a little too soft across.
         slant = np.sqrt(np.maximum(some.facing(), np.float32(1.0 / _MOST_SLANT)))
@@ -326,7 +326,7 @@ class Shader:
         paint.mirror[which] = paint.waves[which] = lanes[3]
 
     def _paint_leaves(self, paint: _Paint, points: Points) -> None:
-        which, some = points.made_of(Material.CANOPY)
+        which, some = points.select(Material.CANOPY)
         clumps, leaves = (volume_noise(some.xyz, size, some.footprint) for size in (0.33, 0.11))
         light = 0.94 + 0.16 * clumps + 0.14 * leaves + 0.10 * some.normal[2]
         albedo = self._leaves.take(some.owner, axis=0).T * np.maximum(light, 0.25)

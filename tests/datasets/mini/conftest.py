@@ -29,12 +29,10 @@ from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from tests.support import made_once
 
-SIDE_M, GROUND_M, RIDGE_M = 96.0, 20.0, 31.0
-LAND_M = (-800.0, 1400.0)  # where the mesh ends
+SIDE_M, GROUND_M = 96.0, 20.0
 REGION = Region("small", 401_000.0, 3_120_000.0, SIDE_M)
 CORNER = np.array([REGION.west, REGION.south, 0.0])
 BLOCK = (20.0, 30.0, 40.0, 50.0, 32.0)  # west, south, east, north, top
-TREES = ((50.0, 20.0, 3.0), (58.0, 24.0, 2.5), (80.0, 40.0, 3.5), (15.0, 70.0, 3.0))
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,6 @@ def mini(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
 
 @cache
 def small_world() -> World:
-    """Return the small world, the same object each time."""
     plan, origin = Plan(0, Dice(0), np.full((301, 301), GROUND_M)), Frame(0.0, 0.0)
     grass, street, pond = (-8, 608, -8, 608), (45, 51, -8, 608), (70, 88, 8, 22)
     for kind, box in (("meadow", grass), ("asphalt", street), ("water", pond)):
@@ -80,9 +77,9 @@ def small_world() -> World:
     )
     plan.buildings += [
         Building(block, GROUND_M, BLOCK[4], BLOCK[4], "flat", flat, style=0),
-        Building(house, GROUND_M, 27.0, RIDGE_M, "gabled", tiled, style=2),
+        Building(house, GROUND_M, 27.0, 31.0, "gabled", tiled, style=2),
     ]
-    for x, y, radius in TREES:
+    for x, y, radius in ((50, 20, 3.0), (58, 24, 2.5), (80, 40, 3.5), (15, 70, 3.0)):
         plan.plant((x, y), radius, 2.5 * radius)
     whole = world_of_plan(REGION, plan)
     maps = {name: getattr(whole, name) for name in ("ground", "top", "dsm", "dom", "satellite")}
@@ -96,7 +93,6 @@ def renderer() -> Renderer:
 
 
 def pose(centre: Sequence[float], yaw: float, pitch: float, roll: float = 0.0) -> Poses:
-    """Return one pose; the centre is in the world's local frame."""
     rotation = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
     return Poses.from_centres(rotation[None], np.array([centre]) + CORNER)
 
@@ -108,7 +104,6 @@ HORIZON = pose((110.0, -10.0, 45.0), -35.0, -10.0)
 
 
 def rays(camera: Cameras, view: Poses) -> Floats:
-    """Return directions (H * W, 3) in the world, z of the camera being 1."""
     x, y = np.meshgrid(np.arange(camera.width[0]) + 0.5, np.arange(camera.height[0]) + 0.5)
     unit = back_project(camera, np.stack([x.ravel(), y.ravel()], axis=-1)[None])[0]
     directions: Floats = (unit / unit[:, 2:]) @ view.rotation[0]

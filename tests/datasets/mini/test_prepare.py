@@ -14,7 +14,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.mini.dataset import MiniOptions, mini_photos, mini_protocols
 from airzoo_bench.datasets.mini.noise import noisy_priors
 from airzoo_bench.datasets.mini.renderer import Raycaster
-from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN, Material
+from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
@@ -67,24 +67,6 @@ def test_dsm_is_the_highest_surface_that_a_vertical_ray_meets(mini: Prepared, re
     level = (np.abs([height(-0.01) - met, height(0.01) - met]) <= 0.15).all(axis=0)
     assert level.mean() > 0.97
     assert np.abs(world.dsm[rows, columns] - met)[level].max() < 1e-4
-
-
-@slow
-@EACH
-def test_walls_stand_roofs_face_up_and_land_goes_on(mini: Prepared, region: str) -> None:
-    mesh = mini.world(region).mesh
-    corners = mesh.vertices[mesh.triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    slope = normal[:, 2] / np.linalg.norm(normal, axis=1)
-    assert np.abs(slope[mesh.material == Material.WALL]).max() < 1e-9
-    upper = (Material.ROOF, Material.GROUND, Material.APRON)
-    assert (slope[np.isin(mesh.material, upper)] > 0).all()
-    land, apron = (corners[mesh.material == one].reshape(-1, 3) for one in upper[1:])
-    assert (apron[:, :2].min(), apron[:, :2].max()) == (-800.0, 1400.0)
-    for axis, border in ((0, 0.0), (0, 600.0), (1, 0.0), (1, 600.0)):
-        along, inner = (part[part[:, axis] == border] for part in (apron, land))
-        along = along[(along[:, 1 - axis] >= 0) & (along[:, 1 - axis] <= 600)]
-        assert np.array_equal(np.unique(along, axis=0), np.unique(inner, axis=0))
 
 
 @slow
