@@ -438,8 +438,8 @@ def _make_wet(paint: _Paint, points: Points, wet: float) -> None:
 
 def _mirror_sky(colour: Singles, paint: _Paint, points: Points, given: Conditions) -> None:
     which = np.flatnonzero(paint.mirror > 0.02)
-    view, normal = points.view[:, which], points.normal[:, which]
-    ripple = volume_noise(points.xyz[:, which], 0.3, points.footprint[which])
+    xyz, normal, view = (part.take(which, axis=1) for part in points[:3])
+    ripple = volume_noise(xyz, 0.3, points.footprint[which])
     normal[:2] += np.float32(0.02) * paint.waves[which] * ripple
     facing = -dot(view, normal)
     away = view + 2.0 * facing * normal

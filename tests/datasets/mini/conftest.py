@@ -42,11 +42,9 @@ class Prepared:
     root: Path
     benchmark: Benchmark
 
-    def frames(self, scene: str) -> Path:
-        return self.benchmark.resolve(self.benchmark.scene(scene).images).parent
-
     def depth(self, scene: str, image: str) -> Floats:
-        return read_depth(self.frames(scene) / "depth" / f"{Path(image).stem}.tif")
+        frames = self.root / "mini-worlds" / f"{scene}-0-frames"
+        return read_depth(frames / "depth" / f"{Path(image).stem}.tif")
 
     def world(self, scene: str) -> World:
         return load_world(self.root / "mini-worlds" / f"{scene}-0")

@@ -27,11 +27,8 @@ GROUND_M, FLOOR_M = 50.0, 130.0
 ROUNDING = 4e-4 * FPS**2  # of second differences at 30 frames a second, by 0.1 mm
 SIZES = {"survey": (240.0, 40.0), "five lines": (200.0, 50.0), "three lines": (100.0, 50.0)}
 FLIGHTS = {f"barrel {seed}": flights.barrel_roll(CITY, FLOOR_M, seed) for seed in range(5)}
+ORIGIN = (CITY.west, CITY.south, 0.0)
 FLIGHTS |= {name: flights.survey(CITY, GROUND_M, FLOOR_M, *of) for name, of in SIZES.items()}
-
-
-def places(flight: Poses) -> Floats:
-    return flight.centres - (CITY.west, CITY.south, 0.0)
 
 
 def angles(flight: Poses) -> Floats:
@@ -42,7 +39,7 @@ def angles(flight: Poses) -> Floats:
 
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_drone_can_fly_it(name: str) -> None:
-    place, (yaw, pitch, roll) = places(FLIGHTS[name]), angles(FLIGHTS[name])
+    place, (yaw, pitch, roll) = FLIGHTS[name].centres - ORIGIN, angles(FLIGHTS[name])
     assert place[:, :2].min() >= MARGIN_M - 1e-3
     assert place[:, :2].max() <= CITY.side_m - MARGIN_M + 1e-3
     velocity = np.diff(place, axis=0) * FPS
@@ -64,7 +61,7 @@ def test_the_barrel_roll_sweeps_all_that_it_says() -> None:
         assert values.max() == pytest.approx(high, abs=0.01)
     # Up and down several times, across the scene and around it.
     assert np.count_nonzero(np.diff(np.sign(np.diff(altitude[::30])))) >= 8
-    away = np.linalg.norm(places(flight)[:, :2] - CITY.side_m / 2, axis=1)
+    away = np.linalg.norm((flight.centres - ORIGIN)[:, :2] - CITY.side_m / 2, axis=1)
     assert away.min() < 40.0
     assert away.max() > 160.0
     again, other = flights.barrel_roll(CITY, FLOOR_M, 0), FLIGHTS["barrel 1"]
@@ -75,7 +72,7 @@ def test_the_survey_has_its_lines_and_its_orbit() -> None:
     flight = FLIGHTS["five lines"]
     assert set(np.unique(flight.centres[:, 2])) == {130.0}
     yaw, pitch, _ = angles(flight)
-    place = places(flight)[:, :2] - CITY.side_m / 2
+    place = (flight.centres - ORIGIN)[:, :2] - CITY.side_m / 2
     # Five lines at -100, -50, 0, 50, 100 m are crossed where they pass the middle.
     middle = (pitch < -84.9)[1:] & (np.diff(np.sign(place[:, 1])) != 0)
     assert np.round(place[1:][middle, 0], -1).tolist() == [-100.0, -50.0, 0.0, 50.0, 100.0]
