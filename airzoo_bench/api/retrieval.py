@@ -220,8 +220,7 @@ def _read_ranks(ks: Any) -> tuple[int, ...]:
 
 
 def _list_ids(name: str, values: Any) -> list[list[Any]]:
-    rows = enumerate(arg.listed(name, values))
-    return [arg.listed(f"{name}[{row}]", ids) for row, ids in rows]
+    return [arg.listed(f"{name}[{n}]", ids) for n, ids in enumerate(arg.listed(name, values))]
 
 
 def _number_positives(right: Sequence[Sequence[Any]], place: dict[Any, int]) -> Positives:

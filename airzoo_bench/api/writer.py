@@ -210,9 +210,9 @@ class PredictionWriter:
                     write_ply(folder / f"{scene}.ply", Cloud(**cloud))
                 if done := [photo for photo in photos if photo.id in self._answers]:
                     arrays = _view_arrays([self._answers[photo.id] for photo in done])
-                    names = np.array([photo.name for photo in done], dtype=str)
+                    arrays["image_names"] = np.array([photo.name for photo in done], dtype=str)
                     ending = ".npz" if "depth" in arrays else ".cameras.npz"
-                    write_npz(folder / f"{scene}{ending}", {"image_names": names, **arrays})
+                    write_npz(folder / f"{scene}{ending}", arrays)
             (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
 
 
@@ -225,8 +225,9 @@ def _view_arrays(answers: list[Answer]) -> Answer:
     """Return the cameras of photos, with their depth maps."""
     fields = {key: np.stack([one[key] for one in answers]) for key in answers[0]}
     poses = Poses(rotation=fields.pop("rotation"), centres=fields.pop("centre"))
-    arrays = {"extrinsics": np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)}
+    fields["extrinsics"] = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
     if "depth" in fields:
-        arrays["pixel_centres"] = np.array("half")
-    names = {"confidence": "conf"}
-    return arrays | {names.get(key, key): values for key, values in fields.items()}
+        fields["pixel_centres"] = np.array("half")
+    if "confidence" in fields:
+        fields["conf"] = fields.pop("confidence")
+    return fields

@@ -14,15 +14,8 @@ import pytest
 
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
-from tests.statistics.support import (
-    CHAMFER,
-    ERROR,
-    HIT,
-    SOFT,
-    made_method,
-    random_methods,
-    write_method,
-)
+from tests.statistics import support
+from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, write_method
 from tests.support import run_main
 
 # From bad to good, with what formats must escape.
@@ -37,7 +30,7 @@ def methods(request: pytest.FixtureRequest) -> list[Method]:
     sizes, columns = {"east": 40, "west": 30}, (HIT, ERROR, SOFT)
     if request.param == "scene":
         sizes, columns = {f"s{number}": 1 for number in range(8)}, (CHAMFER, F1)
-    made = random_methods(3, sizes, columns)
+    made = support.random_methods(3, sizes, columns)
     random = np.random.default_rng(1)
     altitudes = random.uniform(50, 400, len(made[0].records)).round(1)
     for method in made:
@@ -197,35 +190,30 @@ def test_groups_are_averages_of_their_queries(
             assert row[NAMES[2]] == pytest.approx(as_shown(column, value))
 
 
-@pytest.mark.parametrize(
-    ("call", "named"),
-    [
-        ("compare", "RESULTS"),
-        ("compare x.json", "x.json: no such result file"),
-        ("compare 0 --reference best", "--reference"),
-        ("compare 0 1 2 --all --score MRR", "--all and --score exclude each other"),
-        ("compare 0 1 --reference fair#2", "did you mean 'fair #2'"),
-        ("breakdown 0 --by altitud", "did you mean 'altitude_m'"),
-        ("breakdown 0 --by weather --bins 1", "--bins"),
-        ("breakdown 0 --by altitude_m --bins 9,5", "--bins"),
-        ("compare 0 other", "protocol"),
-        ("breakdown 0 other --by scene", "protocol"),
-        ("table 0 other --layout methods", "layout methods"),
-        ("plot condition 0 other --by scene -o x.png", "protocol"),
-    ],
-)
+WRONG = {
+    "compare": "RESULTS",
+    "compare x.json": "x.json: no such result file",
+    "compare 0 --reference best": "--reference",
+    "compare 0 1 2 --all --score MRR": "--all and --score exclude each other",
+    "compare 0 1 --reference fair#2": "did you mean 'fair #2'",
+    "breakdown 0 --by altitud": "did you mean 'altitude_m'",
+    "breakdown 0 --by weather --bins 1": "--bins",
+    "breakdown 0 --by altitude_m --bins 9,5": "--bins",
+    "compare 0 other": "protocol",
+    "breakdown 0 other --by scene": "protocol",
+    "table 0 other --layout methods": "layout methods",
+    "plot condition 0 other --by scene -o x.png": "protocol",
+}
+
+
 @pytest.mark.parametrize("methods", ["query"], indirect=True)
 def test_wrong_calls(
-    call: str,
-    named: str,
-    paths: list[Path],
-    tmp_path: Path,
-    run: Run,
-    monkeypatch: pytest.MonkeyPatch,
+    paths: list[Path], tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     other = made_method({"x": {"recall@1": [1.0, 0.0]}}, protocol="q" * 64)
     used = other.result.protocol.model_copy(update={"name": "another"})
     result = other.result.model_copy(update={"protocol": used}).with_checksum()
     write_method(tmp_path / "other", Method("other", result, other.records))
-    assert named in run(*call.split(), code=2)
+    for call, named in WRONG.items():
+        assert named in run(*call.split(), code=2), call
