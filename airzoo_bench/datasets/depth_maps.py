@@ -178,7 +178,7 @@ class DepthConsistency:
 
     @property
     def bad_frames(self) -> pd.Series[float]:
-        """The medians of frames that stand out, the worst first."""
+        """The medians of frames far above the others, the worst first."""
         limit = max(self.median_below, _FAR_ABOVE * self.quantile(0.5))
         return self.medians[self.medians >= limit].sort_values(ascending=False, kind="stable")
 

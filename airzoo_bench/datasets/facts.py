@@ -114,7 +114,7 @@ def measure_facts(
     truths: SceneTruths,
     cloud_over_surface_m: float | None,
 ) -> SceneFacts:
-    """Compare the parts of a scene; `heights_m` are those of `measure_heights`."""
+    """Compare the parts of a scene; `heights_m` come from `measure_heights`."""
     photos, dom, matching = inputs.photos, inputs.dom, truths.matching
     retrieval = None if truths.retrieval is None else truths.retrieval.truth
     dsm = None if inputs.dsm is None else open_info(inputs.dsm)

@@ -182,7 +182,7 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
 
 
 def percentile_p_values(resamples: Floats) -> Floats:
-    """Return the largest p whose percentile interval, of confidence 1 - p, holds 0, (R,)."""
+    """Return the largest p (R,) for which the percentile interval of confidence 1 - p holds 0."""
     ranked = np.sort(resamples, axis=1)
     levels = np.minimum(_level_of_0(ranked), _level_of_0(-ranked[:, ::-1]))
     return np.asarray(np.clip(2 * levels, 2 / (resamples.shape[1] + 1), 1.0))

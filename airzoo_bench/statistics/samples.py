@@ -173,7 +173,7 @@ def weighted_averages(values: Floats, medians: Bools, counts: NDArray[np.integer
 
 
 def _on_grid(values: Floats, units: int) -> tuple[Floats, NDArray[np.intp]]:
-    """Return whole numbers whose sums are exact, and the exponents (V, 1) of 2 that they bear."""
+    """Return whole numbers with exact sums, and the exponents (V, 1) of 2 that they bear."""
     largest = np.maximum(np.abs(values).max(axis=1, initial=0.0), np.finfo(np.float64).tiny)
     bits = _EXACT_BITS - np.ceil(np.log2(largest)) - np.ceil(np.log2(units))
     exponents = bits.astype(np.intp)[:, None]

@@ -125,11 +125,11 @@ class _AirZooReal(Dataset[_AirZooRealOptions]):
         for scene, folder in _REGIONS.items():
             part = sub_path(home, folder)
             if part is not None:
-                found[scene] = [part, *map(Path, _named_files(options, scene).values())]
+                found[scene] = [part, *map(Path, _files_by_option(options, scene).values())]
         for scene in published_scenes(f"{self.name}-reconstruction"):
             site = _site_folder(home, scene)
             if site is not None and options.prior == "metadata":
-                parts = (site, _surface(home, site), _named_cloud(options, scene))
+                parts = (site, _surface(home, site), _cloud_by_option(options, scene))
                 found[scene] = [part for part in parts if part is not None]
         return found
 
@@ -144,14 +144,14 @@ def _home(options: _AirZooRealOptions) -> Path:
     return find_home(options.source, lambda f: any(sub_path(f, part) for part in parts), _LAYOUT)
 
 
-def _named_files(options: _AirZooRealOptions, scene: str) -> dict[str, Path]:
+def _files_by_option(options: _AirZooRealOptions, scene: str) -> dict[str, Path]:
     """Return the files that the user names for a region, by option."""
     names = ("dom", "dsm", "satellite", "priors")
     given = {n: values_by_scene(getattr(options, n), n, list(_REGIONS)).get(scene) for n in names}
     return {name: Path(file) for name, file in given.items() if file is not None}
 
 
-def _named_cloud(options: _AirZooRealOptions, scene: str) -> Path | None:
+def _cloud_by_option(options: _AirZooRealOptions, scene: str) -> Path | None:
     """Return the true cloud that the user names for a scene."""
     known = published_scenes("airzoo-real-reconstruction")
     file = values_by_scene(options.cloud, "cloud", known).get(scene)
@@ -161,7 +161,7 @@ def _named_cloud(options: _AirZooRealOptions, scene: str) -> Path | None:
 def _maps(options: _AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
     """Return DOM, surface model and retrieval's map, each with its georeference, and notes."""
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
-    given, made = _named_files(options, scene), data_root() / "made" / "airzoo-real" / scene
+    given, made = _files_by_option(options, scene), data_root() / "made" / "airzoo-real" / scene
     maps, surfaces = find_maps(home)
     protocol = protocol_of_track("airzoo-real-retrieval", data_root(), RetrievalProtocol)
     gallery = protocol.map_rules()[0]
@@ -197,7 +197,7 @@ def _read_region(options: _AirZooRealOptions, scene: str, progress: Progress) ->
     """Read photos, cameras and true positions of a region."""
     maps, notes = _maps(options, scene)
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
-    given = _named_files(options, scene)
+    given = _files_by_option(options, scene)
     every = sorted(p for p in home.rglob("*") if p.suffix.lower() in (".jpg", ".jpeg"))
     photos = [path.relative_to(home).as_posix() for path in every if path.name[0] != "."]
     if not photos:
@@ -287,7 +287,7 @@ def _read_site(options: _AirZooRealOptions, scene: str, progress: Progress) -> N
         # Lines of the other renderings, <name>_1 and <name>_2.
         is_other=lambda key, known: key[:-2] in known and key[-2:] in ("_1", "_2"),
     )
-    cloud, notes = _named_cloud(options, scene), list(posed.notes)
+    cloud, notes = _cloud_by_option(options, scene), list(posed.notes)
     dsm = _surface(home, site)
     if dsm is not None:
         dsm, said = with_georeference(dsm, data_root() / "made" / "airzoo-real", heights=True)
