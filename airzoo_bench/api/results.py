@@ -174,7 +174,7 @@ def evaluate(
 
 @dataclass(frozen=True, repr=False)
 class Check:
-    """What `evaluate` would refuse: `errors` is a tuple of `UserError`, `notes` is one of str."""
+    """Errors that `evaluate` would raise: `errors` is a tuple of `UserError`, `notes` is one of str."""
 
     errors: tuple[UserError, ...]
     notes: tuple[str, ...]
@@ -228,7 +228,7 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """A comparison of results; it shows itself as `table` is, which is that of the command.
+    """A comparison of results; it shows itself as `table` is, the one of the command.
 
     `frame` is a DataFrame of the numbers; see `compare`.
     """

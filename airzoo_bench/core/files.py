@@ -82,7 +82,7 @@ def atomic_folder(path: Path, *, replace: bool = False, mark: str = MARK) -> Ite
 
 @contextmanager
 def _temporary_beside(target: Path) -> Iterator[Path]:
-    """Make a temporary folder beside a target; say what the system refuses."""
+    """Make a temporary folder next to a target; say what the system refuses."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with temporary_folder(target.parent, target.name) as temporary:
