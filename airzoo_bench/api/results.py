@@ -174,7 +174,7 @@ def evaluate(
 
 @dataclass(frozen=True, repr=False)
 class Check:
-    """Errors that `evaluate` would raise: `errors` is a tuple of `UserError`, `notes` is one of str."""
+    """Errors that `evaluate` would raise: `errors` is of `UserError`, `notes` is of texts."""
 
     errors: tuple[UserError, ...]
     notes: tuple[str, ...]
