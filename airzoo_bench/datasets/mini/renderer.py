@@ -28,7 +28,7 @@ _View = tuple[Floats, np.float32, Conditions]
 
 RENDERER_VERSION = 3
 """To be raised with every change that changes photos, so that older ones are rendered again."""
-_MISSED = -1
+_MISSED, _DITHER_STREAM = -1, 73
 # How many pixels are worked on at once: as many as a processor's cache holds.
 _BLOCK_PIXELS = 1 << 15
 
@@ -37,7 +37,6 @@ _BLOCK_PIXELS = 1 << 15
 _TRUST_M, _TRUST_SHARE = 0.02, 1e-4
 # How far shadow rays start above their surface: above single precision at 1.5 km (0.1 mm).
 _LIFT_M = 0.02
-_DITHER_STREAM = 73
 # Shares of the light of a pixel's neighbours: of all four, and of those of another surface.
 _BLUR, _EDGE_BLUR = np.float32(0.08), np.float32(0.08)
 _VIGNETTE, _SHOULDER = np.float32(0.12), np.float32(0.88)
@@ -141,17 +140,18 @@ class Renderer:
             axes = pose.rotation[0].T.tolist()
             rays = np.stack([x * right + y * down + ahead for right, down, ahead in axes])
             triangle, away = self._caster.trace(centre, rays)
-            depth[pixel], surface[pixel] = away, self._surfaces.take(triangle)
+            block = slice(start, start + len(pixel))
+            depth[block], surface[block] = away, self._surfaces.take(triangle)
             hit, free = (np.flatnonzero((triangle == _MISSED) == past) for past in (False, True))
             if len(hit):
                 some = rays.take(hit, axis=1), away[hit], pixel[hit], triangle[hit]
-                light[:, pixel[hit]] = self._surface(view, *some)
-            beyond = rays.take(free, axis=1)
-            unit = (beyond / np.sqrt(dot(beyond, beyond))).astype(np.float32)
-            light[:, pixel[free]] = self._shader.horizon(unit, centre, given)
+                light[:, block][:, hit] = self._surface(view, *some)
+            if len(free):
+                beyond = rays.take(free, axis=1)
+                unit = (beyond / np.sqrt(dot(beyond, beyond))).astype(np.float32)
+                light[:, block][:, free] = self._shader.horizon(unit, centre, given)
         sharp = _blurred(light.reshape(3, height, width), surface.reshape(height, width))
-        image = _develop(sharp, pose.rotation[0], given, seed)
-        return Frame(image, depth.reshape(height, width))
+        return Frame(_develop(sharp, pose.rotation[0], given, seed), depth.reshape(height, width))
 
     def _surface(
         self, camera: _View, rays: Floats, depth: Floats, pixel: _Indices, triangle: _Indices
