@@ -48,7 +48,7 @@ def make(folder: Path) -> None:
     world = build_world("city", SEED)
     photos = _photos(world)
     tracks = ("retrieval", "matching", "reconstruction")
-    protocols = BenchmarkProtocols.named([f"{NAME}-{track}" for track in tracks], Path())
+    protocols = BenchmarkProtocols.find([f"{NAME}-{track}" for track in tracks], Path())
     with tempfile.TemporaryDirectory() as temporary:
         home = Path(temporary)
         save_world(home / "world", world)
