@@ -143,13 +143,14 @@ def test_each_dependency_has_a_line_in_the_table() -> None:
     assert sorted(re.findall(r"[\w-]+", firsts)) == sorted(names - {"airzoo-bench"})
 
 
-def test_promises_of_security_name_tests_that_are_there() -> None:
+def test_security_and_mutants_name_tests_that_are_there() -> None:
     text = (HOME / "SECURITY.md").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     promises = [row for row in rows if not row.startswith(("| promise", "| ---"))]
     assert len(promises) > 15
     assert all("`tests/" in row for row in promises)
-    for name in re.findall(r"`(tests/[^`]+)`", text):
+    text += (HOME / "pyproject.toml").read_text(encoding="utf-8")
+    for name in re.findall(r"[`\"](tests/[\w/]+\.py[^`\"]*)", text):
         file, _, test = name.partition("::")
         tree = ast.parse((HOME / file).read_text(encoding="utf-8"))
         kinds = ast.FunctionDef | ast.ClassDef

@@ -76,7 +76,7 @@ def make_report(
     if data_was_named and faults and not any(places):
         raise faults[0]
     together = enumerate(zip(sections, places, strict=True), 1)
-    for number, (section, found) in progress(together, "sections", len(sections)):
+    for number, (section, found) in progress(together, "sections of the report", len(sections)):
         parts.append(_part(f"part{number}", section, found, pictures, blobs, notes))
     return _render(parts, blobs), notes
 
