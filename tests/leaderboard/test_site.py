@@ -16,7 +16,6 @@ import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from html.parser import HTMLParser
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urldefrag
@@ -52,30 +51,25 @@ from tests.support import HANGS_S
 
 
 def test_rows_their_facts_numbers_and_history(root: Path) -> None:
-    rows = rows_of(root / "site")
+    board, rows = board_of(root / "site"), rows_of(root / "site")
     assert list(rows) == ["m3", "m2", "m1", "m0"]  # the best first
-    row = rows["m0"]
-    assert (row["kind"], row["version"]) == ("re-scored", 2)
-    assert (row["team"], row["date"], row["rescored"]) == ("Team", "2026-03-01", "2026-04-01")
-    assert "contact" not in json.dumps(rows)
     [scored] = read_methods([root / RUNS / "m2/1"])
-    score = rows["m2"]["scores"]["recall@1"]
+    score, row = rows["m2"]["scores"]["recall@1"], rows["m0"]
     assert score["value"] == value_of(scored, scored.result.columns[0])
     assert 0 < score["low"] < score["value"] < score["high"] < 1
     east = rows["m2"]["scenes"]["east"]["recall@1"]
     assert east[0] == scored.result.scenes["east"]["recall@1"]
-    history = row["history"]
-    assert [one["number"] for one in history] == [2, 1]
-    assert history[0]["scores"]["recall@1"] > history[1]["scores"]["recall@1"]
-    assert history[0]["files"] == f"{RUNS}/m0/2"
-    board = board_of(root / "site")
+    facts = ("kind", "version", "team", "date", "rescored")
+    assert [row[key] for key in facts] == ["re-scored", 2, "Team", "2026-03-01", "2026-04-01"]
+    assert [one["files"] for one in row["history"]] == [f"{RUNS}/m0/2", f"{RUNS}/m0/1"]
+    newer, older = (one["scores"]["recall@1"] for one in row["history"])
+    assert newer > older
     assert (board["title"], board["updated"]) == ("A board", "2026-04-04")
     assert board["benchmarks"][1] == {"name": "made", "title": "Made", "tables": [PROTOCOL]}
-    # Numbers of papers stand there from the first day.
+    # Numbers of papers are there from the first day.
     reported = rows_of(root / "site", "uav-visloc-retrieval")
     salad = next(row for row in reported.values() if row["method"] == "SALAD")
     assert (salad["kind"], salad["scores"]["recall@1"]["rank"]) == ("reported", None)
-    assert 0 < salad["scores"]["recall@1"]["value"] < 1
     assert "airzoo-paper" in salad["source"]
 
 
@@ -95,17 +89,13 @@ def test_any_two_as_compare_prints_them(root: Path) -> None:
 
 
 def test_others_do_not_move_who_cannot_be_told_from_the_best(tmp_path: Path) -> None:
-    for name, rate in (("a", 0.6), ("b", 0.57), ("c", 0.1)):
-        write_run(tmp_path, name, 1, method(name.upper(), rate))
-
-    def near() -> list[bool]:
+    rates = {"a": 0.6, "b": 0.57, "c": 0.1}
+    for more in ({}, {f"x{n}": 0.2 + n / 100 for n in range(12)}):
+        for name, rate in (rates | more).items():
+            write_run(tmp_path, name, 1, method(name.upper(), rate))
         rows = rows_of(built(tmp_path)[0])
-        return [rows[name]["scores"]["recall@1"]["near_best"] for name in "abc"]
-
-    assert near() == [True, True, False]
-    for n in range(12):
-        write_run(tmp_path, f"x{n}", 1, method(f"X {n}", 0.2 + n / 100))
-    assert near() == [True, True, False]
+        near = [rows[name]["scores"]["recall@1"]["near_best"] for name in rates]
+        assert near == [True, True, False]
 
 
 def test_infinite_medians_conditions_and_an_earlier_truth(tmp_path: Path) -> None:
@@ -157,30 +147,27 @@ def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("told", "expected"),
+    ("errors", "expected"),
     [
-        ([(0.9, 0.02), (0.86, 0.02), (0.4, 0.03)], [[1, 2], [1, 2], [3, 3]]),
-        ([(0.9, 0.02), (0.8, None), (0.4, 0.03)], [[1, 2], [1, 3], [2, 3]]),
+        ((0.02, 0.02, 0.03), [[1, 2], [1, 2], [3, 3]]),
+        ((0.02, None, 0.03), [[1, 2], [1, 3], [2, 3]]),
     ],
 )
 def test_sealed_answers_have_conservative_ranges_and_no_pairs(
-    tmp_path: Path, told: list[tuple[float, float | None]], expected: list[list[int]]
+    tmp_path: Path, errors: tuple[float | None, ...], expected: list[list[int]]
 ) -> None:
     head: Any = {"benchmark": "made", "track": "retrieval", "protocol": PROTOCOL, "sealed": True}
     head |= {"protocol_version": 1, "protocol_fingerprint": "p", "truth": "t"}
     head["scenes"] = [{"id": "a", "title": "A", "queries": 50}]
-    for folder, (value, error) in zip("abc", told, strict=True):
+    for folder, value, error in zip("abc", (0.9, 0.86, 0.4), errors, strict=True):
         scores = {"recall@1": {"value": value, "standard_error": error}}
         row = {"kind": "sealed", "method": folder, "scores": scores}
         given = {"tree": "", "scored": "2026-04-01", "version": "1", "head": head, "row": row}
         answer = answers.Answer.model_validate(given | {"columns": [HIT.model_dump()]})
         answers.write_run(tmp_path / RUNS / folder / "1", submission(method=folder.upper()), answer)
     table = board_of(built(tmp_path)[0])["tables"][PROTOCOL]
-    assert table["sealed"]
-    assert [row["kind"] for row in table["rows"]] == ["sealed"] * 3
+    assert (table["sealed"], table["pairs"]) == (True, {})
     assert [row["scores"]["recall@1"]["rank"] for row in table["rows"]] == expected
-    assert table["rows"][0]["scores"]["recall@1"]["standard_error"] == 0.02
-    assert table["pairs"] == {}
 
 
 def test_the_same_bytes_from_nothing_and_from_a_cache(root: Path, tmp_path: Path) -> None:
@@ -194,7 +181,7 @@ def test_the_same_bytes_from_nothing_and_from_a_cache(root: Path, tmp_path: Path
 # --- pages ---
 
 TABLE = f"tables/{PROTOCOL}/"
-NAMES = ("SALAD", "Net & Co", "MegaLoc 龍", "a" * 64, "R&D 100 % <3".replace("<", "("))
+NAMES = ("SALAD", "Net & Co", "MegaLoc 龍", "a" * 64, "R&D 100 % (3")
 TEAMS = ('The "best" team', "O'Neil & {{ 7 * 7 }}", "W" * 64, "Team ${x}", "Größe")
 
 
@@ -231,75 +218,32 @@ def texts(sample: dict[str, Any]) -> dict[str, str]:
     return render_pages(sample)
 
 
-class Page(HTMLParser):
-    """Tags of a page, with their attributes."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-
-    def values(self, name: str) -> list[str]:
-        return [attrs[name] or "" for _, attrs in self.tags if name in attrs]
-
-
-def test_every_relative_link_leads_to_a_page_and_a_place_in_it(texts: dict[str, str]) -> None:
-    pages, links = {path: Page(text) for path, text in texts.items()}, 0
-    for path, page in pages.items():
-        for address in page.values("href"):
+def test_links_lead_to_pages_and_places_and_no_page_loads_or_runs_what_is_not_its_own(
+    texts: dict[str, str], sample: dict[str, Any]
+) -> None:
+    links = 0
+    for path, text in texts.items():
+        for address in re.findall(r'href="([^"]*)"', text):
             target, fragment = urldefrag(address)
             joined = os.path.normpath(PurePosixPath(path).parent / target) if target else path
             if not address.startswith(("https://", "data:")) and joined.endswith(".html"):
                 links += 1
-                assert "=" in fragment or not fragment or fragment in pages[joined].values("id")
-    assert links > 100
-
-
-def test_pages_load_nothing_and_strangers_texts_are_no_markup(texts: dict[str, str]) -> None:
-    for path, text in texts.items():
-        page = Page(text)
-        assert page.values("src") == [], path
-        for tag, attrs in page.tags:
-            assert tag not in ("iframe", "object", "embed", "base", "img", "video", "audio")
-            assert not any(name.startswith("on") or name == "style" for name in attrs), path
-            if tag == "a" and (attrs["href"] or "").startswith("https:"):
-                assert attrs["rel"] == "noopener nofollow"
+                place = f'id="{fragment}"' if fragment and "=" not in fragment else ""
+                assert place in texts[joined], address
+        assert not re.search(r"<[^>]*\s(?:src|style|on\w+)=", text), path
         assert not re.findall("[\x00-\x08\x0b-\x1f\x7f\u200b-\u200f\u202a-\u202e]", text), path
         assert "62615533" not in text, path  # 7919 * 7907
-        own = re.findall(r"<(?:style|script)>(.*?)</(?:style|script)>", text, re.DOTALL)
-        assert not re.search(r"url\(|@import", own[0])
         # The policy allows this style and script by their hashes alone.
-        policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)
-        assert policy is not None
-        said = policy[1].replace("&#39;", "'")
-        assert said.startswith("default-src 'none'; ")
-        assert "unsafe" not in said
-        digests = (hashlib.sha256(content.encode()).digest() for content in own)
-        hashes = [f"'sha256-{base64.b64encode(one).decode()}'" for one in digests]
-        assert re.findall(r"'sha256-[^']+'", said) == hashes, path
-
-
-def test_reported_failed_and_small_groups_are_marked_and_no_entry_is_a_page_too(
-    texts: dict[str, str], sample: dict[str, Any]
-) -> None:
-    page = texts[f"{TABLE}index.html"]
-    rows = re.findall(r"<tr data-at.*?</tr>", page, re.DOTALL)
-    reported = [row for row in rows if 'class="reported"' in row]
-    assert ["checkbox" in row for row in reported] == [False, False]
-    assert all("reported, not re-scored" in re.sub("<[^>]*>", "", row) for row in reported)
-    [failed] = [row for row in rows if 'class="failed"' in row]
-    assert "p.npz: not a prediction file" in failed
-    few = re.findall(r'<option value="[^"]+" class="few">([^<]*)<', page)
-    assert few == ["fog (12 queries), few"]
-    empty = {"rows": [], "pairs": {}, "truth": ""}
+        own = re.findall(r"<(?:style|script)>(.*?)</(?:style|script)>", text, re.DOTALL)
+        [policy] = re.findall(r'Content-Security-Policy" content="([^"]+)"', text)
+        assert policy.startswith("default-src &#39;none&#39;; ")
+        assert "unsafe" not in policy
+        hashes = [base64.b64encode(hashlib.sha256(c.encode()).digest()).decode() for c in own]
+        assert re.findall(r"&#39;sha256-(\S+?)&#39;", policy) == hashes, path
+    assert links > 100
+    empty = {"rows": [], "pairs": {}, "truth": ""}  # as every board begins
     tables = {name: table | empty for name, table in sample["tables"].items()}
-    assert "No entry yet" in render_pages(sample | {"tables": tables})[f"{TABLE}index.html"]
-
-
-# --- downloads ---
+    assert render_pages(sample | {"tables": tables}).keys() < texts.keys()
 
 
 def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(sample: Any) -> None:
@@ -311,17 +255,11 @@ def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(sample
     assert float(lines[0]["recall@1 value"]) == score["value"]
     assert int(lines[0]["recall@1 rank_last"]) == score["rank"][1]
     assert lines[0]["source"] == "'=cmd()"
-    for text in (
-        "}, \\input{/etc/passwd}",
-        "a} @misc{b",
-        "100 % & $x_1^2$ #~ \\",
-        '"q"',
-        "@string{x}",
-    ):
+    for text in (r"}, \input{/etc/passwd}", "a} @misc{b", "100 % & $x_1^2$ #~ \\", "@string{x}"):
         facts = {"id": "m", "method": text, "team": text, "authors": [text], "date": "2026-01-01"}
         entry = bibtex(facts | {"paper": None, "code": None, "source": ""}, text)
-        assert entry.count("{") == entry.count("}")
         assert entry.startswith("@misc{m,\n")
+        assert entry.count("{") == entry.count("}")
         assert (entry.count("@"), r"\input" in entry) == (1, False)
 
 
@@ -332,22 +270,17 @@ def test_serving_a_built_site(root: Path) -> None:
     address = addresses.get(timeout=HANGS_S).split()[0]
     with urllib.request.urlopen(f"{address}board.json") as answer:
         assert json.load(answer)["title"] == "A board"
-    for path in ("../secret", "%2e%2e/secret", "nothing"):
-        with pytest.raises(urllib.error.HTTPError, match="404") as caught:
-            urllib.request.urlopen(address + path)
-        caught.value.close()
+    with pytest.raises(urllib.error.HTTPError, match="404") as caught:
+        urllib.request.urlopen(f"{address}%2e%2e/leaderboard.toml")
+    caught.value.close()
 
 
 # --- in a browser ---
 
 PAGES = [
-    *(
-        "index.html",
-        "about.html",
-        f"{TABLE}index.html",
-        f"{TABLE}index.html#part=scenes%2F%2Feast&more=yes",
-    ),
-    *(f"{TABLE}compare.html#a=method-1&b=method-3", f"{TABLE}method-2.html", f"{TABLE}failed.html"),
+    *("index.html", "about.html", f"{TABLE}method-2.html", f"{TABLE}failed.html"),
+    *(f"{TABLE}index.html{mark}" for mark in ("", "#part=scenes%2F%2Feast&more=yes")),
+    f"{TABLE}compare.html#a=method-1&b=method-3",
 ]
 
 
@@ -368,12 +301,6 @@ def visit(page: Opened, folder: Path, name: str) -> None:
         page.until(lambda: page.all("#overall tbody tr"))
 
 
-@pytest.fixture
-def table(opened: Opened, site: Path) -> Opened:
-    visit(opened, site, f"{TABLE}index.html")
-    return opened
-
-
 def column(page: Opened, name: str) -> dict[str, str]:
     """Return what the cells of a column are sorted by, by the row's method, in their order."""
     found: list[list[str]] = page.driver.execute_script(
@@ -387,49 +314,38 @@ def column(page: Opened, name: str) -> dict[str, str]:
 
 
 @NEEDS_CHROMIUM
-def test_numbers_sort_both_ways_and_what_is_infinite_or_missing_stands_last(table: Opened) -> None:
-    before = column(table, "R@5")
-    for way in ("descending", "ascending", "descending"):
-        table.button('th[data-name="R@5"]', "").click()
-        assert table.one('th[data-name="R@5"]').get_attribute("aria-sort") == way
-        after = column(table, "R@5")
-        *numbers, infinite, missing = after.values()
-        assert (infinite, missing, after) == ("inf", "", before)
-        numbers = sorted(numbers, key=float, reverse=way == "descending")
-        assert numbers == [*after.values()][:-2]
-        assert f"sorted by R@5, {way}" in table.one("#said").text
-
-
-@NEEDS_CHROMIUM
-def test_filters_hide_rows_and_a_scene_is_shown_instead_of_the_average(
-    table: Opened, sample: dict[str, Any]
+def test_columns_are_sorted_and_filters_hide_rows_or_show_a_part_instead_of_the_average(
+    opened: Opened, site: Path, sample: dict[str, Any]
 ) -> None:
-    average = column(table, "R@1")
-    table.choose("#filters", "Rows", "reported, not re-scored")
-    assert len(column(table, "R@1")) == 2
-    assert table.one("#said").text == "2 of 15 methods shown."
-    table.one("#filters button").click()
-    table.until(lambda: column(table, "R@1") == average)
+    visit(opened, site, f"{TABLE}index.html")
+    for way in ("descending", "ascending"):
+        opened.button('th[data-name="R@5"]', "").click()
+        assert opened.one('th[data-name="R@5"]').get_attribute("aria-sort") == way
+        *numbers, infinite, missing = column(opened, "R@5").values()
+        assert (infinite, missing) == ("inf", "")  # last both ways
+        assert numbers == sorted(numbers, key=float, reverse=way == "descending")
+    average = column(opened, "R@1")
+    opened.choose("#filters", "Rows", "reported, not re-scored")
+    assert len(column(opened, "R@1")) == 2
+    opened.one("#filters button").click()
+    opened.until(lambda: column(opened, "R@1") == average)
     rows = {row["id"]: row for row in sample["tables"][PROTOCOL]["rows"]}
     for option, part in (
         ("East (30 queries)", lambda row: row["scenes"]["east"]["recall@1"][0]),
         ("fog (12 queries), few", lambda row: row["conditions"]["weather"]["recall@1"][0]),
     ):
-        table.choose("#filters", "Numbers", option)
-        shown = column(table, "R@1")
+        opened.choose("#filters", "Numbers", option)
+        shown = column(opened, "R@1")
         for name in ("method-0", "method-5"):
             assert float(shown[name]) == part(rows[name])
-    assert "few" in table.one("#results").get_attribute("class")
-    table.choose("#filters", "Numbers", "average over scenes")
-    assert column(table, "R@1") == average
-    table.choose("#filters", "Training data", "without gta-uav")
-    assert len(column(table, "R@1")) == 8  # who says nothing is not without it
-    table.one("input[name=name]").send_keys("MÉTHOD")
-    left, address = column(table, "R@1"), table.driver.current_url
+    opened.choose("#filters", "Training data", "without gta-uav")
+    assert len(column(opened, "R@1")) == 8  # who says nothing is not without it
+    opened.one("input[name=name]").send_keys("MÉTHOD")
+    left, address = column(opened, "R@1"), opened.driver.current_url
     assert 0 < len(left) < 8
-    table.driver.get("about:blank")
-    table.driver.get(address)  # which keeps the filters
-    assert column(table, "R@1") == left
+    opened.driver.get("about:blank")
+    opened.driver.get(address)  # which keeps the filters
+    assert column(opened, "R@1") == left
 
 
 @NEEDS_CHROMIUM
@@ -440,22 +356,18 @@ def test_a_comparison_shows_the_pairs_of_the_board(
     made = sample["tables"][PROTOCOL]
     pairs, rows = made["pairs"]["recall@1"], {row["id"]: row for row in made["rows"]}
     one, other = (rows[pairs["ids"][n]] for n in (a, b))
+    x, y = (row["scores"]["recall@1"]["value"] for row in (one, other))
     low, high, p, holm = (
         unpack_pair(pairs, key, min(a, b), max(a, b)) for key in ("low", "high", "p", "p_holm")
     )
     low, high = (-high, -low) if a > b else (low, high)
     visit(opened, site, f"{TABLE}compare.html#a={one['id']}&b={other['id']}")
     cells = [cell.text for cell in opened.all("#overall tbody tr:first-child td")]
-    x, y = (row["scores"]["recall@1"]["value"] for row in (one, other))
     signed = f"{100 * (x - y):+.2f}", f"{100 * low:+.2f} to {100 * high:+.2f}"
-    texts = [f"{100 * x:.2f}", f"{100 * y:.2f}", *(text.replace("-", "−") for text in signed)]
-    assert cells[:4] == texts
+    assert cells[2:4] == [text.replace("-", "−") for text in signed]
     assert cells[5:7] == ["< 0.0001" if v < 0.00005 else f"{v:.4f}" for v in (p, holm)]
     better = "A is better" if x > y else "B is better"
     assert cells[7] == (better if holm <= 0.05 else "cannot be told apart")
-    runs = " ".join(f"runs/made/retrieval/{row['id']}/{row['version']}" for row in (one, other))
-    command = f"airzoo-bench compare {runs} --scene east"
-    assert opened.one("#command code:last-child").text == command
 
 
 def screen(page: Opened, width: int, scheme: str = "light", media: str = "") -> None:

@@ -13,7 +13,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import confusable_homoglyphs
-import numpy as np
 import pytest
 import tomli_w
 from hypothesis import given
@@ -67,20 +66,18 @@ def test_names_are_printable_and_of_one_script() -> None:
             rules.check_name(name)
 
 
-@pytest.mark.parametrize(
-    ("one", "other", "alike"),
-    [
-        *(("SALAD", other, True) for other in ("Salad", "SA-LAD", "SALAD.", '"SALAD"', "(SALAD)")),
-        *(("SALAD", other, True) for other in ("SALAD,", "SALAD~")),
-        *(("VGG16", "VGGl6", True), ("Cornet", "Comet", True), ("LoFTR", "L0FTR", True)),
-        *(("Ame", "Amé", True), ("СОСА", "COCA", True), ("ΑΒΕΖ", "ABEZ", True)),
-        ("Net²", "Net2", True),
-        *(("SALAD", "SALAD+", False), ("v1.1", "v11", False), ("DUSt3R", "MASt3R", False)),
-        ("π3", "Pi3", False),
-    ],
-)
-def test_names_that_look_alike_are_found(one: str, other: str, alike: bool) -> None:
-    assert (skeleton(one) == skeleton(other)) == alike
+ALIKE = [
+    *("SALAD Salad", "SALAD SA-LAD", "SALAD SALAD.", 'SALAD "SALAD"', "SALAD (SALAD)"),
+    *("SALAD SALAD,", "SALAD SALAD~", "VGG16 VGGl6", "Cornet Comet", "LoFTR L0FTR", "Ame Amé"),
+    *("СОСА COCA", "ΑΒΕΖ ABEZ", "Net² Net2"),
+]
+APART = ["SALAD SALAD+", "v1.1 v11", "DUSt3R MASt3R", "π3 Pi3"]
+
+
+def test_names_that_look_alike_are_found() -> None:
+    for pair in ALIKE + APART:
+        one, other = pair.split()
+        assert (skeleton(one) == skeleton(other)) == (pair in ALIKE), pair
 
 
 def test_unicodes_lookalikes_of_ascii_are_refused_or_have_its_skeleton() -> None:
@@ -143,7 +140,7 @@ WRONG: dict[str, dict[str, Any] | str] = {
     "'code'": {"code": "https://github.com@evil.example/"},
     "'weights'": {"weights": "javascript:x"},
     "'pipeline.stages' is 'two'": {"pipeline": {"stages": "two"}},
-    "'predictions': either": {"predictions": TWO_PLACES},
+    "'predictions': either": {"predictions": {"sha256": "0" * 64, "bytes": 1}},
     "'team' is '\\x1b[2Jlab'": {"team": "\x1b[2Jlab"},
     "too large": "x" * 50_000_000,
     "not valid TOML": "method = " + "[" * 15_000,
@@ -151,16 +148,16 @@ WRONG: dict[str, dict[str, Any] | str] = {
 }
 
 
-@pytest.mark.parametrize("said", WRONG)
-def test_each_mistake_is_named(said: str, tmp_path: Path) -> None:
-    changes, path = WRONG[said], tmp_path / "submission.toml"
-    path.write_text(changes if isinstance(changes, str) else tomli_w.dumps(values(**changes)))
-    with pytest.raises(SubmissionError) as caught:
-        read_submission(path)
-    message = str(caught.value)
-    assert said in message
-    assert message.replace("\n", "").isprintable()
-    assert len(message) < 2_000
+def test_each_mistake_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "submission.toml"
+    for said, changes in WRONG.items():
+        path.write_text(changes if isinstance(changes, str) else tomli_w.dumps(values(**changes)))
+        with pytest.raises(SubmissionError) as caught:
+            read_submission(path)
+        message = str(caught.value)
+        assert said in message
+        assert message.replace("\n", "").isprintable()
+        assert len(message) < 2_000
 
 
 # --- the check of a folder ---
@@ -179,61 +176,42 @@ def write_limits(root: Path, limits: str) -> None:
     (root / BOARD_FILE).write_text(BOARD.replace("[[", f"[limits]\n{limits}\n[[", 1))
 
 
-def _change(home: Path, content: Callable[[bytes], bytes]) -> None:
-    (home / "preds.npz").write_bytes(content((home / "preds.npz").read_bytes()))
-
-
-def _name(home: Path, protocol: str) -> None:
-    toml = home / "submission.toml"
-    toml.write_text(toml.read_text().replace(PROTOCOL, protocol))
+def _change(home: Path, old: bytes, new: bytes, name: str = "submission.toml") -> None:
+    (home / name).write_bytes((home / name).read_bytes().replace(old, new))
 
 
 def _move(home: Path, place: str) -> Path:
-    moved = home.parents[2] / place
-    moved.parent.mkdir(parents=True, exist_ok=True)
-    return Path(shutil.move(home, moved))
-
-
-def _repeat(home: Path) -> None:
-    """Answer with one tile twice, in a file that is announced as it is."""
-    with np.load(home / "preds.npz") as stored:
-        arrays = dict(stored)
-    arrays["ranked_ids"][0][1] = arrays["ranked_ids"][0][0]
-    shutil.rmtree(home)
-    arrays.pop("protocol")
-    write_submission(home.parents[3], arrays)
+    return Path(shutil.copytree(home, home.parents[2] / place))
 
 
 # What is done to a sound folder, and what is said.
 FAULTS: list[tuple[Callable[[Path], object], str]] = [
-    (lambda home: None, ""),
     (lambda home: (home / "link").symlink_to("/etc/passwd"), "is no file: a link"),
     (lambda home: os.mkfifo(home / "pipe"), "a pipe or a device"),
     (lambda home: (home / "preds.npz").chmod(0o755), "executable"),
     (lambda home: (home / "preds.npz").unlink(), "'predictions.file'"),
-    (lambda home: _change(home, lambda c: c[:-1] + bytes([c[-1] ^ 1])), ".sha256'"),
-    (lambda home: _change(home, lambda c: c + b"x"), "'predictions.bytes'"),
+    (lambda home: _change(home, b"query_ids", b"query_idz", "preds.npz"), ".sha256'"),
+    (lambda home: _change(home, b"bytes = ", b"bytes = 1"), "'predictions.bytes'"),
     (lambda home: (home / "submission.toml").unlink(), "no such submission file"),
     (lambda home: _move(home, "mad/retrieval/salad"), "which does not score"),
     (lambda home: _move(home, "made/matching/salad"), "which does not score"),
     (lambda home: _move(home, "made/retrieval/nul"), "which does not score"),
-    (lambda home: _name(home, "uav-visloc-retrieval"), "which does not score"),
-    (lambda home: _name(home, "own.toml"), "which does not score"),
-    (_repeat, "each tile once a query"),
+    (lambda home: _change(home, b"made-retr", b"uav-visloc-retr"), "which does not score"),
     (lambda home: write_limits(home.parents[3], "committed_bytes = 1000"), "at most 1,000 bytes"),
 ]
 
 
 def test_folders_that_ci_refuses(root: Path, data: Path, perfect: Any) -> None:
+    found = checked(home := write_submission(root, perfect), data)
+    assert (found.errors, found.warnings) == ([], [])
+    assert found.predictions == home / "preds.npz"
+    twice = {name: [[row[0], *row[:-1]] for row in rows] for name, rows in perfect.items()}
+    other = write_submission(root, perfect | {"ranked_ids": twice["ranked_ids"]}, "other")
+    assert "each tile once a query" in only_error(checked(other, data))
     for change, said in FAULTS:
-        moved = change(home := write_submission(root, perfect))
-        found = checked(moved if isinstance(moved, Path) else home, data)
-        if said:
-            assert said in only_error(found)
-        else:
-            assert (found.errors, found.warnings) == ([], [])
-            assert found.predictions == home / "preds.npz"
         shutil.rmtree(root / "submissions")
+        moved = change(home := write_submission(root, perfect))
+        assert said in only_error(checked(moved if isinstance(moved, Path) else home, data))
 
 
 def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
@@ -253,15 +231,11 @@ def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
         (home / "preds.npz").unlink()
         return home
 
-    monkeypatch.setattr("airzoo_bench.leaderboard.checks.fetch", fetch)
+    monkeypatch.setattr(checks, "fetch", fetch)
     home = by_address("https://example.org/preds.npz")
-    assert checked(home, data).predictions is None
-    for seconds in (1.0, 0.0):
-        found = checked(home, data, seconds)
-        assert not found.errors
-        assert found.predictions is not None
-        assert found.predictions.is_relative_to(data / checks.FETCHED)
-    assert asked == [("https://example.org/preds.npz", stated["bytes"], stated["sha256"])]
+    places = [checked(home, data, seconds).predictions for seconds in (0.0, 1.0, 0.0)]
+    assert places == [None, *[data / checks.FETCHED / str(stated["sha256"]) / "preds.npz"] * 2]
+    assert asked == [("https://example.org/preds.npz", *stated.values())]
     write_limits(root, "url_bytes = 100")
     assert "at most 100" in only_error(checked(home, data))
     shutil.rmtree(home)  # an address that is never fetched is refused before
@@ -277,18 +251,16 @@ CLAIMS: list[tuple[str, dict[str, Any], str]] = [
     ("note", {"method": "Mine", "team": "Other"}, "to the last byte those of 'SALAD'"),
     ("note", {"team": "Other"}, "'SALAD' is on this board already, of team 'Example Lab'"),
     ("note", {"team": "Other", "method": "Net (official)"}, "says that it is official"),
-    ("note", {"supersedes": "nothing", "method": "Newer"}, "'supersedes' is ignored"),
+    ("note", {"method": "Newer"}, "'supersedes' is ignored"),
 ]
 
 
 def test_names_and_predictions_that_are_there_already(root: Path, data: Path, perfect: Any) -> None:
     write_submission(root, perfect)
     for kind, changes, said in CLAIMS:
-        own = {key: value for key, value in changes.items() if key != "folder"}
-        home = write_submission(root, perfect, changes.get("folder", "second"), **own)
-        if "supersedes" in changes:  # as earlier submissions have it
-            toml = home / "submission.toml"
-            toml.write_text('supersedes = "nothing"\n' + toml.read_text())
+        home = write_submission(root, perfect, **({"folder": "second"} | changes))
+        if "supersedes" in said:  # as earlier submissions have it
+            _change(home, b"schema", b'supersedes = "nothing"\nschema')
         found = checked(home, data)
         assert any(said in str(one) for one in (found.errors, found.warnings)[kind == "note"])
         assert bool(found.errors) == (kind == "error")
@@ -344,37 +316,33 @@ def test_one_command_makes_a_branch_with_the_checked_folder(
     git(root, "commit", "--quiet", "-m", "A board")
     more = ("--set", 'pipeline.uses=["prior"]', "--set", "code=https://example.org/salad")
     made = run("submit", preds, *OPTIONS, *more)
-    assert "checked and scored, nothing wrong" in made.stdout
     steps = ["git push -u origin submit-salad", "gh pr create --fill"]
     assert made.stdout.splitlines()[-2:] == steps
-    changed = git(root, "show", "--name-only", "--format=%s", "submit-salad").splitlines()
-    names = ("preds.npz", "submission.toml")
-    assert changed == ["SALAD on made, retrieval", "", *(f"{FOLDER}/{name}" for name in names)]
+    changed = git(root, "show", "--name-only", "--format=", "submit-salad").splitlines()
+    assert changed == [f"{FOLDER}/{name}" for name in ("preds.npz", "submission.toml")]
     stated = read_submission(root / FOLDER / "submission.toml")
     assert (stated.protocol, stated.account, stated.training_data) == (PROTOCOL, ADA, ())
     assert stated.pipeline.uses == ("prior",)
 
 
-def test_options_that_are_wrong(root: Path, preds: Path) -> None:
+def test_wrong_options_write_nothing_and_a_version_is_replaced_only_by_force(
+    root: Path, preds: Path
+) -> None:
+    whole = [*OPTIONS, "--no-commit"]
     for options, said in (
         (OPTIONS[:2], "--team, --contact, --author, --licence, --training-data, --stages"),
-        ([*OPTIONS, "--protocol", "made-retrieva"], "did you mean 'made-retrieval'"),
-        ([*OPTIONS, "--set", "paper"], "key 'paper' is ''"),
-        ([*OPTIONS, "--set", "papr=https://a.org"], "papr"),
+        ([*whole, "--protocol", "made-retrieva"], "did you mean 'made-retrieval'"),
+        ([*whole, "--set", "papr=https://a.org"], "papr"),
     ):
         assert said in str(run("submit", preds, *options, code=1).exception)
         assert not (root / "submissions").exists()
-
-
-def test_an_earlier_version_is_replaced_only_by_force(root: Path, preds: Path) -> None:
-    call = ("submit", preds, *OPTIONS, "--no-commit")
-    run(*call, "--url", "https://example.org/preds.npz")  # which is not copied
-    assert [path.name for path in (root / FOLDER).iterdir()] == ["submission.toml"]
-    stated = read_submission(root / FOLDER / "submission.toml").predictions
+    run("submit", preds, *whole, "--url", "https://example.org/preds.npz")  # which is not copied
+    [path] = (root / FOLDER).iterdir()
+    stated = read_submission(path).predictions
     assert (stated.url, stated.size) == ("https://example.org/preds.npz", preds.stat().st_size)
-    assert "--force" in str(run(*call, code=1).exception)
-    run(*call, "--force", "--set", "summary=Newer")
-    assert read_submission(root / FOLDER / "submission.toml").summary == "Newer"
+    assert "--force" in str(run("submit", preds, *whole, code=1).exception)
+    run("submit", preds, *whole, "--force", "--set", "summary=Newer")
+    assert read_submission(path).summary == "Newer"
 
 
 def test_eight_questions_at_most_on_a_terminal(
