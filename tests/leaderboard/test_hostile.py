@@ -15,7 +15,7 @@ from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.leaderboard import answers, pull_request
 from airzoo_bench.leaderboard.board import Board as Rules
 from airzoo_bench.leaderboard.board import Place
-from airzoo_bench.leaderboard.comment import MARK, Found, code, comment_on
+from airzoo_bench.leaderboard.comment import MARK, Found, comment_on
 from airzoo_bench.leaderboard.submission import submission_text
 from tests.leaderboard.conftest import (
     ADA,
@@ -252,17 +252,27 @@ FILES: list[Callable[[Path], object]] = [
 ]
 
 
-def test_hostile_predictions_are_one_refusal(board: Board) -> None:
-    for number, write in enumerate(FILES, 1):
+def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_runner(
+    board: Board,
+) -> None:
+    hostile = [{f"{MINE}/a\n::set-output\x1b[2J": b"x"}]
+    for write in FILES:
         write(file := board.home / "p.npz")
         given = {"file": "p.npz", "sha256": sha256_of_tree(file), "bytes": file.stat().st_size}
         text = submission_text(submission(predictions=given)).encode()
-        files = {f"{MINE}/submission.toml": text, f"{MINE}/p.npz": file.read_bytes()}
+        hostile.append({f"{MINE}/submission.toml": text, f"{MINE}/p.npz": file.read_bytes()})
+    for number, files in enumerate(hostile, 1):
         head = board.hosted.commit(board.hosted.resolve(), files)
-        comment = board.ci(number, board.hosted.pull(number, head), code=1)
+        work = board.score(number, board.hosted.pull(number, head), code=1)
+        comment = board.comment(work / "found-score.json")
         assert "is refused" in comment
-        assert "Traceback" not in comment
-        assert str(board.home) not in comment
+        assert not [text for text in ("Traceback", str(board.home)) if text in comment]
+        assert "set-output" not in outside_code(comment)
+        places = ("--out", work / "f.json", "--work", work / "again")
+        log = board.step("score", "--event", work / "event.json", *places, code=1)
+        assert log.stdout == "refused\n"
+        assert all(line.startswith("| ") for line in log.stderr.splitlines())
+        assert "\x1b" not in log.stderr
 
 
 # --- the comment ---
@@ -303,13 +313,12 @@ def found(kind: Any = "scored", answer: answers.Answer | None = None, **more: An
 
 
 def answer(titles: Sequence[str], **more: Any) -> answers.Answer:
-    """Return an answer with scores of scenes, and an earlier version."""
+    """Return an answer with scores of scenes."""
     scenes = [{"id": f"s{n}", "title": text, "queries": 1234} for n, text in enumerate(titles)]
-    head = {"benchmark": "made", "track": "retrieval", "protocol": "p", "protocol_version": 1}
-    versions = [{"number": n, "date": "", "files": "", "scores": {HIT.key: 0.4}} for n in (2, 1)]
     score = {"value": 0.5, "low": 0.25, "high": 0.75, "rank": (2, 5)}
-    row = {"kind": "re-scored", "method": "Salad", "scores": {HIT.key: score}, "history": versions}
+    row = {"kind": "re-scored", "method": "Salad", "scores": {HIT.key: score}}
     row["scenes"] = {scene["id"]: {HIT.key: (0.5, 0.25, 0.75)} for scene in scenes}
+    head = {"benchmark": "made", "track": "retrieval", "protocol": "p", "protocol_version": 1}
     head |= {"protocol_fingerprint": "f", "scenes": scenes}
     given = {"tree": "", "scored": "2026-01-01", "version": "1", "columns": [HIT.model_dump()]}
     return answers.Answer.model_validate(given | {"head": head, "row": row | more})
@@ -330,28 +339,3 @@ def test_a_comment_renders_nothing_that_was_submitted(text: str) -> None:
         assert "This is about commit aaaaaaaaaaaa" in outside_code(made)
     tables = [line for line in scored.split("\n") if line.startswith("| ")]
     assert len({line.count("|") for line in tables[:3]}) == 1
-
-
-def test_a_comment_has_intervals_ranks_and_the_last_version() -> None:
-    made = comment_on(found(answer=answer(["East"]), method="Salad", ranked=9))
-    assert "Rank **2 to 5** of 9 by `R@1`." in made
-    assert "| `East` | 1,234 | 50.00 [25.00, 75.00] |" in made
-    assert "| the last version | 1,234 | 40.00 |" in made
-    far = found(answer=answer(["East"], scenes={"s0": {HIT.key: (float("inf"), None, None)}}))
-    assert "| `East` | 1,234 | inf |" in comment_on(far)
-    assert Found.model_validate_json(far.model_dump_json()) == far
-    assert code("a`b|c\nd") == "`a'b/c d`"
-
-
-def test_the_log_gives_no_command_to_the_runner(board: Board) -> None:
-    files: dict[str, File] = {f"{MINE}/a\n::set-output\x1b[2J": b"x"}
-    head = board.hosted.commit(board.hosted.resolve(), files)
-    work = board.score(1, board.hosted.pull(1, head), code=1)
-    said = board.comment(work / "found-score.json")
-    assert "set-output" in said
-    assert "set-output" not in outside_code(said)
-    places = ("--out", work / "f.json", "--work", work / "again")
-    done = board.step("score", "--event", work / "event.json", *places, code=1)
-    assert done.stdout == "refused\n"
-    assert all(line.startswith("| ") for line in done.stderr.splitlines())
-    assert "\x1b" not in done.stderr
