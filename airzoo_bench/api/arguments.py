@@ -17,8 +17,6 @@ from airzoo_bench.geometry.poses import FARTHEST
 from airzoo_bench.geometry.precision import COARSEST_M, narrow_type
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 
-__all__ = ["Scores"]
-
 Shape = tuple[int | None, ...]
 
 
@@ -35,9 +33,6 @@ class Scores:
 
     def __getitem__(self, name: str) -> Any:
         return self.scores[name]
-
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"there is no {name!r} among {', '.join(vars(self))}")
 
     def __repr__(self) -> str:
         width = max(map(len, self.scores))
@@ -70,10 +65,7 @@ def as_array(name: str, values: Any) -> NDArray[Any]:
     """Return an array of any type; masks, which NumPy would drop, are refused."""
     if np.ma.is_masked(values):
         raise fault(name, "has masked entries", "an array", "fill them: array.filled(np.nan)")
-    try:
-        return np.asarray(values)
-    except (ValueError, TypeError) as error:  # ragged lists; tensors on a GPU
-        raise fault(name, f"cannot be an array: {error}", "an array") from error
+    return np.asarray(values)
 
 
 def numbers(name: str, values: Any, shape: Shape) -> NDArray[Any]:
@@ -83,8 +75,7 @@ def numbers(name: str, values: Any, shape: Shape) -> NDArray[Any]:
         array = array.reshape([length or 0 for length in shape])
     fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
     if len(shape) != array.ndim or not all(fits) or array.dtype.kind not in "biuf":
-        letters = [str(letter if n is None else n) for letter, n in zip("NMK", shape, strict=False)]
-        expected = f"numbers of shape ({', '.join(letters)})"
+        expected = f"numbers of shape {shape}".replace("None", "any")
         raise fault(name, f"is {array.dtype} of shape {array.shape}", expected)
     return array
 
@@ -123,14 +114,12 @@ def refuse_rows(name: str, bad: Any, what: str, expected: str) -> None:
 
 
 def check_pairs(**arguments: Any) -> None:
-    """Refuse paired arguments with different numbers of rows or different pandas labels."""
+    """Refuse paired arguments with different numbers of rows."""
     (first, rows), *others = arguments.items()
     for name, other in others:
-        where = f"{first}, {name}"
         if hasattr(rows, "__len__") and hasattr(other, "__len__") and len(rows) != len(other):
-            raise fault(where, f"have {len(rows)} and {len(other)} rows", "as many, in one order")
-        if hasattr(rows, "iloc") and hasattr(other, "iloc") and not rows.index.equals(other.index):
-            raise fault(where, "have different indexes", "the same labels: b.reindex(a.index)")
+            what = f"have {len(rows)} and {len(other)} rows"
+            raise fault(f"{first}, {name}", what, "as many, in one order")
 
 
 def listed(name: str, values: Any) -> list[Any]:
@@ -144,16 +133,14 @@ def listed(name: str, values: Any) -> list[Any]:
 
 def whole(name: str, value: Any, least: int = 1) -> int:
     """Return a whole number from `least` to the largest that solvers take as seeds."""
-    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not is_whole or not least <= int(value) < 2**31:
+    if not isinstance(value, Integral) or not least <= int(value) < 2**31:
         raise fault(name, f"is {value!r}", f"a whole number from {least} to 2,147,483,647")
     return int(value)
 
 
 def positive(name: str, value: Any, most: float = FARTHEST) -> float:
     """Return a number above 0, at most `most`."""
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not 0.0 < float(value) <= most:
+    if not isinstance(value, Real) or not 0.0 < float(value) <= most:
         raise fault(name, f"is {value!r}", f"a number above 0, at most {most:g}")
     return float(value)
 

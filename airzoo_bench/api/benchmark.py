@@ -9,27 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from airzoo_bench.benchmark import queries
 from airzoo_bench.benchmark.folder import Benchmark, data_here, find_benchmark, needed
 from airzoo_bench.benchmark.images import photo_size, read_rgb_photo
-from airzoo_bench.benchmark.queries import (
-    CAMERA_COLUMNS,
-    PRIOR_COLUMNS,
-    cameras_of,
-    conditions_of,
-    poses_of,
-    read_excluded,
-    read_queries,
-)
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.rasters import RasterInfo, pixel_to_world, read_rgb
+from airzoo_bench.geometry.rasters import pixel_to_world, read_rgb
 from airzoo_bench.matching.solving import lift
 from airzoo_bench.matching.truth import read_truth as read_matching_truth
 from airzoo_bench.retrieval.truth import boxes_of, read_tiles
 
-__all__ = ["BlindBenchmark", "load_benchmark"]
-
 Image = NDArray[np.uint8]
-Window = tuple[int, int, int, int]
 
 
 def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> BlindBenchmark:
@@ -44,13 +34,11 @@ def load_benchmark(name_or_path: str | Path, data: str | Path | None = None) -> 
         source = Benchmark.open(folder, sealed=True)
     else:
         source = find_benchmark(str(name_or_path), data_here(data), sealed=True)
-    scenes = [
+    scenes = tuple(
         BlindScene(one.id, one.title, one.crs, one.plane_height_m, source)
         for one in source.file.scenes
-    ]
-    return BlindBenchmark(
-        source.name, source.folder, tuple(source.file.tracks), tuple(scenes), source
     )
+    return BlindBenchmark(source.name, source.folder, tuple(source.file.tracks), scenes, source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,52 +74,61 @@ class BlindScene:
     plane_height_m: float | None
     _source: Benchmark = field(repr=False)
 
-    def queries(self) -> tuple[Photo, ...]:
+    def queries(self) -> tuple[Picture, ...]:
         """Return the queries of retrieval, sorted by id."""
         return self.photos("retrieval")
 
-    def photos(self, track: str = "reconstruction") -> tuple[Photo, ...]:
+    def photos(self, track: str = "reconstruction") -> tuple[Picture, ...]:
         """Return the photos for a track, sorted by id."""
-        folder, images = self._folder(track).parent, self._source.scene(self.id).images
-        table = read_queries(folder, read_excluded(self._source, self.id, track))
-        texts: Any = conditions_of(table).select_dtypes(exclude="number").astype(str)
-        priors: list[Pose | None] = [None] * len(table)
-        cameras: list[Camera | None] = [None] * len(table)
-        if {*PRIOR_COLUMNS} <= {*table.columns}:
-            known = np.isfinite(table[list(PRIOR_COLUMNS)].to_numpy(float)).all(axis=1)
-            poses = poses_of(table[known], PRIOR_COLUMNS)
-            pairs = zip(poses.rotation, poses.centres, strict=True)
-            for row, pose in zip(np.flatnonzero(known), pairs, strict=True):
-                priors[row] = Pose(*pose)
-        if {*CAMERA_COLUMNS} <= {*table.columns}:
-            lens = cameras_of(table)
+        table = queries.read_queries(
+            self._folder(track).parent, queries.read_excluded(self._source, self.id, track)
+        )
+        home = self._source.resolve(self._source.scene(self.id).images)
+        texts: Any = queries.conditions_of(table).select_dtypes(exclude="number").astype(str)
+        priors: dict[int, Pose] = {}
+        cameras: dict[int, Camera] = {}
+        if {*queries.PRIOR_COLUMNS} <= {*table.columns}:
+            known = np.isfinite(table[list(queries.PRIOR_COLUMNS)].to_numpy(float)).all(axis=1)
+            poses = queries.poses_of(table[known], queries.PRIOR_COLUMNS)
+            pairs = map(Pose, poses.rotation, poses.centres)
+            priors = dict(zip(np.flatnonzero(known).tolist(), pairs, strict=True))
+        if {*queries.CAMERA_COLUMNS} <= {*table.columns}:
+            lens = queries.cameras_of(table)
             sizes = lens.width.tolist(), lens.height.tolist()
-            parts = zip(*sizes, lens.matrices, lens.distortion, strict=True)
-            cameras = [Camera(*part) for part in parts]
-        home, names = self._source.resolve(images), table["image"]
-        rows = zip(table["id"], names, texts.to_dict("records"), priors, cameras, strict=True)
-        return tuple(Photo(one, name, home / name, *rest) for one, name, *rest in rows)
+            cameras = dict(enumerate(map(Camera, *sizes, lens.matrices, lens.distortion)))
+        rows = enumerate(zip(table["id"], table["image"], texts.to_dict("records"), strict=True))
+        return tuple(
+            Picture(one, home / name, None, name, said, priors.get(row), cameras.get(row))
+            for row, (one, name, said) in rows
+        )
 
-    def tiles(self) -> tuple[Tile, ...]:
+    def tiles(self) -> tuple[Picture, ...]:
         """Return the tiles of the gallery, sorted by id."""
         table, entry = read_tiles(self._folder("retrieval")), self._source.scene(self.id)
         gallery = self._source.resolve(needed(entry.gallery or entry.dom, "gallery", self.id))
         if "image" in table.columns:
             pairs = zip(table["id"], table["image"], strict=True)
-            return tuple(Tile(name, gallery / image) for name, image in pairs)
+            return tuple(Picture(one, gallery / image) for one, image in pairs)
         windows = table[["x", "y", "width", "height"]].to_numpy(np.int64).tolist()
         sizes, boxes = table["size_m"].astype(float), boxes_of(table).tolist()
-        rows = zip(table["id"], windows, boxes, sizes, strict=True)
-        return tuple(Tile(one, gallery, tuple(w), tuple(b), size) for one, w, b, size in rows)
+        return tuple(
+            Picture(one, gallery, tuple(window), box=tuple(box), size_m=size)
+            for one, window, box, size in zip(table["id"], windows, boxes, sizes, strict=True)
+        )
 
-    def crops(self) -> tuple[Crop, ...]:
+    def crops(self) -> tuple[Picture, ...]:
         """Return the crop of each query of matching, sorted by the photo's id."""
         photos, truth = self.photos("matching"), read_matching_truth(self._source, self.id)
-        windows, maps = truth.crops.tolist(), map(truth.map_of, range(len(photos)))
-        rows = zip(photos, windows, maps, strict=True)
-        return tuple(Crop(one.id, one, tuple(w), its.dom, its.dsm) for one, w, its in rows)
+        maps, windows = map(truth.map_of, range(len(photos))), map(tuple, truth.crops.tolist())
+        return tuple(
+            Picture(one.id, its.dom.path, window, query=one, map=its.dom, surface=its.dsm)
+            for one, window, its in zip(photos, windows, maps, strict=True)
+        )
 
     def _folder(self, track: str) -> Path:
+        if track not in self._source.file.tracks:
+            what = f"serves no {track}, only {', '.join(self._source.file.tracks)}"
+            raise BenchmarkError(what, where=self._source.folder)
         return self._source.scene_folder(self.id) / track
 
 
@@ -159,75 +156,48 @@ class Pose(NamedTuple):
     centre: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class Photo:
-    """A photo as a method may know it, with the prior by its own GPS and gimbal.
+@dataclass(frozen=True, eq=False, repr=False)
+class Picture:
+    """A photo, a tile of the gallery or a crop of the map; each has its own of these fields.
 
-    The id is ``scene/name``. Conditions that are numbers, such as altitude, are left out: they
-    come from the true pose. Prior and camera are None where they are not known.
+    Photos have a `name`, `conditions` (without numbers, which come from the true pose), a `camera`
+    and a `prior` by their own GPS and gimbal, or None; the id is ``scene/name``. Tiles of a map
+    have a `box`, lon_min, lat_min, lon_max, lat_max in degrees, and `size_m`, the mean side on the
+    ground. Crops are chosen by the prior of their `query`; `surface` is the surface model of `map`,
+    on a grid of its own. `window` is x, y, width, height in the map.
     """
 
     id: str
-    name: str = field(repr=False)
-    path: Path = field(repr=False)
-    conditions: dict[str, str] = field(repr=False)
-    prior: Pose | None = field(repr=False)
-    camera: Any = field(repr=False)  # Camera | None
+    path: Path
+    window: Any = None
+    name: str = ""
+    conditions: dict[str, str] = field(default_factory=dict)
+    prior: Pose | None = None
+    camera: Any = None
+    box: Any = None
+    size_m: float | None = None
+    query: Any = None
+    map: Any = None
+    surface: Any = None
+
+    def __repr__(self) -> str:
+        return f"Picture({self.id})"
 
     @property
     def image(self) -> Image:
-        """The photo (H, W, 3) at full size, read now."""
+        """The picture (H, W, 3) at full size, read now."""
         return self.read()
 
     def read(self, long_side_px: int | None = None) -> Image:
-        """Read the photo in colour, made smaller where a long side is given."""
+        """Read the picture in colour; a photo is made smaller where a long side is given."""
+        if self.window is not None:
+            return read_rgb(self.path, self.window)
         whole = max(photo_size(self.path))
         return read_rgb_photo(self.path, long_side_px or whole)
 
-
-@dataclass(frozen=True, eq=False)
-class Tile:
-    """A tile of a gallery: a window (x, y, width, height) of a map, or an image.
-
-    `box` is lon_min, lat_min, lon_max, lat_max in degrees, `size_m` the mean side on the ground;
-    window, box and size are None for an image.
-    """
-
-    id: str
-    map: Path
-    window: Window | None = None
-    box: tuple[float, float, float, float] | None = None
-    size_m: float | None = None
-
-    @property
-    def image(self) -> Image:
-        """The tile (H, W, 3), read now."""
-        if self.window is None:
-            return read_rgb_photo(self.map, max(photo_size(self.map)))
-        return read_rgb(self.map, self.window)
-
-
-@dataclass(frozen=True, eq=False)
-class Crop:
-    """The window (x, y, width, height) of an orthophoto that a query is matched with.
-
-    It is chosen by the query's prior; `surface` is the surface model, on a grid of its own.
-    """
-
-    id: str
-    query: Photo
-    window: Window
-    map: RasterInfo = field(repr=False)
-    surface: Path = field(repr=False)
-
-    @property
-    def image(self) -> Image:
-        """The crop of the orthophoto (H, W, 3), read now."""
-        return read_rgb(self.map.path, self.window)
-
     def to_map(self, xy: ArrayLike) -> Floats:
         """Take pixels (M, 2) of the crop to pixels of the whole map, as predictions have them."""
-        return np.asarray(xy, np.float64) + self.window[:2]
+        return np.asarray(xy, np.float64) + np.asarray(self.window[:2], np.float64)
 
     def to_world(self, xy: ArrayLike) -> Floats:
         """Take pixels (M, 2) of the crop to coordinates of the map's CRS, x before y."""

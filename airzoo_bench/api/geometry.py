@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import Any, get_args
 
@@ -23,8 +24,6 @@ from airzoo_bench.reconstruction.clouds import bounding_box, cloud_of, find_crop
 from airzoo_bench.reconstruction.distances import cloud_distances
 from airzoo_bench.reconstruction.metrics import curve, mean_distances
 from airzoo_bench.results.result import summarise
-
-__all__ = ["align_cameras", "cloud_scores", "pose_errors", "pose_scores", "solve_pose"]
 
 
 def pose_errors(predicted: ArrayLike, true: ArrayLike) -> PoseErrors:
@@ -84,60 +83,39 @@ def _read_cameras(name: str, values: ArrayLike) -> PosedCameras:
 
 
 def pose_scores(
-    errors: PoseErrors | tuple[ArrayLike, ArrayLike | None],
-    thresholds: Iterable[tuple[float, float]] = ((5, 1), (10, 1), (20, 2)),
+    errors: PoseErrors, thresholds: Iterable[tuple[float, float]] = ((5, 1), (10, 1), (20, 2))
 ) -> Scores:
     """Score pose errors: recall strictly below thresholds, medians and areas under the error curve.
 
     Returns ``error_m`` and ``rotation_deg``, the medians; ``within_5m_1deg``, pose recall;
     ``within_5m``, translation recall; ``auc_5m``, the area from 0 to 5 m as a share of the best
     possible; how many ``queries`` and ``failures``; and ``records``, a row a query. Raises an
-    `ArgumentError` for no query, errors that are NaN, negative or of different lengths, thresholds
-    not above 0.
+    `ArgumentError` for no query, errors that are NaN, thresholds not above 0.
 
     Source: Sarlin, DeTone, Malisiewicz, Rabinovich, SuperGlue, CVPR 2020 (area; its code joins the
     steps by lines, which gives up to 1 / (2 N) more).
 
     Parameters
     ----------
-    errors : PoseErrors, or (translation, rotation)
-        Of `pose_errors`, or (N,) metres and degrees, or None; infinite for failures.
+    errors : PoseErrors
+        Of `pose_errors`; infinite for failures.
     thresholds : iterable of (metres, degrees)
         Of pose recall; translation recall and area are at the same metres.
     """
-    found = errors if isinstance(errors, PoseErrors) else _pair_errors(*errors)
     rows = arg.floats("thresholds", arg.listed("thresholds", thresholds), (None, 2)).tolist()
-    for name, values in (("errors", found.translation_m), ("thresholds", rows)):
-        if len(values) == 0:
-            raise arg.fault(name, "are none", "at least one")
+    for name, values in (("errors", errors.translation_m), ("thresholds", rows)):
+        if len(values) == 0 or np.isnan(values).any():
+            raise arg.fault(name, "are none, or NaN", "at least one; infinite for a failure")
     pairs = sorted({tuple(arg.positive("thresholds", limit) for limit in row) for row in rows})
     metres = tuple(sorted({limit for limit, _ in pairs}))
     limits: dict[str, Any] = {"translation_below_m": metres, "auc_up_to_m": metres}
     limits |= {"pose_below_m_deg": tuple(pairs), "failed_rotation_deg": "infinite"}
-    trusted = found.rotation_deg is not None
+    trusted = errors.rotation_deg is not None
     settings = arg.shipped("matching", "scores", orientation_is_trusted=trusted, **limits)
-    # Of a pair of errors there are no horizontal and vertical parts.
-    columns = pose_columns(found, settings).items()
-    known = {name: values for name, values in columns if not np.isnan(values).any()}
-    records = pd.DataFrame({"scene": "", **known})
-    scores = [score for score in matching_scores(settings) if score.key in known]
-    failures = int(np.isinf(found.translation_m).sum())
-    counts = {"queries": len(records), "failures": failures}
-    averages = summarise(records, scores, [""]).overall
+    records = pd.DataFrame({"scene": "", **pose_columns(errors, settings)})
+    counts = {"queries": len(records), "failures": int(np.isinf(errors.translation_m).sum())}
+    averages = summarise(records, matching_scores(settings), [""]).overall
     return Scores(counts | averages, records=records.drop(columns="scene"))
-
-
-def _pair_errors(translation: ArrayLike, rotation: ArrayLike | None) -> PoseErrors:
-    metres = arg.floats("errors", translation, (None,))
-    unknown = np.full_like(metres, np.nan)
-    degrees = None if rotation is None else arg.floats("errors", rotation, (None,))
-    bad: Any = ~(metres >= 0.0)
-    if degrees is not None:
-        arg.check_pairs(**{"errors[0]": translation, "errors[1]": rotation})
-        bad |= ~((degrees >= 0.0) & ((degrees <= 180.0) | np.isinf(degrees)))
-    expected = "metres, and degrees up to 180, or None; infinite for a failure"
-    arg.refuse_rows("errors", bad, "a number out of range", expected)
-    return PoseErrors(metres, unknown, unknown, degrees)
 
 
 def solve_pose(
@@ -148,7 +126,6 @@ def solve_pose(
     distortion: ArrayLike | None = None,
     solver: SolverName = "colmap",
     max_error_px: float = 5.0,
-    max_trials: int = 100_000,
     seed: int = 0,
 ) -> PoseEstimate:
     """Find a camera's pose from 2D-3D matches in any order, as the shipped matching protocols do.
@@ -174,17 +151,15 @@ def solve_pose(
         The first is LO-RANSAC of COLMAP, without refinement.
     max_error_px : float
         Largest reprojection error of an inlier.
-    max_trials, seed : int
-        The most samples, at least 1,000, and their seed.
+    seed : int
+        Of the random samples, 100,000 at most.
     """
     arg.choice("solver", solver, get_args(SolverName))
     at = arg.floats("pixels", pixels, (None, 2), finite=True)
     points = arg.coordinates("points3d", points3d)
     arg.check_pairs(pixels=pixels, points3d=points3d)
-    limits = {"max_error_px": arg.positive("max_error_px", max_error_px)}
-    limits["max_trials"] = arg.whole("max_trials", max_trials, 1_000)
-    seed = arg.whole("seed", seed, 0)
-    settings = arg.shipped("matching", "solver", name=solver, seed=seed, **limits)
+    limit, seed = arg.positive("max_error_px", max_error_px), arg.whole("seed", seed, 0)
+    settings = arg.shipped("matching", "solver", name=solver, seed=seed, max_error_px=limit)
     K = arg.floats("camera", camera, (3, 3))
     lens = None if distortion is None else arg.floats("distortion", distortion, (None,))[None]
     # The size of the image is no part of the problem; solvers only carry it along.
@@ -195,12 +170,7 @@ def solve_pose(
 
 
 def cloud_scores(
-    predicted: ArrayLike,
-    true: ArrayLike,
-    threshold: float = 10.0,
-    *,
-    plain: bool = False,
-    jobs: int = 1,
+    predicted: ArrayLike, true: ArrayLike, threshold: float = 10.0, *, plain: bool = False
 ) -> Scores:
     """Score a predicted cloud as the reconstruction track does once it is aligned.
 
@@ -225,10 +195,8 @@ def cloud_scores(
         Points nearer than this, strictly, are right.
     plain : bool
         Compare the clouds as they are; else distances count as at most ten times the threshold.
-    jobs : int
-        Threads; the scores do not depend on it.
     """
-    limit, threads = arg.positive("threshold", threshold), min(arg.whole("jobs", jobs), 256)
+    limit = arg.positive("threshold", threshold)
     # The sizes of the shipped protocols, as shares of the threshold.
     sizes: dict[str, Any] = {"crop_margin_m": limit, "crop_cell_m": limit / 2}
     sizes |= {"crop": "none", "voxel_m": "none"} if plain else {"voxel_m": limit / 20}
@@ -237,15 +205,13 @@ def cloud_scores(
     for name, values in (("predicted", predicted), ("true", true)):
         points = arg.floats(name, values, (None, 3))
         finite = points[np.isfinite(points).all(axis=1)]
-        if len(points) and not len(finite):
-            raise arg.fault(name, "has no finite point", "finite numbers")
         arg.check_digits(name, finite, arg.as_array(name, values).dtype.type, coarsest=limit / 20)
         clouds.append(cloud_of(points))
     block = max(*(cloud.count for cloud in clouds), 1)
     with arg.refused("true"):
         crop = find_crop(clouds[1], bounding_box(clouds[1]), settings, block)
         kept, known = (prepare_cloud(cloud, settings, crop, block) for cloud in clouds)
-    found = cloud_distances(kept.source, known.source, block_points=block, jobs=threads)
+    found = cloud_distances(kept.source, known.source, block_points=block, jobs=os.cpu_count() or 1)
     means = mean_distances(*found, None if plain else 10 * limit)
     below = curve(*found, np.array([limit]))
     return Scores(

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -16,14 +16,12 @@ from numpy.typing import ArrayLike
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.arguments import Scores
 from airzoo_bench.benchmark.folder import data_here
-from airzoo_bench.core.errors import UserError
-from airzoo_bench.evaluation.evaluate import check as find_errors
-from airzoo_bench.evaluation.evaluate import evaluate as score_predictions
-from airzoo_bench.evaluation.predictions import ReadBy, write_predictions
+from airzoo_bench.core.files import write_npz
+from airzoo_bench.evaluation import evaluate as scoring
+from airzoo_bench.evaluation.predictions import ReadBy
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.results import comparison
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
-from airzoo_bench.results.comparison import compare as compare_methods
-from airzoo_bench.results.comparison import score_intervals
 from airzoo_bench.results.records import Method, check_records, read_methods, write_csv
 from airzoo_bench.results.result import write_result
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
@@ -34,27 +32,11 @@ from airzoo_bench.tables.layouts import scenes_table
 from airzoo_bench.tables.model import Table
 from airzoo_bench.tables.render import render
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = [
-    "Check",
-    "Comparison",
-    "Result",
-    "bootstrap_ci",
-    "check",
-    "compare",
-    "evaluate",
-    "load_result",
-]
-
 Predictions = str | Path | Mapping[str, Any]
 Statistic = Literal["share", "mean", "median"]
 
 _COMPARED = """score method reference value reference_value difference low high p p_holm p_mcnemar
 wins ties losses verdict"""
-_MOST_CONFIDENCE = 0.999999  # limits of more are those of rounding
-_LARGEST = 1e100  # third powers of larger values overflow
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,7 +64,7 @@ class Result(Method):
         """Return the table of scenes as ``airzoo-bench table --format FORM`` writes it."""
         return render(scenes_table(self.result, floors=True), form, width=120)
 
-    def plot(self, kind: str, *others: Method, score: str | None = None, **options: Any) -> Figure:
+    def plot(self, kind: str, *others: Method, score: str | None = None, **options: Any) -> Any:
         """Draw this result, and others of its protocol and truth, as ``airzoo-bench plot`` does.
 
         `kind` is recall, errors, thresholds or condition, `score` a key or title, by default the
@@ -162,9 +144,9 @@ def evaluate(
     """
     read_by = ReadBy(reader, None if names is None else Path(names))
     run = Run(memory_bytes=max_memory, jobs=jobs)
-    with _as_path(predictions, protocol) as path:
+    with _as_path(predictions) as path:
         named: Any = {"protocol": protocol, "method": method, "data": data_here(data)}
-        done = score_predictions(path, run=run, read_by=read_by, **named)
+        done = scoring.evaluate(path, run=run, read_by=read_by, **named)
     result, records = done.result, done.records
     if "query" not in records:
         records = records.assign(query=records["scene"])
@@ -172,12 +154,8 @@ def evaluate(
     return Result(name, result, check_records(records, result, name))
 
 
-@dataclass(frozen=True, repr=False)
-class Check:
+class Check(scoring.Checked):
     """Errors that `evaluate` would raise: `errors` is of `UserError`, `notes` is of texts."""
-
-    errors: tuple[UserError, ...]
-    notes: tuple[str, ...]
 
     @property
     def ok(self) -> bool:
@@ -203,13 +181,13 @@ def check(
     where there is nothing to check: no such file, or no known protocol.
     """
     read_by = ReadBy(reader, None if names is None else Path(names))
-    with _as_path(predictions, protocol) as path:
-        found = find_errors(path, data=data_here(data), protocol=protocol, read_by=read_by)
-    return Check(tuple(found.errors), tuple(found.notes))
+    with _as_path(predictions) as path:
+        found = scoring.check(path, data=data_here(data), protocol=protocol, read_by=read_by)
+    return Check(**vars(found))
 
 
 @contextmanager
-def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
+def _as_path(predictions: Predictions) -> Iterator[Path]:
     """Yield the path of predictions; arrays are written to a file first, as a user would."""
     if not isinstance(predictions, Mapping):
         yield local_path(predictions)
@@ -217,21 +195,15 @@ def _as_path(predictions: Predictions, protocol: str | None) -> Iterator[Path]:
     fields = {name: arg.as_array(name, values) for name, values in predictions.items()}
     # Columns of pandas hold text as objects.
     fields = {name: one.astype(str) if one.dtype == object else one for name, one in fields.items()}
-    named = protocol or fields.pop("protocol", None)
-    if named is None:
-        raise arg.fault("protocol", "is not named", "one of `airzoo-bench protocols`")
     with TemporaryDirectory() as folder:
         path = Path(folder, "predictions.npz")
-        write_predictions(path, str(named), fields)
+        write_npz(path, fields)
         yield path
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """A comparison of results; it shows itself as `table` is, the one of the command.
-
-    `frame` is a DataFrame of the numbers; see `compare`.
-    """
+    """A comparison; `table` is shown, `frame` is a DataFrame of the numbers, see `compare`."""
 
     table: Table
     frame: pd.DataFrame
@@ -281,14 +253,14 @@ def compare(
     if len(methods) == 1:
         if scene is not None:
             scene = find_scene(methods[0].result.truth.scene_titles, scene)
-        found = score_intervals(methods[0], chosen, plan, scene)
+        found = comparison.score_intervals(methods[0], chosen, plan, scene)
         rows = [
             {"scene": name, "score": score.key, **vars(one)}
             for name, part in [*found.groups.items(), (None, found.overall)]
             for score, one in zip(chosen, part, strict=True)
         ]
         return Comparison(intervals_table(methods[0], chosen, plan), pd.DataFrame(rows))
-    made = compare_methods(methods, chosen, reference=reference, scene=scene, resampling=plan)
+    made = comparison.compare(methods, chosen, reference=reference, scene=scene, resampling=plan)
     rows = [
         {**vars(pair.interval), **vars(pair), "score": pair.score.key, "p": pair.test.p_value}
         | {"verdict": verdict(pair)}
@@ -329,14 +301,12 @@ def bootstrap_ci(
         Between 0 and 1; the seed of the 10,000 resamples.
     """
     arg.choice("statistic", statistic, get_args(Statistic))
-    share = arg.positive("confidence", confidence, _MOST_CONFIDENCE)
+    share = arg.positive("confidence", confidence, 0.999999)  # beyond it rounding decides
     plan = ResamplingConfig(seed=arg.whole("seed", seed, 0), confidence=share)
     numbers = arg.floats("values", values, (None,))
     if len(numbers) == 0:
         raise arg.fault("values", "holds no value", "a number a query")
-    bad = ~(np.abs(numbers) <= _LARGEST) & ~np.isposinf(numbers)
-    if statistic == "share":
-        bad |= (numbers < 0.0) | (numbers > 1.0)
+    bad = ~((numbers >= 0.0) & (numbers <= 1.0)) if statistic == "share" else ~(numbers > -np.inf)
     expected = "numbers, infinite for failures; shares from 0 to 1, not percent"
     arg.refuse_rows("values", bad, "NaN or a value out of range", expected)
     groups = {"": numbers}
@@ -355,7 +325,5 @@ def bootstrap_ci(
 
 
 def _as_scores(estimate: float, found: Interval, **more: Any) -> Scores:
-    values = {"estimate": estimate, "low": found.low, "high": found.high}
-    kind = "reason" if found.low is None else "method"
-    values[kind] = getattr(found, kind)
-    return Scores(values, **{"reason": found.reason, "method": found.method} | more)
+    known = {name: value for name, value in vars(found).items() if value not in (None, "")}
+    return Scores({"estimate": estimate} | known, **vars(found) | more)

@@ -20,8 +20,6 @@ from airzoo_bench.retrieval.settings import ApVariant
 from airzoo_bench.retrieval.track import hit_columns
 from airzoo_bench.retrieval.truth import Positives, offsets_of
 
-__all__ = ["average_precision", "chance_level", "recall_at_k", "retrieval_scores"]
-
 
 def recall_at_k(hits: ArrayLike, k: int) -> float:
     """Return Recall@k: the share of queries with a positive among the first k.
@@ -32,7 +30,7 @@ def recall_at_k(hits: ArrayLike, k: int) -> float:
     Parameters
     ----------
     hits : (Q, K) array-like
-        Whether each rank holds a positive, best first; a list a query, or (K,) of one query.
+        Whether each rank holds a positive, best first; lists may be of different lengths.
     k : int
         At least 1.
     """
@@ -64,8 +62,6 @@ def average_precision(
     """
     arg.choice("variant", variant, get_args(ApVariant))
     matrix = _read_hits(hits)
-    if hasattr(n_positives, "iloc"):
-        arg.check_pairs(hits=hits, n_positives=n_positives)
     counts = _read_counts(n_positives, len(matrix), np.maximum(matrix.sum(axis=1), 1))
     depth = max(matrix.shape[1], 1) if k is None else arg.whole("k", k)
     return float(metrics.average_precision_at(matrix, counts, depth, variant).mean())
@@ -76,13 +72,10 @@ def _read_hits(hits: Any) -> Bools:
     if isinstance(hits, list | tuple) and hits and all(isinstance(one, Sequence) for one in hits):
         longest = max(map(len, hits))
         hits = [[*row, *[0] * (longest - len(row))] for row in hits]
-    values = arg.as_array("hits", hits)
-    is_one_query = values.ndim == 1 and len(values) > 0
-    matrix = arg.numbers("hits", values[None] if is_one_query else values, (None, None))
+    matrix = arg.numbers("hits", hits, (None, None))
     if len(matrix) == 0 or not np.isin(matrix, (0, 1)).all():
-        what = "holds other values than 0 and 1" if len(matrix) else "holds no query"
         expected = "for each query whether each rank is a hit: booleans, or 0 and 1"
-        raise arg.fault("hits", what, expected)
+        raise arg.fault("hits", "holds no query, or other values than 0 and 1", expected)
     return matrix.astype(np.bool_)
 
 
@@ -128,12 +121,6 @@ def retrieval_scores(
         nearer. Of equal scores the positives come last.
     ap : {"precision", "min", "trec", "hits"}
         The reading of AP@k; all but the first name it: ``ap@5/trec``.
-
-    Examples
-    --------
-    >>> found = retrieval_scores([["t3", "t1"], ["t5", "t2"]], [{"t1", "t2"}, {"t5"}], ks=(1,))
-    >>> found["recall@1"], found["mrr"]
-    (0.5, 0.75)
     """
     arg.choice("ap", ap, get_args(ApVariant))
     depths, similar = _read_ranks(ks), None
@@ -227,9 +214,8 @@ def _number_positives(right: Sequence[Sequence[Any]], place: dict[Any, int]) -> 
     """Return the positives of each query as rows of the gallery."""
     for query, ids in enumerate(right):
         if len({*ids} & place.keys()) < len(ids):
-            fix = "np.flatnonzero(row), where the row says of every tile whether it is a positive"
             what, expected = "an id twice, or one that no tile has", "ids of the gallery, each once"
-            raise arg.fault(f"positives[{query}]", what, expected, fix)
+            raise arg.fault(f"positives[{query}]", what, expected)
     rows = [sorted(place[one] for one in ids) for ids in right]
     offsets = offsets_of(np.array([*map(len, rows)], np.int64))
     return Positives(offsets, np.array([*chain(*rows)], np.int32))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,21 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from airzoo_bench.api import arguments as arg
 from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
 from airzoo_bench.benchmark.folder import data_here
+from airzoo_bench.core import files
 from airzoo_bench.core.errors import PredictionError, UserError
-from airzoo_bench.core.files import (
-    atomic_entries,
-    check_output_file,
-    check_output_folder,
-    write_npz,
-)
 from airzoo_bench.evaluation.evaluate import check as find_errors
 from airzoo_bench.evaluation.predictions import check_npz, write_predictions
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.protocol.model import find_protocol
-
-__all__ = ["PredictionWriter"]
 
 Answer = dict[str, NDArray[Any]]
 
@@ -79,10 +71,10 @@ class PredictionWriter:
         self._data = opened.folder
         opened._source.check_fits(chosen)
         if self._track == "reconstruction":
-            check_output_folder(self._path, ("protocol.txt",))
+            files.check_output_folder(self._path, ("protocol.txt",))
         else:
             check_npz(self._path)
-            check_output_file(self._path)
+            files.check_output_file(self._path)
         scenes = [opened.scene(scene.id) for scene in chosen.scenes]
         self._photos = {scene.id: scene.photos(self._track) for scene in scenes}
         photos = [photo.id for some in self._photos.values() for photo in some]
@@ -90,7 +82,7 @@ class PredictionWriter:
         ids = {"query": photos, "photo": photos, "scene": self._photos, "tile": tiles or ()}
         self._ids = {kind: dict.fromkeys(names) for kind, names in ids.items()}  # ordered sets
         self._answers: dict[str, Answer] = {}
-        self._forms: dict[str, dict[str, object]] = {}  # of each group of like answers
+        self._forms: dict[str, Any] = {}  # fields and shapes that all answers of a group share
 
     def add(self, name: str, **fields: ArrayLike | None) -> None:
         """Add the answer to one query, or the description of one tile, photo or scene, by its id.
@@ -106,10 +98,9 @@ class PredictionWriter:
 
         Raises a `UserError` for an unknown or repeated id, or fields that do not belong together.
         """
+        given = {key: values for key, values in fields.items() if values is not None}
         try:
-            answer = self._read_answer(
-                name, {n: one for n, one in fields.items() if one is not None}
-            )
+            answer = self._read_answer(name, given)
         except UserError as error:
             raise error.inside(f"{self._path}, {str(name)[:80]}") from error
         self._answers[name] = answer
@@ -140,14 +131,10 @@ class PredictionWriter:
                 answer[key] = arg.numbers(key, values, _SHAPES[key]).copy()
         if needed != "rotation centre":
             arg.check_pairs(**fields)
-        # All answers are alike, in reconstruction those of a scene's photos.
-        group = {"scene": name, "photo": f"photos of {name.partition('/')[0]}"}.get(kinds[0], "all")
-        form: dict[str, object] = {
-            key: (one.shape, one.dtype) if key in _STACKED else None for key, one in answer.items()
-        }
+        group = {"scene": name, "photo": name.partition("/")[0] + "/"}.get(kinds[0], "")
+        form = {key: one.shape if key in _STACKED else "any" for key, one in answer.items()}
         if (first := self._forms.setdefault(group, form)) != form:
-            what = f"other fields than {' and '.join(first)}, or one of another type or shape"
-            raise PredictionError(what, expected=f"{group}: all answers alike")
+            raise PredictionError("is not like answers before it", expected=f"shapes {first}")
         return answer
 
     def _check_id(self, name: str, *kinds: str) -> None:
@@ -184,16 +171,17 @@ class PredictionWriter:
         columns = {key: [one[key] for one in answers] for key in answers[0]}
         if "descriptor" in columns:
             tiles = [name for name in self._ids["tile"] if name in self._answers]
-            arrays = {"query_descriptors": np.stack(columns["descriptor"])}
             described = [self._answers[name]["descriptor"] for name in tiles]
-            arrays["gallery_descriptors"] = np.reshape(
-                described, (len(tiles), len(columns["descriptor"][0]))
-            )
+            arrays = {"query_descriptors": np.stack(columns["descriptor"])}
+            arrays["gallery_descriptors"] = np.array(described)
             arrays["gallery_ids"] = np.array(tiles, dtype=str)
         elif "ranked_ids" in columns:
             width = max(*self._protocol.scores.recall_at, *map(len, columns["ranked_ids"]))
             fills: dict[str, Any] = {"ranked_ids": "", "scores": 0.0}
-            arrays = {key: _pad(rows, width, fills[key]) for key, rows in columns.items()}
+            arrays = {
+                key: np.array([[*row.tolist(), *[fills[key]] * (width - len(row))] for row in rows])
+                for key, rows in columns.items()
+            }
         elif "query_xy" in columns:
             arrays = {key: np.concatenate(rows) for key, rows in columns.items()}
             arrays["offsets"] = np.cumsum([0, *map(len, columns["query_xy"])], dtype=np.int64)
@@ -204,30 +192,21 @@ class PredictionWriter:
     def _write_scenes(self) -> None:
         endings = (".ply", ".cameras.npz", ".npz")
         entries = [f"{scene}{ending}" for scene in self._photos for ending in endings]
-        with atomic_entries(self._path, ("protocol.txt", *entries)) as folder:
+        with files.atomic_entries(self._path, ("protocol.txt", *entries)) as folder:
             for scene, photos in self._photos.items():
                 if cloud := self._answers.get(scene):
                     write_ply(folder / f"{scene}.ply", Cloud(**cloud))
                 if done := [photo for photo in photos if photo.id in self._answers]:
-                    arrays = _view_arrays([self._answers[photo.id] for photo in done])
+                    answers = [self._answers[photo.id] for photo in done]
+                    arrays = {key: np.stack([one[key] for one in answers]) for key in answers[0]}
+                    poses = Poses(rotation=arrays.pop("rotation"), centres=arrays.pop("centre"))
+                    matrices = [poses.rotation, poses.translation[..., None]]
+                    arrays["extrinsics"] = np.concatenate(matrices, axis=2)
+                    if "confidence" in arrays:
+                        arrays["conf"] = arrays.pop("confidence")
+                    if "depth" in arrays:
+                        arrays["pixel_centres"] = np.array("half")
                     arrays["image_names"] = np.array([photo.name for photo in done], dtype=str)
                     ending = ".npz" if "depth" in arrays else ".cameras.npz"
-                    write_npz(folder / f"{scene}{ending}", arrays)
+                    files.write_npz(folder / f"{scene}{ending}", arrays)
             (folder / "protocol.txt").write_text(f"{self._protocol.name}\n", encoding="utf-8")
-
-
-def _pad(rows: Sequence[NDArray[Any]], width: int, fill: Any) -> NDArray[Any]:
-    """Return lists as rows of one length."""
-    return np.array([[*row.tolist(), *[fill] * (width - len(row))] for row in rows])
-
-
-def _view_arrays(answers: list[Answer]) -> Answer:
-    """Return the cameras of photos, with their depth maps."""
-    fields = {key: np.stack([one[key] for one in answers]) for key in answers[0]}
-    poses = Poses(rotation=fields.pop("rotation"), centres=fields.pop("centre"))
-    fields["extrinsics"] = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
-    if "depth" in fields:
-        fields["pixel_centres"] = np.array("half")
-    if "confidence" in fields:
-        fields["conf"] = fields.pop("confidence")
-    return fields

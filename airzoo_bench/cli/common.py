@@ -69,10 +69,10 @@ DataOption = Annotated[
 ]
 ReaderOption = Annotated[
     Text,
-    option("Reader of a method's own files (default: the one that knows them).", panel="Input"),
+    option("One of `airzoo-bench readers` (default: the one that knows the files).", panel="Input"),
 ]
 NamesOption = Annotated[
-    File, option("A list of images in the method's order, for files without names.", panel="Input")
+    File, option("A file with a photo's name a line, in the method's order.", panel="Input")
 ]
 ImageSizeOption = Annotated[
     Text,

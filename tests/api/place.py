@@ -123,6 +123,11 @@ def _level_points() -> np.ndarray[Any, Any]:
     return np.column_stack([north_west, GROUND_M + 0.05 * np.sin(east / 7)])
 
 
+def made_errors(metres: Any, degrees: Any) -> ab.PoseErrors:
+    """Return errors of poses, all of them over x and y."""
+    return ab.PoseErrors(np.array(metres), np.array(metres), 0 * np.array(metres), degrees)
+
+
 def refused(call: Callable[..., Any], *arguments: Any, where: str, **options: Any) -> str:
     """Call, and return the message of the refusal, which names the argument."""
     with pytest.raises(ab.ArgumentError) as caught:

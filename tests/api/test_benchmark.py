@@ -139,8 +139,11 @@ def test_a_folder_is_opened_by_name_and_path_and_held_to_its_checksums(
     assert load_benchmark(NAME, tmp_path).scene(NAME).id == NAME
     made = load_benchmark("made").scenes[0]
     assert len(made.queries()) == 6
-    for call in (lambda: load_benchmark("nowhere"), lambda: load_benchmark(tmp_path), made.crops):
+    for call in (lambda: load_benchmark("nowhere"), lambda: load_benchmark(tmp_path)):
         with pytest.raises(BenchmarkError):
+            call()
+    for call, track in ((made.crops, "matching"), (made.photos, "reconstruction")):
+        with pytest.raises(BenchmarkError, match=track):
             call()
     queries = folder / "scenes" / NAME / "queries.csv"
     queries.write_text(queries.read_text().replace("a.png", "z.png"))

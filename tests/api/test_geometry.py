@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import airzoo_bench as ab
 from airzoo_bench.api.arguments import shipped
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from tests.api.place import refused
+from tests.api.place import made_errors, refused
 from tests.matching import world as matching_world
 from tests.reconstruction import world as reconstruction_world
 from tests.reconstruction.world import camera_poses, predict_clouds, true_points
@@ -79,7 +79,8 @@ def test_errors_and_scores_are_those_of_the_track(
             found.records[column].tolist(), rel=1e-9, abs=1e-9
         ), column
     # The truth of a folder is rounded to 0.1 mm; of equal errors the scores are equal.
-    again = ab.pose_scores((found.records["error_m"], found.records["rotation_deg"]), limits)
+    parts = ("error_m", "horizontal_m", "vertical_m", "rotation_deg")
+    again = ab.pose_scores(ab.PoseErrors(*(found.records[x].to_numpy() for x in parts)), limits)
     for one in (again, scores):
         assert (one["queries"], one["failures"]) == (5, 1)
     for name in again.records:
@@ -129,16 +130,16 @@ def test_failures_stay_and_a_truth_without_orientation_has_no_angles() -> None:
     positions = ab.pose_scores(ab.pose_errors(predicted, np.zeros((3, 3))))
     assert positions.scores["within_5m"] == 1 / 3
     assert positions.scores.keys().isdisjoint({"rotation_deg", "within_5m_1deg"})
-    one = ab.pose_scores(([5.0], [0.0]))
+    one = ab.pose_scores(made_errors([5.0], np.zeros(1)))
     assert (one["within_5m"], one["within_10m"]) == (0.0, 1.0)  # strictly below
-    assert ab.pose_scores(([1.0], [1.0]), [(5, 2), (5, 2)])["within_5m_2deg"] == 1.0
-    assert ab.pose_scores(([np.inf], [np.inf]))["auc_20m"] == 0.0
+    twice = ab.pose_scores(made_errors([1.0], np.ones(1)), [(5, 2), (5, 2)])
+    assert twice["within_5m_2deg"] == 1.0
     for values, median in (
         ([5.0, 0, 10, np.inf, 7, np.inf], 8.5),
         ([1.0, 2, np.inf, np.inf], np.inf),  # one of the two middle ones
         ([1.0, 2, np.inf], 2.0),
     ):
-        assert ab.pose_scores((values, None))["error_m"] == median
+        assert ab.pose_scores(ab.PoseErrors(*[np.array(values)] * 3, None))["error_m"] == median
 
 
 def test_too_few_matches_are_a_result() -> None:

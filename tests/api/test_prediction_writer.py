@@ -126,9 +126,9 @@ MASKED = np.ma.masked_equal([1.0, 2], 2)
         (RECONSTRUCTION, A, VIEW | {"depth": np.ones((2, 24, 32))}, "depth"),
         # After another answer, with which these do not go together.
         (RETRIEVAL, B, {"descriptor": [1.0]}, "ranked_ids"),
-        (RETRIEVAL, B, RANKED | {"scores": [*range(6)]}, "alike"),
-        (RECONSTRUCTION, B, VIEW | {"depth": np.ones((25, 32))}, "photos of field"),
-        (RECONSTRUCTION, B, POSE, "photos of field"),
+        (RETRIEVAL, B, RANKED | {"scores": [*range(6)]}, "answers before"),
+        (RECONSTRUCTION, B, VIEW | {"depth": np.ones((25, 32))}, "answers before"),
+        (RECONSTRUCTION, B, POSE, "answers before"),
     ],
 )
 def test_an_answer_that_cannot_be_meant_is_refused_at_once(

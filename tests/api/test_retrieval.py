@@ -129,11 +129,10 @@ def test_edges_of_lists(ranked: Any, positives: Any, expected: float) -> None:
 
 
 def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike() -> None:
-    assert ab.recall_at_k([False, True], 1) == 0.0
-    assert ab.recall_at_k([False, True], 50) == 1.0
+    assert ab.recall_at_k([[False, True]], 50) == 1.0
     assert ab.recall_at_k([[1], [0, 0, 1], []], 3) == 2 / 3
     assert ab.recall_at_k(np.array([[1.0, 0.0]]), 1) == 1.0
-    assert ab.average_precision([True, False], 1) == 1.0
+    assert ab.average_precision([[True, False]], 1) == 1.0
     assert ab.average_precision([[1, 0], [0, 0]], [2, 1], 2, variant="min") == 0.25
     found = ab.retrieval_scores(None, [[0], [1], [2]], (1, 10), scores=np.ones((3, 10)))
     assert (found["recall@10"], found["tie_dependent"]) == (0.0, 3)

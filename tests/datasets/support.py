@@ -34,7 +34,7 @@ def hold_tiles(home: Path, scene: BlindScene) -> None:
             np.testing.assert_array_equal(np.asarray(image), tile.image)
         assert listed.loc[row.Index, BOX].tolist() == list(tile.box)
         assert listed.loc[row.Index, ["x", "y", "width", "height"]].tolist() == list(tile.window)
-        with rasterio.open(tile.map) as whole:
+        with rasterio.open(tile.path) as whole:
             corner = whole.transform.c + whole.transform.a * tile.window[0]
         assert row.c == corner
 
