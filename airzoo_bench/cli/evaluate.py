@@ -57,7 +57,7 @@ def evaluate(
 
     Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures
     """
-    from airzoo_bench.evaluation.evaluate import SceneStore, check_run_folder, save
+    from airzoo_bench.evaluation.evaluate import check_run_folder, save
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.predictions import ReadBy
     from airzoo_bench.evaluation.track import Run
@@ -74,9 +74,9 @@ def evaluate(
     if out is not None:
         check_run_folder(out, predictions)
         method = method or out.resolve().name or None
-    memory, jobs, store = cli.memory_bytes(max_memory), jobs or info.jobs, None
+    memory, jobs, unfinished = cli.memory_bytes(max_memory), jobs or info.jobs, None
     if out is not None and resume and not figures:
-        store = SceneStore(out.resolve().with_name(f"{out.resolve().name}.unfinished"))
+        unfinished = out.resolve().with_name(f"{out.resolve().name}.unfinished")
     with open_engine(engine, jobs=jobs) as place:
         place.progress = cli.progress
         threads = jobs if engine == LOCAL else 1
@@ -89,10 +89,8 @@ def evaluate(
             method=method,
             run=run,
             read_by=ReadBy(reader, names, image_size),
-            store=store,
+            unfinished=unfinished,
         )
-        if store is not None:
-            store.remove()
         if evaluation.given.reader is not None:
             cli.say(f"read by reader {evaluation.given.reader.name}: `airzoo-bench check` says how")
         draw = partial(resolve(info.figures), evaluation, run) if figures else None

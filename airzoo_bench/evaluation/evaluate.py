@@ -82,9 +82,9 @@ def evaluate(
     method: str | None = None,
     run: Run = HERE,
     read_by: ReadBy = AS_FOUND,
-    store: SceneStore | None = None,
+    unfinished: Path | None = None,
 ) -> Evaluation:
-    """Score predictions."""
+    """Score predictions; scenes are kept in a folder `unfinished` until all are scored."""
     given = open_predictions(
         path, data=data, track=track, protocol=protocol, run=run, read_by=read_by
     )
@@ -94,11 +94,12 @@ def evaluate(
     for error in assignment.errors:
         raise error
     sha256, of_truths = sha256_of_tree(path), truth_fingerprint(truths)
-    if store is not None:  # versions too, but not code that is being changed
+    store = None
+    if unfinished is not None:  # versions too, but not code that is being changed
         reader = None if given.reader is None else given.reader.model_dump(mode="json")
         names = None if read_by.names is None else sha256_of(read_by.names)
         inputs = [sha256, reader, names, chosen.fingerprint, of_truths, versions()]
-        store.begin(fingerprint([*inputs, run.memory_bytes]))
+        store = SceneStore(unfinished, fingerprint([*inputs, run.memory_bytes]))
     scored: dict[str, SceneScores] = {}
     parts = zip(truths, assignment.parts, strict=True)
     for truth, part in run.progress(parts, "scenes", len(truths)):
@@ -138,6 +139,8 @@ def evaluate(
         **asdict(summarise(records, scores, [scene.id for scene in chosen.scenes])),
         references=dict(given.track.references(chosen, truths)),
     )
+    if store is not None:
+        store.remove()
     return Evaluation(result.with_checksum(), records, given, benchmark, truths, scored)
 
 
@@ -312,16 +315,12 @@ def save(
         return [folder / name for name in names[:-1] if (staged / name).exists()]
 
 
+@dataclass(frozen=True)
 class SceneStore:
-    """Keeps the scores of scenes in a folder until the run is saved."""
+    """Keeps the scores of scenes in a folder, under the fingerprint of their run."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._run = ""
-
-    def begin(self, run: str) -> None:
-        """Set the fingerprint of the run: scenes of other runs are not loaded."""
-        self._run = run
+    folder: Path
+    run: str
 
     def load(self, scene: str) -> SceneScores | None:
         """Return what this run has kept of a scene, if it is there and whole."""
@@ -349,4 +348,4 @@ class SceneStore:
             self.folder.rmdir()
 
     def _place(self, scene: str) -> Path:
-        return self.folder / (fingerprint([self._run, scene])[:32] + _SCENE)
+        return self.folder / (fingerprint([self.run, scene])[:32] + _SCENE)

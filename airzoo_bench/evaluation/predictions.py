@@ -6,10 +6,11 @@ import re
 import tempfile
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -61,9 +62,7 @@ C = TypeVar("C")
 SURE = 0.5
 """A reader that is less sure than this does not take a path for its own."""
 
-POSSIBLE = 0.25
-"""One that is as sure takes it where its track is the one that is asked for."""
-
+_SURE_OF_TRACK = 0.25  # the same where its track is the one that is asked for
 _SHOWN = 3
 _SHOWN_LETTERS = 80
 
@@ -230,11 +229,13 @@ def reader_named(name: str) -> Reader:
 def find_reader(path: Path, track: str | None = None) -> str | None:
     """Return the name of the reader that recognises a path, if one does."""
     readers = {name: reader_named(name) for name in READERS.names()}
-    sure = {name: one.recognise(path) for name, one in readers.items() if one.track == track}
-    if max(sure.values(), default=0.0) < POSSIBLE:
-        found = {name: one.recognise(path) for name, one in readers.items()}
-        sure = {name: value for name, value in found.items() if value >= SURE}
-    most = [name for name, value in sure.items() if value == max(sure.values())]
+    of_track = [name for name, one in readers.items() if one.track == track]
+    most: list[str] = []
+    for names, least in ((of_track, _SURE_OF_TRACK), (readers, SURE)):
+        if not most:
+            sure = {name: readers[name].recognise(path) for name in names}
+            best = max([least, *sure.values()])
+            most = [name for name, value in sure.items() if value == best]
     if len(most) > 1:
         raise UnreadableError(
             f"could be {' or '.join(readers[name].title for name in most)}",
@@ -417,39 +418,26 @@ def _read_native(
 # --- predictions of strangers, which a child reads ---
 
 
-@dataclass(frozen=True)
-class _ListedScenes(ScenePredictions):
-    """Scenes as a child lists them; another child reads each when it is opened."""
-
-    path: Path
-    protocol: str | None
-    unknown_files: tuple[str, ...]
-    names: tuple[str, ...]
-    request: Mapping[str, Any] = field(default_factory=dict)
-    run: Run | None = None
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        return self.names
-
-    @contextmanager
-    def opened(self, scene: str, *, limit_bytes: int, sampling: Any) -> Iterator[Any]:
-        assert self.run is not None
-        settings = {"scene": scene, "limit_bytes": limit_bytes, "sampling": sampling}
-        yield _open_in_child({**self.request, **settings}, self.path, self.run)
-
-
 def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **asked: Any) -> Given:
     # In a container the child does not see the folder of benchmarks, which has their truth.
     stated = protocol_files(data).get(protocol or "", protocol)
     request = {"path": path, "data": data, "protocol": stated, **asked}
     request["memory_bytes"] = run.memory_bytes
     predictions, reader, notes = _open_in_child(request, path, run)
-    if isinstance(predictions, _ListedScenes):
-        predictions = replace(predictions, request=request, run=run)
+    if isinstance(predictions, ScenePredictions):
+        opened = partial(_open_scene_limited, request, path, run)
+        entries = {scene: partial(opened, scene) for scene in predictions.entries}
+        predictions = replace(predictions, entries=entries)
     chosen = find_protocol(protocol or predictions.protocol, data)
     used = None if reader is None else ReaderUsed.model_validate(reader)
     return Given(predictions, chosen, used, tuple(notes))
+
+
+def _open_scene_limited(
+    request: Mapping[str, Any], path: Path, run: Run, scene: str, limit_bytes: int, sampling: Any
+) -> AbstractContextManager[Any]:
+    how = {"scene": scene, "limit_bytes": limit_bytes, "sampling": sampling}
+    return nullcontext(_open_in_child({**request, **how}, path, run))
 
 
 def _open_in_child(request: Mapping[str, Any], path: Path, run: Run) -> Any:
@@ -466,16 +454,20 @@ def _open_in_child(request: Mapping[str, Any], path: Path, run: Run) -> Any:
 
 
 def open_here(
-    memory_bytes: int, protocol: Path | str | None, scene: str | None = None, **request: Any
+    memory_bytes: int,
+    protocol: Path | str | None,
+    scene: str | None = None,
+    limit_bytes: int = 0,
+    sampling: Any = None,
+    **request: Any,
 ) -> Any:
     """Open predictions, in the child: one scene, or all, with their reader and its notes."""
-    how = {name: request.pop(name) for name in ("limit_bytes", "sampling") if name in request}
     named = None if protocol is None else str(protocol)
     given = open_predictions(run=Run(memory_bytes), protocol=named, **request)
     found: Any = given.predictions
     if scene is not None:
-        return found.opened(scene, **how)
-    if isinstance(found, ScenePredictions):
-        listed = tuple(found.unknown_files), tuple(found.scenes)
-        found = _ListedScenes(found.path, found.protocol, *listed)
+        return found.entries[scene](limit_bytes, sampling)
+    if isinstance(found, ScenePredictions):  # the parent has others open each scene
+        listed: Any = dict.fromkeys(found.entries)
+        found = replace(found, entries=listed)
     return [found, given.reader and given.reader.model_dump(mode="json"), list(given.notes)]

@@ -15,7 +15,7 @@ and `evaluate.evaluate` makes a result of it; its numbers all come from `SceneSc
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,28 +46,19 @@ Of a track with queries it has `queries`, a table with their ids.
 """
 
 
-class ScenePredictions(ABC):
+@dataclass(frozen=True)
+class ScenePredictions:
     """Predictions that are listed when they are opened, and read a scene at a time.
 
-    `protocol` is the one that they name, `unknown_files` belong to no scene.
+    An entry opens a scene for as long as it is used; it takes the bytes that the scene may hold,
+    and how meshes become points. It opens a dataclass, as of `Predictions`; what is not in memory
+    has a method ``stored(folder)``, which writes it to files and returns it as read from there.
     """
 
     path: Path
-    protocol: str | None
-    unknown_files: tuple[str, ...]
-
-    @property
-    @abstractmethod
-    def scenes(self) -> tuple[str, ...]:
-        """The scenes that they have something of."""
-
-    @abstractmethod
-    def opened(self, scene: str, *, limit_bytes: int, sampling: Any) -> AbstractContextManager[Any]:
-        """Open a scene for as long as it is used; `sampling` says how meshes become points.
-
-        It is a dataclass, as of `Predictions`; what is not in memory has a method
-        ``stored(folder)``, which writes it to files of a folder and returns it as read from there.
-        """
+    entries: Mapping[str, Callable[[int, Any], AbstractContextManager[Any]]]
+    unknown_files: tuple[str, ...] = ()  # of no scene
+    protocol: str | None = None  # that they name
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,12 @@ from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
 from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.arrays import gather, texts
 from airzoo_bench.formats.npz import Budget, NpzFile
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
-from airzoo_bench.reconstruction.predictions import SceneEntries, ScenePrediction, read_maps
+from airzoo_bench.reconstruction.predictions import ScenePrediction, read_maps
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 _LOOKED_AT = 256
@@ -166,7 +167,7 @@ class SceneReader(Reader):
         output = next(iter(outputs.values()))
         first: Any = self.layout_of(output.place)
         said = (*first.said, first.order(output))
-        return ReadPredictions(SceneEntries(path, entries, others), said)
+        return ReadPredictions(ScenePredictions(path, entries, others), said)
 
 
 def find_outputs(

@@ -2,15 +2,15 @@
 
 An entry is ``school.ply`` or ``school/cloud.ply``, a cloud or a mesh, with its cameras in
 ``school.cameras.npz`` or ``school/cameras.npz``; or ``school.npz``, maps with cameras. A file alone
-is a prediction of one scene. Readers list files as methods write them as `SceneEntries`, too.
+is a prediction of one scene. Readers list files as methods write them as `ScenePredictions`, too.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -92,27 +92,6 @@ class ScenePrediction:
         return "depth" if isinstance(self.geometry, DepthMaps) else "points"
 
 
-@dataclass(frozen=True)
-class SceneEntries(ScenePredictions):
-    """Predictions by scene; each is opened by the bytes it may hold and how meshes are sampled."""
-
-    path: Path
-    entries: Mapping[str, Callable[[int, MeshSampling | None], AbstractContextManager[Any]]]
-    unknown_files: tuple[str, ...] = ()
-    protocol: str | None = None
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """Scenes that there is an entry of, by name."""
-        return tuple(sorted(self.entries))
-
-    def opened(
-        self, scene: str, *, limit_bytes: int, sampling: MeshSampling | None
-    ) -> AbstractContextManager[ScenePrediction]:
-        """See `ScenePredictions.opened`."""
-        return self.entries[scene](limit_bytes, sampling)
-
-
 @contextmanager
 def _open_entry(
     bundle: Bundle,
@@ -143,12 +122,12 @@ def _open_entry(
 # --- listing ---
 
 
-def open_reconstruction(path: Path) -> SceneEntries:
+def open_reconstruction(path: Path) -> ScenePredictions:
     """List what a prediction holds: a folder, a zip archive, or one file of a scene."""
     if path.is_file() and path.name.lower().endswith(SUFFIXES):
         member = Member(path.name, path.stat().st_size)
         bundle = Bundle(path.parent, (member,))
-        return SceneEntries(path, {path.stem: partial(_open_entry, bundle, member, None)})
+        return ScenePredictions(path, {path.stem: partial(_open_entry, bundle, member, None)})
     bundle = open_bundle(path, _UNPACKED_BYTES)
     wrapper, protocol, unknown_files = _outer_folder(bundle.members), None, []
     found: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
@@ -170,7 +149,7 @@ def open_reconstruction(path: Path) -> SceneEntries:
         raise UnreadableError(f"holds no cloud, mesh or npz{others}", where=path, expected=expected)
     pairs = {scene: (one, cameras.get(scene)) for scene, one in geometry.items()}
     entries = {scene: partial(_open_entry, bundle, *pair) for scene, pair in pairs.items()}
-    return SceneEntries(path, entries, tuple(unknown_files), protocol)
+    return ScenePredictions(path, entries, tuple(unknown_files), protocol)
 
 
 def _outer_folder(members: tuple[Member, ...]) -> str:

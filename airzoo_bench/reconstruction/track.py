@@ -106,7 +106,7 @@ def open_scene(
     """Open a scene's entry; an error that is raised meanwhile says where it is."""
     where, sampling = f"{predictions.path}, scene {scene}", protocol.meshes.sampling
     try:
-        with predictions.opened(scene, limit_bytes=memory_bytes, sampling=sampling) as found:
+        with predictions.entries[scene](memory_bytes, sampling) as found:
             yield found
     except PredictionError as error:
         # A file of an archive lies somewhere else while it is read.
@@ -340,8 +340,8 @@ class ReconstructionTrack(Track):
     ) -> Assignment:
         """See `Track.assign`."""
         known = [scene.id for scene in protocol.scenes]
-        strange = [name[:80] for name in predictions.scenes if name not in known]
-        missing = [name for name in known if name not in predictions.scenes]
+        strange = [name[:80] for name in sorted(predictions.entries) if name not in known]
+        missing = [name for name in known if name not in predictions.entries]
         if len(missing) == len(known):
             meant = nearest("".join(strange[:1]), known, 1)
             raise PredictionError(
@@ -369,7 +369,7 @@ class ReconstructionTrack(Track):
     ) -> SceneScores:
         """See `Track.score`."""
         predictions, scene = part
-        if scene not in predictions.scenes:
+        if scene not in predictions.entries:
             worst = _worst_cloud(protocol.scores)
             return _make_scores(scene, worst, {"missing": 1, "points": 0}, answered=False)
         return score_scene(predictions, truth, protocol, run)
@@ -385,7 +385,7 @@ class ReconstructionTrack(Track):
         predictions, scene = part
         if not truth.is_sealed:
             return self.score(part, truth, protocol, run)
-        if scene not in predictions.scenes:
+        if scene not in predictions.entries:
             return SceneScores()
         with open_scene(predictions, scene, protocol, run.memory_bytes) as prediction:
             if prediction.images is not None and prediction.images.has_names:

@@ -84,15 +84,11 @@ def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules)
         find_positives(points, some, rules.iou_above) for some in (boxes, outside)
     )
     positives = with_overlap(points, boxes, positives)
-    kept, missed = positives.counts > 0, footprints.missed_rays
-    # The first that holds says why no tile answers a photo.
-    between = "the footprint overlaps tiles, but none of its 4 points lies in one"
-    too_little = f"no tile overlaps by more than {rules.iou_above or 0:g}"
-    choices = {
-        NO_GROUND_POINT: missed == 4,
+    kept = positives.counts > 0
+    choices = {  # the first that holds
+        NO_GROUND_POINT: footprints.missed_rays == 4,
         f"only tiles {TOO_EMPTY}, which are in no gallery": on_dropped.counts > 0,
-        between if rules.iou_above is None else too_little: shared.counts > 0,
-        "some of its 4 rays do not meet the ground, and the others meet no tile": missed > 0,
+        "the footprint overlaps tiles, and none of them answers": shared.counts > 0,
     }
     reasons = np.select([*choices.values()], [*choices], "the footprint meets no tile")
     left_out = inputs.photos[["id", "image"]].assign(reason=reasons.astype(object))[~kept]

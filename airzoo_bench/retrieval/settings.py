@@ -95,14 +95,13 @@ class ImageScores(Strict):
     distances: DistanceScores | None = None
 
 
-def _by(images: type[Strict], key: str, *values: str) -> Discriminator:
+def _images_have(key: str, *values: str) -> Discriminator:
     """Tell the section for images from that for a map by a key, or by its values."""
 
     def kind(given: Any) -> str:
-        found = isinstance(given, images)
-        if isinstance(given, dict):
-            found = key in given and (not values or given[key] in values)
-        return "<images>" if found else "<map>"
+        value = given.get(key) if isinstance(given, dict) else getattr(given, key, None)
+        is_of_images = value in values if values else value is not None
+        return "<images>" if is_of_images else "<map>"
 
     return Discriminator(kind)
 
@@ -119,15 +118,15 @@ class RetrievalProtocol(Protocol):
     track: Literal["retrieval"]
     gallery: Annotated[
         Annotated[MapGallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
-        _by(ImageGallery, "source"),
+        _images_have("source"),
     ]
     ground_truth: Annotated[
         Annotated[GeometricRules, Tag("<map>")] | Annotated[StatedRules, Tag("<images>")],
-        _by(StatedRules, "rule", "labels", "pairs"),
+        _images_have("rule", "labels", "pairs"),
     ]
     scores: Annotated[
         Annotated[TileScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
-        _by(ImageScores, "recall_at_share"),
+        _images_have("recall_at_share"),
     ]
 
     def map_rules(self) -> tuple[MapGallery, GeometricRules]:
@@ -143,13 +142,13 @@ class RetrievalProtocol(Protocol):
     @model_validator(mode="after")
     def _sections_fit(self) -> RetrievalProtocol:
         gallery, rules, scores = self.gallery, self.ground_truth, self.scores
-        images, near = isinstance(gallery, ImageGallery), None
+        near, positions = getattr(scores, "distances", None), getattr(gallery, "positions", "none")
+        images = isinstance(gallery, ImageGallery)
         fits = isinstance(rules, StatedRules) == images == isinstance(scores, ImageScores)
-        if isinstance(gallery, ImageGallery) and isinstance(scores, ImageScores):
-            near, positions = scores.distances, gallery.positions
-            fits &= (near is None) == (positions == "none")
-            fits &= near is None or (near.metres == "plane") == (positions == "metres")
-            fits &= near is None or not (near.sdm_unit == "degree" and positions == "metres")
+        fits &= (near is None) == (positions == "none")
+        if near is not None:
+            fits &= (near.metres == "plane") == (positions == "metres")
+            fits &= near.sdm_unit == "metre" or positions == "degrees"
         if not fits:
             raise ValueError(
                 "gallery, ground_truth and scores are all of a map, or all of images "
@@ -158,7 +157,7 @@ class RetrievalProtocol(Protocol):
             )
         if isinstance(rules, GeometricRules) and (rules.rule == "iou") == (rules.iou_above is None):
             raise ValueError("iou_above is given with rule = 'iou', and only then")
-        depths: list[int] = list(scores.recall_at)
+        depths = list(scores.recall_at)
         if isinstance(scores, TileScores):
             depths += (scores.ap_at, *scores.ndcg_at, *scores.sdm_at, *scores.pdm_at)
         elif near is not None:

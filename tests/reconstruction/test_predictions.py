@@ -85,15 +85,15 @@ def test_folders_and_archives(packed: str | None, folder: Path) -> None:
     path = folder if packed is None else pack(folder.parent / "a.zip", content)
     found = open_reconstruction(path)
     assert found.protocol == "made-reconstruction"
-    assert found.scenes == ("park.v2", "plaza", "school", "substation")
+    assert set(found.entries) == {"park.v2", "plaza", "school", "substation"}
     assert found.unknown_files == ("notes.md",)
     for scene, cameras in (("park.v2", False), ("school", True), ("substation", True)):
-        with found.opened(scene, limit_bytes=LIMIT, sampling=SAMPLING) as given:
+        with found.entries[scene](LIMIT, SAMPLING) as given:
             assert isinstance(given.geometry, FileCloud)
             assert (given.images is not None) == cameras
             points = np.concatenate([piece.points for piece in given.geometry.pieces(9)])
             np.testing.assert_array_equal(points, points_of(made()))
-    with found.opened("plaza", limit_bytes=LIMIT, sampling=SAMPLING) as given:
+    with found.entries["plaza"](LIMIT, SAMPLING) as given:
         assert isinstance(given.geometry, DepthMaps)
         np.testing.assert_array_equal(given.geometry.values, VIEWS["depth"])
 
@@ -101,10 +101,10 @@ def test_folders_and_archives(packed: str | None, folder: Path) -> None:
 def test_a_file_alone_is_a_scene_and_cameras_twice_are_refused(folder: Path) -> None:
     packed = pack(folder.parent / "a.zip", [("school/cloud.ply", b"")])
     for path in (folder / "school.ply", packed):
-        assert open_reconstruction(path).scenes == ("school",)
+        assert list(open_reconstruction(path).entries) == ["school"]
     (folder / "plaza.cameras.npz").write_bytes((folder / "school.cameras.npz").read_bytes())
     found = open_reconstruction(folder)
-    with pytest.raises(PredictionError), found.opened("plaza", limit_bytes=LIMIT, sampling=None):
+    with pytest.raises(PredictionError), found.entries["plaza"](LIMIT, None):
         pass
 
 

@@ -245,7 +245,7 @@ def test_the_reason_that_is_given_is_the_true_one(tmp_path: Path) -> None:
     given = inputs(tmp_path, np.array([[0.0, 0], [38, 28], [500, 0]]), transform=small)
     excluded = built(given).truth.excluded.set_index("id")["reason"]
     assert excluded.index.tolist() == ["s/p000", "s/p002"]
-    assert "overlaps tiles, but none of its 4 points" in excluded["s/p000"]
+    assert "overlaps tiles" in excluded["s/p000"]
     assert excluded["s/p002"] == "the footprint meets no tile"
     given = inputs(tmp_path, np.array([[5000.0, 0]]))
     write_queries(tmp_path / "s", given.photos)
