@@ -150,7 +150,7 @@ def _read(folder: Path, name: str, where: Path) -> Any:
 
 def _describe(folder: Path, where: Path, value: Any) -> Any:
     value = value.stored(folder) if hasattr(value, "stored") else value
-    if isinstance(getattr(value, "base", None), mmap) and where.samefile(value.filename):
+    if isinstance(getattr(value, "base", None), mmap) and value.filename == where.resolve():
         return {"$": ["map", value.offset, value.dtype.str, value.shape, value.flags["F"]]}
     match value:
         case np.generic():

@@ -151,7 +151,7 @@ class SceneReader(Reader):
         except OSError:  # a folder that may not be listed is nobody's
             return 0.0
 
-    def layout_of(self, place: Path) -> Layout | None:
+    def layout_of(self, place: Path) -> Any:
         """Return the layout that a place has."""
         return next((layout for layout in self.layouts if layout.sure(place)), None)
 
@@ -160,12 +160,11 @@ class SceneReader(Reader):
         outputs, others = find_outputs(path, reading, lambda one: self.layout_of(one) is not None)
 
         def open_scene(output: SceneOutput, memory: int, _: object) -> Any:
-            layout: Any = self.layout_of(output.place)
-            return nullcontext(layout.read(output, memory))
+            return nullcontext(self.layout_of(output.place).read(output, memory))
 
         entries = {output.scene: partial(open_scene, output) for output in outputs.values()}
         output = next(iter(outputs.values()))
-        first: Any = self.layout_of(output.place)
+        first = self.layout_of(output.place)
         said = (*first.said, first.order(output))
         return ReadPredictions(ScenePredictions(path, entries, others), said)
 
