@@ -17,8 +17,8 @@ from airzoo_bench.core.sandbox import Limits
 from airzoo_bench.evaluation.evaluate import check_run_folder, evaluate, save
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results.result import Result, read_result, write_result
+from tests.goldens.run import unpack
 from tests.matching.world import make_world as make_matching
-from tests.readers.method_files import WRITERS
 from tests.reconstruction.world import PROTOCOL, make_world, predict_clouds, true_points
 from tests.statistics.support import made_method, write_method
 from tests.support import (
@@ -251,8 +251,8 @@ def test_clouds_of_strangers_in_a_folder(tmp_path: Path) -> None:
 @LINUX
 @pytest.mark.slow
 def test_maps_of_strangers_read_one_by_one(tmp_path: Path) -> None:
-    world = make_world(tmp_path / "data")
-    alike(WRITERS["cut3r"](tmp_path / "native", world), world.root, PROTOCOL)
+    unpack("readers-reconstruction", tmp_path)
+    alike(tmp_path / "cut3r", tmp_path / "data", PROTOCOL)
 
 
 def test_a_system_without_limits_is_refused_with_the_reason(

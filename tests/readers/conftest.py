@@ -1,8 +1,4 @@
-"""A row for each layout that readers read, and the made worlds whose truth its files come from.
-
-Files of retrieval and matching are the inputs of the goldens, written from one noisy truth for each
-track; those of reconstruction are written from true views.
-"""
+"""A row for each layout that readers read: inputs of the goldens, from one noisy truth a track."""
 
 from __future__ import annotations
 
@@ -13,45 +9,60 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import airzoo_bench as ab
 from tests.goldens.run import unpack
 from tests.matching.world import World as Hills
 from tests.matching.world import make_world as make_hills
-from tests.readers.method_files import (
-    WRITERS,
-    Place,
-    made_scenes,
-    make_views_world,
-    write_descriptors,
-    write_log,
-)
-from tests.reconstruction.world import World as Views
+
+PHOTOS = {
+    "yard": [f"yard_{row}.jpg" for row in range(6)],
+    "lot": [f"lot_{row}.jpg" for row in range(4)],
+}
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Files of a reader, made by `source`: a path among the goldens' inputs, or a writer.
+    """Files of a reader: a path among the goldens' inputs of its track, changed or not.
 
-    They score as those of the layout `like` up to a tolerance; where that is None, perfectly.
+    They score as those of the layout `like`, up to a tolerance.
     """
 
     track: str
-    source: str | Callable[..., Path]
-    like: str | None = None
+    source: str
+    like: str = ""
     tolerance: float = 1e-8
+    change: Callable[[Path], object] | None = None
     is_listed: bool = False  # names.txt beside it names its rows
     is_named: bool = False  # its files name the views
     is_pickled: bool = False
     needs_track: bool = False  # several tracks have such files
 
 
+def change_fields(path: Path, **changes: Any) -> None:
+    """Change fields of an npz, or leave them out where None."""
+    with np.load(path, allow_pickle=True) as stored:
+        found = dict(stored) | changes
+    np.savez(path, **{name: one for name, one in found.items() if one is not None})
+
+
+def change_scenes(file: str, **changes: Any) -> Callable[[Path], object]:
+    return lambda path: [change_fields(path / one / file, **changes) for one in PHOTOS]
+
+
+def _export_npz(path: Path) -> None:
+    for scene in PHOTOS:
+        (path / scene / "exports" / "mini_npz").rename(path / scene / "exports" / "npz")
+
+
 _ranks = partial(Layout, "retrieval", like="trec", tolerance=0.0)
 _matches = partial(Layout, "matching", like="aerialextrematch")
 _poses = partial(Layout, "matching", like="hloc-poses", needs_track=True)
 _pickle = partial(Layout, "matching", is_pickled=True)
-_views = partial(Layout, "reconstruction", tolerance=1e-4)
+# The points and poses of a trajectory are read as they are: it has no pixels, maps or masks.
+_views = partial(Layout, "reconstruction", like="cloud-trajectory", tolerance=1e-4)  # float32
 # By name, whose first word is the reader's.
 LAYOUTS = {
     "vpr": _ranks("vpr/logs"),
@@ -75,54 +86,59 @@ LAYOUTS = {
     "tum": _poses("tum/tum.txt", is_listed=True),
     "kitti": _poses("kitti/kitti.txt", is_listed=True),
     "colmap-poses": _poses("colmap-poses/colmap"),
-    "vggt": _views(WRITERS["vggt"]),
-    "vggt points": _views(partial(WRITERS["vggt"], depth=None, depth_conf=None)),
-    "vggt-colmap": _views(WRITERS["vggt_colmap"], is_named=True),
-    "vggt-slam": _views(WRITERS["vggt_slam"], is_listed=True, tolerance=1e-3),
-    "mapanything": _views(WRITERS["mapanything"]),
-    "mapanything colmap": _views(WRITERS["mapanything_colmap"], is_named=True),
-    "depth-anything-3": _views(WRITERS["da3"]),
-    "depth-anything-3 npz": _views(partial(WRITERS["da3"], kind="npz")),
-    "depth-anything-3 streaming": _views(WRITERS["da3_streaming"]),
-    "depth-anything-3 colmap": _views(WRITERS["da3_colmap"], is_named=True),
-    "cut3r": _views(WRITERS["cut3r"]),
-    "dust3r": _views(WRITERS["dust3r"], is_named=True),
-    "dust3r nameless": _views(partial(WRITERS["dust3r"], names=None)),
-    "cloud-trajectory": _views(WRITERS["cloud_trajectory"]),
-    "cloud-trajectory kitti": _views(partial(WRITERS["cloud_trajectory"], kitti=True)),
+    "vggt": _views("vggt"),
+    "vggt points": _views(
+        "vggt", change=change_scenes("predictions.npz", depth=None, depth_conf=None)
+    ),
+    "vggt-colmap": _views("vggt-colmap", is_named=True),
+    "vggt-slam": _views("vggt-slam", is_listed=True),
+    "mapanything": _views("mapanything"),
+    "mapanything colmap": _views("mapanything-colmap", is_named=True),
+    "depth-anything-3": _views("depth-anything-3"),
+    "depth-anything-3 npz": _views("depth-anything-3", change=_export_npz),
+    "depth-anything-3 streaming": _views("depth-anything-3-streaming"),
+    "depth-anything-3 colmap": _views("depth-anything-3-colmap", is_named=True),
+    "cut3r": _views("cut3r"),
+    "dust3r": _views("dust3r", is_named=True),
+    "dust3r nameless": _views("dust3r", change=change_scenes("scene.npz", names=None)),
+    "cloud-trajectory": _views("cloud-trajectory"),
+    "cloud-trajectory kitti": _views("cloud-trajectory-kitti"),
 }
 
 
 @dataclass(frozen=True)
 class Worlds:
-    """The made worlds of the tracks, and the folder of the goldens' inputs."""
+    """The inputs of the goldens with their benchmarks, and the made world of matching."""
 
     hills: Hills
-    views: Views
     home: Path
-    roots: dict[str, Path]
     kept: dict[str, ab.Result] = field(default_factory=dict)
 
     @classmethod
     def make(cls, home: Path) -> Worlds:
-        hills, views = make_hills(home / "hills"), make_views_world(home / "views")
-        for track in ("retrieval", "matching"):
+        for track in ("retrieval", "matching", "reconstruction"):
             unpack(f"readers-{track}", home / track)
-        roots = {"retrieval": Place().prepare(home / "data"), "matching": hills.root}
-        return cls(hills, views, home, roots | {"reconstruction": views.root})
+        return cls(make_hills(home / "hills"), home)
 
-    def sample(self, name: str, folder: Path, **options: Any) -> Path:
-        """Put the files of a layout into a new folder."""
+    def sample(self, name: str, folder: Path) -> Path:
+        """Put the files of a layout into a new folder; those of views beside a list of photos."""
         one = LAYOUTS[name]
-        if not isinstance(one.source, str):
-            return one.source(folder, self.views, **options)
         top, _, below = one.source.partition("/")
-        return Path(shutil.copytree(self.home / one.track / top, folder)) / below
+        target = folder if below else folder / "out"
+        path = Path(shutil.copytree(self.home / one.track / top, target)) / below
+        if one.change:
+            one.change(path)
+        if one.track == "reconstruction":
+            names = [f"{scene}/{name}" for scene, photos in PHOTOS.items() for name in photos]
+            (folder / "names.txt").write_text("\n".join(names))
+        return path
 
     def evaluate(self, track: str, path: Path, **options: Any) -> ab.Result:
+        data = self.hills.root if track == "matching" else self.home / track / "data"
         name = "hills" if track == "matching" else "made"
-        given = {"protocol": f"{name}-{track}", "data": self.roots[track], "jobs": 1}
-        return ab.evaluate(path, **given | options)
+        return ab.evaluate(
+            path, **{"protocol": f"{name}-{track}", "data": data, "jobs": 1} | options
+        )
 
     def score(self, name: str) -> ab.Result:
         """Return the result of a sound sample, which is scored once."""
@@ -152,17 +168,3 @@ def matched(worlds: Worlds) -> Callable[..., Any]:
 @pytest.fixture
 def reconstructed(worlds: Worlds) -> Callable[..., Any]:
     return partial(worlds.evaluate, "reconstruction")
-
-
-@pytest.fixture
-def one(tmp_path: Path) -> Path:
-    """Return the data root of a benchmark of one scene."""
-    return Place(made_scenes()[:1]).prepare(tmp_path / "data")
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    """Return a log folder for one scene, whose images are not on this machine."""
-    write_log(tmp_path / "log", made_scenes()[0])
-    write_descriptors(tmp_path / "log", Place(made_scenes()[:1]), made_scenes()[0])
-    return tmp_path / "log"

@@ -16,7 +16,6 @@ import pytest
 
 from airzoo_bench.core.registry import READERS
 from tests.readers.conftest import Worlds
-from tests.readers.method_files import PROTOCOL, Place, tile_file
 from tests.support import ROOT, add_package, listed_when_installed, run_main
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -86,14 +85,8 @@ def test_lines_save_features_of_game4loc(
     known = {"np": np, "torch": _Tensor, "gallery_features_batch": gallery}
     known |= {"img_features_query": queries, "img_features_gallery": gallery}
     known |= {f"{kind}_list": arrays[f"{kind}_names"].tolist() for kind in ("query", "gallery")}
-    known["query_path_list"] = [
-        f"/bench/data/{scene.id}/images/{one.split('/')[1]}.jpg"
-        for scene in Place().scenes
-        for one in scene.query_ids
-    ]
-    known["gallery_path_list"] = [
-        tile_file("/bench", scene, n) for scene in Place().scenes for n in range(scene.n_tiles)
-    ]
+    known["query_path_list"] = [f"/bench/data/{one}" for one in known["query_list"]]
+    known["gallery_path_list"] = [f"/bench/scenes/{one}" for one in known["gallery_list"]]
     lines = [
         one for one in blocks(DOCS / "recipes" / "retrieval.md", ("python",)) if "query_f" in one
     ]
@@ -116,22 +109,20 @@ def test_the_example_is_listed_when_it_is_installed(tmp_path: Path) -> None:
 
 
 def test_the_example_reads(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    worlds: Worlds,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert "ranks-csv" not in READERS.names()
     add_package(EXAMPLE, tmp_path / "package", monkeypatch)
-    place = Place()
-    data = place.prepare(tmp_path / "data")
-    lines = ["query,tile,similarity"]
-    for scene in place.scenes:
-        order, scores = place.ranked(scene)
-        for query, tiles in enumerate(order.tolist()):
-            rows = zip(tiles, scores[query].tolist(), strict=True)
-            photo = f"{scene.id}/q{query:05d}.jpg"
-            lines += [f"{photo},{scene.tile(tile)},{score!r}" for tile, score in rows]
+    home, lines = worlds.home / "retrieval", ["query,tile,similarity"]
+    for line in (home / "trec" / "mine.run").read_text().splitlines():
+        query, _, tile, _, score, _ = line.split()
+        lines.append(f"{query}.jpg,{tile},{score}")
     (tmp_path / "ranks.csv").write_text("\n".join(lines))
-    command = ("eval", "retrieval", tmp_path / "ranks.csv", "--protocol", PROTOCOL, "--data", data)
-    assert run_main(*command) == 0
+    command = ("eval", "retrieval", tmp_path / "ranks.csv", "--protocol", "made-retrieval")
+    assert run_main(*command, "--data", home / "data") == 0
     said = capsys.readouterr()
     assert "read by reader ranks-csv" in said.out + said.err
     assert "100.0" in said.out

@@ -3,82 +3,78 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 
 from airzoo_bench import evaluate
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
 from airzoo_bench.retrieval.truth import read_truth
+from tests.goldens.recipes import spoil
 from tests.goldens.run import unpack
-from tests.readers import method_files as files
 from tests.readers.conftest import Worlds
-from tests.readers.method_files import Place, made_scenes, perfect, scored, tile_file
-from tests.support import MadeScene, run_main
+from tests.support import MadeScene, made_protocol, run_main, write_benchmark
 
-ONE = made_scenes()[:1]
-ELSEWHERE = {"database_folder": "/x", "queries_folder": "/y"}
 Score = Callable[..., Any]
 
 
-@pytest.fixture
-def crowded(tmp_path: Path) -> Path:
-    """Return a benchmark whose west has two photos more than queries, called as east's are."""
-    home = Place().prepare(tmp_path / "data")
-    left_out = home / "made" / "scenes" / "west" / "retrieval" / "excluded.csv"
-    left_out.write_text("id,image,reason\nwest/q00004,q00004.jpg,x\n")
-    assert run_main("manifest", home / "made", "--force") == 0
-    return home
+def recall(result: Any, scene: str = "east") -> float:
+    """Return a scene's recall@1, which is 1 for the inputs of the goldens."""
+    return float(result.records.groupby("scene")["recall@1"].mean()[scene])
 
 
-def described(source: Path, folder: Path, *names: str) -> Path:
-    """Write Game4Loc's features of photos, in this order."""
-    folder.mkdir(parents=True, exist_ok=True)
-    found = dict(np.load(source))
-    rows = dict(zip(found["query_names"].tolist(), found["query_features"], strict=True))
-    found["query_features"] = np.stack([rows.get(one, rows["east/q00005.jpg"]) for one in names])
-    named = np.array([f"/data/{name}" if "/" in name else name for name in names])
-    np.savez(folder / "features.npz", **found | {"query_names": named})
-    return folder / "features.npz"
-
-
-def test_scenes_with_photos_of_the_same_names(
-    tmp_path: Path, crowded: Path, worlds: Worlds
-) -> None:
+def test_scenes_with_photos_of_the_same_names(tmp_path: Path, worlds: Worlds) -> None:
     """East has the queries q00000 to q00005, west the first four; q00004 and q00005 are none."""
+    data = Path(shutil.copytree(worlds.home / "retrieval" / "data", tmp_path / "data"))
+    left_out = data / "made" / "scenes" / "west" / "retrieval" / "excluded.csv"
+    left_out.write_text("id,image,reason\nwest/q00004,q00004.jpg,x\n")
+    assert run_main("manifest", data / "made", "--force") == 0
+    found = dict(np.load(worlds.sample("game4loc", tmp_path / "sound")))
+    rows = dict(zip(found["query_names"].tolist(), found["query_features"], strict=True))
+
+    def score(folder: Path, *names: str) -> Any:
+        """Score features of photos, in this order."""
+        folder.mkdir(exist_ok=True)
+        described = [rows.get(one, rows["east/q00005.jpg"]) for one in names]
+        named = np.array([f"/data/{name}" if "/" in name else name for name in names])
+        path = folder / "features.npz"
+        np.savez(path, **found | {"query_features": described, "query_names": named})
+        return worlds.evaluate("retrieval", path, data=data)
+
     east, west = ([f"{scene}/q{n:05d}.jpg" for n in range(6)] for scene in ("east", "west"))
-    source = worlds.sample("game4loc", tmp_path / "sound")
-    result = scored(described(source, tmp_path, *west), crowded)
-    answered = result.records.groupby("scene")["recall@1"].mean()
-    assert answered.to_dict() == {"east": 0.0, "west": 1.0}
+    result = score(tmp_path, *west)
+    assert (recall(result), recall(result, "west")) == (0.0, 1.0)
     notes = " | ".join(result.result.notes)
     assert "2 photos described that are no queries, left aside" in notes
     assert "scored at their worst: 6 of 10 (first 3: east/q00000" in notes
     for folder in ("run", "west"):
-        path = described(source, tmp_path / folder, *east, *west)
-        assert scored(path, crowded).overall["recall@1"] == 1.0
-    path = described(source, tmp_path, *east[:4], "q00004.jpg")  # a photo left out has it too
+        assert score(tmp_path / folder, *east, *west).overall["recall@1"] == 1.0
     with pytest.raises(UserError, match=r"'q00004.jpg' could be 2 \(east/q00004, west/q00004"):
-        scored(path, crowded)
+        score(tmp_path, *east[:4], "q00004.jpg")  # a photo left out has the name too
 
 
 def test_a_gallery_larger_than_the_memory(tmp_path: Path) -> None:
-    data = Place([MadeScene("east", [[0]], 300)]).prepare(tmp_path / "data")
+    scenes = [MadeScene("east", [[0]], 300)]
+    write_benchmark(tmp_path / "data" / "made", made_protocol(scenes), scenes)
     rows = np.random.default_rng(0).standard_normal((300, 4000), np.float32)
     for kind, count in (("tiles/t", 300), ("photos/q", 1)):
         (tmp_path / "any" / kind).parent.mkdir(parents=True)
         for number in range(count):
             np.save(tmp_path / "any" / f"{kind}{number:05d}.jpg.npy", rows[number : number + 1])
     assert rows.nbytes > 4e6
-    spilt = scored(tmp_path / "any", data, max_memory=2_000_000)
+    given: dict[str, Any] = {"protocol": "made-retrieval", "data": tmp_path / "data"}
+    spilt = evaluate(tmp_path / "any", max_memory=2_000_000, **given)
     assert spilt.overall["recall@1"] == 1.0
-    assert spilt.records.equals(scored(tmp_path / "any", data).records)
+    assert spilt.records.equals(evaluate(tmp_path / "any", **given).records)
 
 
 def test_precision_of_hloc_is_named_and_ties_of_trec_are_broken_against_the_method(
@@ -112,114 +108,170 @@ def test_university1652_on_its_benchmarks(tmp_path: Path, tree: str) -> None:
         paths = [f"/data/test/{home}/{image}" for image in table["image"]]
         classes = [int(Path(one).parent.name) for one in paths]
         sets.append((np.array([one == np.arange(3000) for one in classes], np.float32), paths))
-    path = files.save_mat(tmp_path / "pytorch_result.mat", *sets)
+    result: dict[str, Any] = {}
+    for kind, (rows, paths) in zip(("query", "gallery"), sets, strict=True):
+        labels = [int(Path(one).parent.name) for one in paths]
+        result |= {f"{kind}_f": rows, f"{kind}_label": labels, f"{kind}_path": paths}
+    scipy.io.savemat(tmp_path / "pytorch_result.mat", result)
     [protocol] = made.protocols
+    path = tmp_path / "pytorch_result.mat"
     assert evaluate(path, protocol=protocol, data=data).overall["recall@1"] == 1.0
 
 
 class TestVpr:
     """Log folders of VPR-methods-evaluation: where the names of rows come from."""
 
-    @pytest.mark.parametrize("labels", [False, True])
-    def test_lists_of_paths(self, tmp_path: Path, retrieved: Score, labels: bool) -> None:
-        for scene in Place().scenes:
-            files.write_log(tmp_path / "logs" / scene.id, scene)
-            files.write_lists(tmp_path / "logs" / scene.id, Place(), scene, labels=labels)
-        assert perfect(retrieved(tmp_path / "logs"))
+    IMAGES = ("scenes/east/retrieval/tiles/t{:05d}.png", 12), ("east/photos/q{:05d}.jpg", 6)
 
-    @pytest.mark.parametrize("spoilt", ["none", "queries", "database", "both"])
+    @pytest.fixture
+    def of_east(self, tmp_path: Path) -> Score:
+        """Return a function that scores a path by a benchmark of one scene."""
+        scenes = [MadeScene("east", [[query, query + 1] for query in range(6)], 12)]
+        write_benchmark(tmp_path / "data" / "made", made_protocol(scenes), scenes)
+        return partial(evaluate, protocol="made-retrieval", data=tmp_path / "data")
+
+    @pytest.fixture
+    def log(self, worlds: Worlds, tmp_path: Path) -> Path:
+        """Return a log folder of east, whose images are not on this machine."""
+        return worlds.sample("vpr", tmp_path / "f") / "east" / "2026-11-22_19-00-00"
+
+    def write_lists(self, log: Path, *, labels: bool = False) -> None:
+        """Write preds/NNN.txt as `visualizations.save_file_with_paths` does."""
+
+        def named(name: str) -> str:
+            path = Path("/data/made") / name
+            east = 600_000 - int(path.stem[1:])  # falling from image to image
+            labelled = path.with_name(f"@{east}.00@3100000.00@{path.stem}@{path.suffix}")
+            return str(labelled if labels else path)
+
+        (tile, _), (photo, _) = self.IMAGES
+        queries, tiles = (np.load(log / f"{x}_descriptors.npy") for x in ("queries", "database"))
+        (log / "preds").mkdir()
+        for query, order in enumerate(np.argsort(-queries @ tiles.T, axis=1)):
+            found = "\n".join(named(tile.format(one)) for one in order[:8])
+            said = f"Query path:\n{named(photo.format(query))}\n\nPredictions paths:\n{found}\n\n"
+            said += f"Positives paths:\n{named(tile.format(0))}\n\n" if labels else ""
+            (log / "preds" / f"{query:03d}.txt").write_text(said)
+
+    def write_images(self, home: Path, log: Path) -> None:
+        """Write empty files for images, and their folders into the log."""
+        for name, count in self.IMAGES:
+            (home / name).parent.mkdir(parents=True)
+            for number in range(count):
+                (home / name.format(number)).touch()
+        spoil(log, f"info.log: sed /data/made => {home}")
+
+    @pytest.mark.parametrize("labels", [False, True])
+    def test_lists_of_paths(self, log: Path, of_east: Score, labels: bool) -> None:
+        self.write_lists(log, labels=labels)
+        for kind in ("queries", "database"):
+            spoil(log, f"{kind}_descriptors.npy: rm")
+        if labels:
+            spoil(log, "info.log: sed use_labels=False => use_labels=True")
+        assert recall(of_east(log)) == 1.0
+
+    @pytest.mark.parametrize("spoilt", ["", "queries", "database"])
     def test_an_assumed_order_is_held_against_the_lists(
-        self, one: Path, log: Path, spoilt: str
+        self, log: Path, of_east: Score, spoilt: str
     ) -> None:
-        files.write_lists(log, Place(ONE), ONE[0])
-        if spoilt == "none":
-            result = scored(log, one)
-            assert perfect(result)
+        self.write_lists(log)
+        if not spoilt:
+            result = of_east(log)
+            assert recall(result) == 1.0
             assert not any("names are taken by order" in note for note in result.result.notes)
             return
-        for kind in ("queries", "database") if spoilt == "both" else (spoilt,):
-            file = log / f"{kind}_descriptors.npy"
-            np.save(file, np.roll(np.load(file), 1, axis=0))
+        spoil(log, f"{spoilt}_descriptors.npy: py np.save(path, np.roll(np.load(path), 1, 0))")
         with pytest.raises(UserError, match="preds") as refused:
-            scored(log, one)
+            of_east(log)
         assert "--names" in str(refused.value)
 
-    def test_listing(self, one: Path, log: Path) -> None:
-        images = str(log / "images")
-        files.write_images(images, ONE[0])
+    def test_names_are_listed_in_the_folders_of_the_log(
+        self, tmp_path: Path, log: Path, of_east: Score
+    ) -> None:
+        self.write_images(log / "images", log)
         for extra in ("tiles.csv", ".t00000.png", "t00000.tif"):
-            (Path(tile_file(images, ONE[0], 0)).parent / extra).touch()
-        files.write_log(log, ONE[0], images)
-        result = scored(log, one)
-        assert perfect(result)
+            (log / "images" / self.IMAGES[0][0]).with_name(extra).touch()
+        result = of_east(log)
+        assert recall(result) == 1.0
         assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
 
+    @pytest.mark.parametrize("linked", [False, True])
     def test_folders_of_the_machine_are_not_listed(
-        self, tmp_path: Path, one: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+        self,
+        linked: bool,
+        tmp_path: Path,
+        log: Path,
+        of_east: Score,
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         """A log of a stranger names a folder of this machine: nothing of it is read or told."""
-        images = str(tmp_path / "private")
-        files.write_images(images, ONE[0])
-        (log / "images").symlink_to(images)
-        np.save(log / "database_descriptors.npy", np.eye(11, 24, dtype=np.float32))
+        private = tmp_path / "private"
+        self.write_images(private, log)
+        if linked:
+            (log / "images").symlink_to(private)
+            spoil(log, f"info.log: sed {private} => {log / 'images'}")
+        spoil(log, "database_descriptors.npy: py np.save(path, np.eye(11, 24, dtype='f4'))")
+        spoil(log, "info.log: sed database: 12 => database: 11")
         seen, walk = list[str](), os.walk
 
         def watched(top: str) -> Iterator[tuple[str, list[str], list[str]]]:
             seen.append(top)
             return walk(top)
 
-        for home in (images, str(log / "images")):
-            files.write_log(log, ONE[0], home, counts=(6, 11))
-            with monkeypatch.context() as patch:
-                patch.setattr(os, "walk", watched)
-                with pytest.raises(UserError, match="without names") as refused:
-                    scored(log, one)
-            assert "12 images" not in str(refused.value)
-        assert not any(os.path.realpath(place).startswith(images) for place in seen)
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "walk", watched)
+            with pytest.raises(UserError, match="without names") as refused:
+                of_east(log)
+        assert "12 images" not in str(refused.value)
+        assert not any(os.path.realpath(place).startswith(str(private)) for place in seen)
 
-    def test_list_of_the_user(self, tmp_path: Path, one: Path, log: Path) -> None:
+    def test_list_of_the_user(self, tmp_path: Path, log: Path, of_east: Score) -> None:
         order, names = np.random.default_rng(0).permutation(12), tmp_path / "names.txt"
-        np.save(log / "database_descriptors.npy", Place(ONE).descriptors(ONE[0])[1][order])
-        listed = [f"x/t{number:05d}.png" for number in order]
-        listed += [f"y/q{number:05d}.jpg" for number in range(6)]
+        spoil(log, f"database_descriptors.npy: py np.save(path, np.load(path)[{order.tolist()}])")
+        listed = [f"x/east/t{number:05d}.png" for number in order]
+        listed += [f"y/east/q{number:05d}.jpg" for number in range(6)]
         names.write_text("\n".join(listed))
-        assert perfect(scored(log, one, names=names))
+        assert recall(of_east(log, names=names)) == 1.0
         for wrong, words in ((listed[1:], "17 names for 12"), ([*listed, "z"], "1 name more")):
             names.write_text("\n".join(wrong))
             with pytest.raises(UserError, match=words):
-                scored(log, one, names=names)
+                of_east(log, names=names)
 
-    def test_the_innermost_scene_of_a_path_counts(self, tmp_path: Path, retrieved: Score) -> None:
-        """A run of all scenes below a folder that is called as one of them, and one of west."""
-        whole, place = tmp_path / "east" / "all", Place()
+    def test_one_run_of_all_scenes_below_a_folder_that_is_called_as_one(
+        self, tmp_path: Path, log: Path, retrieved: Score
+    ) -> None:
+        other, whole = log.parents[1] / "west" / log.name, tmp_path / "east" / "all"
         whole.mkdir(parents=True)
-        for name, rows in zip(("queries", "database"), place.every_descriptor(), strict=True):
-            np.save(whole / f"{name}_descriptors.npy", rows)
-        files.write_log(whole, place.scenes[0], counts=(10, 20), **ELSEWHERE)
+        for kind in ("queries", "database"):
+            rows = [np.load(one / f"{kind}_descriptors.npy") for one in (log, other)]
+            np.save(whole / f"{kind}_descriptors.npy", np.concatenate(rows))
+        said = (log / "info.log").read_text().replace("/data/made", "/x").replace("east", "all")
+        (whole / "info.log").write_text(said.replace("queries: 6", "queries: 10"))
+        spoil(whole, "info.log: sed database: 12 => database: 20")
         result = retrieved(whole)
-        assert perfect(result)
-        said = result.result.predictions.reader.conventions
-        assert "method salad" in said[0]
-        assert "names are taken by order" in said[1]
-        assert said[1] in result.result.notes
-        assert "compared by l2" in said[2]
-        assert perfect(retrieved(files.write_vpr(tmp_path / "east", place)))
+        assert result.overall["recall@1"] == 1.0
+        conventions = result.result.predictions.reader.conventions
+        assert "method salad" in conventions[0]
+        assert "names are taken by order" in conventions[1]
+        assert conventions[1] in result.result.notes
+        assert "compared by l2" in conventions[2]
 
     @pytest.mark.parametrize("lists", [False, True])
     def test_two_runs_of_one_scene_and_runs_that_are_not_whole(
-        self, tmp_path: Path, one: Path, lists: bool
+        self, log: Path, of_east: Score, lists: bool
     ) -> None:
-        logs, lacking = tmp_path / "logs", "preds/002.txt" if lists else "database_descriptors.npy"
-        for name in ("first", "second"):
-            files.write_log(logs / name, ONE[0])
-            write = files.write_lists if lists else files.write_descriptors
-            write(logs / name, Place(ONE), ONE[0])
+        lacking = "preds/002.txt" if lists else "database_descriptors.npy"
+        if lists:
+            self.write_lists(log)
+            for kind in ("queries", "database"):
+                spoil(log, f"{kind}_descriptors.npy: rm")
+        shutil.copytree(log, log.parent / "second")
         with pytest.raises(UserError, match=r"more than once|two runs of one query"):
-            scored(logs, one)
+            of_east(log.parent)
         if not lists:
-            np.save(logs / "first" / lacking, np.array([{}], dtype=object))
+            spoil(log, f"{lacking}: py np.save(path, np.array([{{}}], dtype=object))")
             with pytest.raises(UserError, match="pickled Python objects, never loaded"):
-                scored(logs / "first", one)
-        (logs / "first" / lacking).unlink()
+                of_east(log)
+        (log / lacking).unlink()
         with pytest.raises(UserError, match=f"lacks {'the lists of' if lists else lacking}"):
-            scored(logs / "first", one)
+            of_east(log)
