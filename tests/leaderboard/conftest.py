@@ -51,8 +51,7 @@ name = "made"
 title = "Made"
 protocols = ["{PROTOCOL}"]
 """
-R5 = HIT.model_copy(update={"key": "recall@5", "title": "R@5"})
-COLUMNS = (HIT, R5, HIT.model_copy(update={"key": "ap@5", "title": "AP@5"}))
+COLUMNS = (HIT, HIT.model_copy(update={"key": "recall@5", "title": "R@5"}))
 
 # --- submissions ---
 
@@ -111,16 +110,19 @@ def method(
     scenes = {}
     for scene, size in {"east": 30, "west": 20}.items():
         ease = 0.7 * shared.random(size) + 0.3 * own.random(size)
-        scenes[scene] = {c.key: _scores(c, ease, rate).tolist() for c in columns}
+        made = {c.key: (ease < rate + 0.2 * (c.key == "recall@5")).astype(float) for c in columns}
+        made["error_m"] = np.where(ease > 0.95, np.inf, np.round(ease * 30 * (1.5 - rate), 6))
+        scenes[scene] = {c.key: made[c.key].tolist() for c in columns}
     return made_method(scenes, columns, name, **result)
 
 
-def _scores(column: ScoreColumn, ease: np.ndarray, rate: float) -> np.ndarray:
-    if column.key.startswith("ap"):
-        return np.clip(np.floor(5 * (rate + 0.5 - ease)), 0, 5) / 5
-    if column.unit == "share":
-        return (ease < rate + 0.2 * (column.key == "recall@5")).astype(float)
-    return np.where(ease > 0.95, np.inf, np.round(ease * 30 * (1.5 - rate), 6))
+def made_answer(titles: Sequence[str], *, sealed: bool = False, **row: Any) -> answers.Answer:
+    """Return an answer by R@1 on scenes of these titles, as no run gave it."""
+    scenes = [{"id": f"s{n}", "title": text, "queries": 50} for n, text in enumerate(titles)]
+    head = {"benchmark": "made", "track": "retrieval", "protocol": PROTOCOL, "scenes": scenes}
+    head |= {"protocol_version": 1, "protocol_fingerprint": "f", "sealed": sealed}
+    facts = {"tree": "", "scored": "2026-04-01", "version": "1", "columns": [HIT.model_dump()]}
+    return answers.Answer.model_validate(facts | {"head": head, "row": {"method": "M"} | row})
 
 
 def write_run(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.leaderboard import answers, pull_request
+from airzoo_bench.leaderboard import pull_request
 from airzoo_bench.leaderboard.board import Board as Rules
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.comment import MARK, Found, comment_on
@@ -27,6 +27,7 @@ from tests.leaderboard.conftest import (
     File,
     Hosted,
     git,
+    made_answer,
     submission,
 )
 from tests.statistics.support import HIT
@@ -306,30 +307,19 @@ def outside_code(text: str) -> str:
     return "\n".join(kept)
 
 
-def found(kind: Any = "scored", answer: answers.Answer | None = None, **more: Any) -> Found:
-    stated: dict[str, Any] = {"pull_request": 5, "account": 7, "head": "a" * 40}
-    stated["place"] = Place("made", "retrieval", "mine")
-    return Found(kind=kind, answer=answer, **(stated | more))
-
-
-def answer(titles: Sequence[str], **more: Any) -> answers.Answer:
-    """Return an answer with scores of scenes."""
-    scenes = [{"id": f"s{n}", "title": text, "queries": 1234} for n, text in enumerate(titles)]
-    score = {"value": 0.5, "low": 0.25, "high": 0.75, "rank": (2, 5)}
-    row = {"kind": "re-scored", "method": "Salad", "scores": {HIT.key: score}}
-    row["scenes"] = {scene["id"]: {HIT.key: (0.5, 0.25, 0.75)} for scene in scenes}
-    head = {"benchmark": "made", "track": "retrieval", "protocol": "p", "protocol_version": 1}
-    head |= {"protocol_fingerprint": "f", "scenes": scenes}
-    given = {"tree": "", "scored": "2026-01-01", "version": "1", "columns": [HIT.model_dump()]}
-    return answers.Answer.model_validate(given | {"head": head, "row": row | more})
-
-
 @pytest.mark.parametrize("text", TEXTS, ids=lambda text: ascii(text)[:30])
 def test_a_comment_renders_nothing_that_was_submitted(text: str) -> None:
-    facts = {"method": text or "x", "team": text, "warnings": (text,) * 9}
-    scored = comment_on(found(answer=answer([text] * 300, notes=(text,)), **facts))
+    interval = (0.5, 0.25, 0.75)
+    scores = {HIT.key: {"value": 0.5, "low": 0.25, "high": 0.75, "rank": (2, 5)}}
+    scenes = {f"s{n}": {HIT.key: interval} for n in range(300)}
+    row: dict[str, Any] = {"scores": scores, "scenes": scenes, "notes": (text,)}
+    answer = made_answer([text] * 300, kind="re-scored", **row)
+    pull = Found(pull_request=5, account=7, head="a" * 40, place=Place("made", "retrieval", "mine"))
+    facts = {"kind": "scored", "method": text or "x", "team": text, "warnings": (text,) * 9}
+    scored = comment_on(pull.model_copy(update=facts | {"answer": answer}))
     problem = str(SubmissionError(text, where=text, expected=text, fix=text))
-    refused = comment_on(found("refused", problems=(problem,) * 500, warnings=(text,)))
+    facts = {"kind": "refused", "problems": (problem,) * 500, "warnings": (text,)}
+    refused = comment_on(pull.model_copy(update=facts))
     assert refused.startswith(f"{MARK}\n")
     for made in (scored, refused):
         assert all(c.isprintable() or c == "\n" for c in made)

@@ -379,22 +379,22 @@ def line(head: str, day: int, outcome: str = "started", account: int = 7) -> Try
     return Try(str(account), "made", head, outcome, f"2026-11-{day:02}T00:00:00Z")
 
 
-@pytest.mark.parametrize(
-    ("tries", "refused"),
-    [
-        ([line("a", 1)], False),
-        ([line("a", 1), line("b", 2)], True),
-        ([line("a", 1), line("b", 2, account=8)], False),
-        ([line("a", 1), line("a", 2), line("a", 2, "scored")], False),  # one commit is one try
-        ([line("a", 1), line("b", 2), line("b", 3, "failed")], False),
-        ([line("a", 1), line("b", 2), line("c", 2)], True),  # c itself was begun: a fourth job
-    ],
-)
-def test_a_try_beyond_the_limit_is_refused(tries: list[Try], refused: bool) -> None:
+TRIES: list[tuple[list[Try], bool]] = [
+    ([line("a", 1)], False),
+    ([line("a", 1), line("b", 2)], True),
+    ([line("a", 1), line("b", 2, account=8)], False),
+    ([line("a", 1), line("a", 2), line("a", 2, "scored")], False),  # one commit is one try
+    ([line("a", 1), line("b", 2), line("b", 3, "failed")], False),
+    ([line("a", 1), line("b", 2), line("c", 2)], True),  # c itself was begun: a fourth job
+]
+
+
+def test_a_try_beyond_the_limit_is_refused() -> None:
     limits, later = Limits(tries=2, days=30), line("d", 1)._replace(time="2026-12-01T00:00:01Z")
-    with pytest.raises(RefusedError, match="has had 2 tries") if refused else nullcontext():
-        check_tries(tries, line("c", 5), limits)
-    check_tries(tries[:2], later, limits)
+    for tries, is_refused in TRIES:
+        with pytest.raises(RefusedError, match="2 tries") if is_refused else nullcontext():
+            check_tries(tries, line("c", 5), limits)
+        check_tries(tries[:2], later, limits)
 
 
 def test_two_jobs_at_once_cannot_both_have_the_last_try(tmp_path: Path) -> None:

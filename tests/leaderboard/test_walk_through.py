@@ -160,18 +160,14 @@ def test_faults_of_the_board_are_none_of_a_submission(
 ) -> None:
     head = board.hosted.commit(board.hosted.resolve(), {f"{HOME}/x/submission.toml": b"x"})
     event = write_event(tmp_path / "event.json", 1, board.hosted.pull(1, head), ADA)
-    out = tmp_path / "found.json"
     for name, text in (("full/x", ""), ("event", "{}"), ("other/leaderboard.toml", "schema = 9")):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
-    sound = {"--event": event, "--root": board.main, "--remote": board.hosted.folder}
-    sound |= {"--work": tmp_path / "work", "--out": out}
-    for option, name in (
-        *(("--event", "event"), ("--root", "other"), ("--remote", "nowhere.git")),
-        ("--work", "full"),
-    ):
+    faults = {"--event": "event", "--root": "other", "--remote": "nowhere.git", "--work": "full"}
+    for option, name in faults.items():
+        sound = {"--event": event, "--root": board.main, "--remote": board.hosted.folder}
+        sound |= {"--work": tmp_path / f"work{option}", "--out": tmp_path / "found.json"}
         options = [part for pair in (sound | {option: tmp_path / name}).items() for part in pair]
         assert run_main("leaderboard", "score", *options) == 2
-        assert not out.exists()
         assert capsys.readouterr().err.count("airzoo-bench: ") == 1
-        shutil.rmtree(tmp_path / "work", ignore_errors=True)
+    assert not (tmp_path / "found.json").exists()
