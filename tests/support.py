@@ -114,6 +114,12 @@ def _made_benchmark(protocol_text: str, inputs: bytes) -> Path:
     return folder
 
 
+def environment(**more: str) -> dict[str, str]:
+    """Return the environment of a command in a process of its own."""
+    kept = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+    return kept | {"PYTHONPATH": str(Path(__file__).parents[1])} | more
+
+
 @functools.cache
 def _home_of_made() -> str:
     home = tempfile.mkdtemp(prefix="made-benchmarks-")

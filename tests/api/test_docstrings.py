@@ -17,8 +17,6 @@ import pytest
 from numpydoc.validate import validate
 
 import airzoo_bench as ab
-from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.evaluation.track import Track
 from airzoo_bench.results.records import Method
 from tests.statistics.support import ERROR, HIT, made_result, random_methods, write_method
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
@@ -90,17 +88,6 @@ def test_a_public_name_says_what_it_takes_and_raises(name: str) -> None:
     assert wrong == []
     if inspect.isfunction(thing):
         assert re.search(r"Raises\s+an?\s+`\w+Error`", inspect.getdoc(thing) or "")
-
-
-@pytest.mark.parametrize("contract", [Track, Dataset])
-def test_a_contract_says_what_its_methods_take(contract: type) -> None:
-    """What many methods take is described once, in the class."""
-    for name, member in vars(contract).items():
-        method = getattr(member, "__func__", getattr(member, "fget", member))
-        if not name.startswith("_") and inspect.isfunction(method):
-            for parameter in list(inspect.signature(method).parameters)[1:]:
-                stated = [is_described(one, parameter) for one in (method, *contract.__mro__)]
-                assert any(stated), (method.__qualname__, parameter)
 
 
 def run_examples(name: str, text: str, namespace: dict[str, Any]) -> str:

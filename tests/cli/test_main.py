@@ -14,9 +14,8 @@ import pytest
 
 from airzoo_bench.cli.common import progress, working
 from airzoo_bench.results.result import write_result
-from tests.cli.environment import environment
 from tests.statistics.support import made_method, small_result, write_method
-from tests.support import files_below, run_main, write_predictions
+from tests.support import environment, files_below, run_main, write_predictions
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="shells and signals of POSIX")
 LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -149,16 +148,11 @@ def test_closed_streams_are_no_fault(call: str, code: int, said: bytes, tmp_path
     assert bool(done.stdout + done.stderr) is bool(said)
 
 
-class Terminal(io.StringIO):
-    """A stream that says that it is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
-
-
 def test_work_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
-    for stream, is_shown in ((Terminal(), True), (io.StringIO(), False)):
+    for is_shown in (True, False):
+        stream = io.StringIO()
+        stream.isatty = lambda: is_shown  # noqa: B023
         monkeypatch.setattr("sys.stderr", stream)
         with working("drawing [red]\x07.png"):
             # Work within work: some versions of rich refuse a second display.

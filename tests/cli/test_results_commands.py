@@ -37,13 +37,7 @@ def methods(request: pytest.FixtureRequest) -> list[Method]:
         method.records["altitude_m"] = altitudes
         method.records["weather"] = np.where(altitudes > 200, "sunny", "rainy")
     return [
-        Method(
-            name,
-            one.result.model_copy(
-                update={"predictions": one.result.predictions.model_copy(update={"method": name})}
-            ).with_checksum(),
-            one.records,
-        )
+        Method(name, support.made_result(one.records, columns, name), one.records)
         for name, one in zip(NAMES, made, strict=True)
     ]
 

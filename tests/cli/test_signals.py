@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.environment import environment
-from tests.support import HANGS_S, files_below, make_place
+from tests.support import HANGS_S, environment, files_below, make_place
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -35,22 +34,6 @@ main()
 # LAPACK takes minutes for this, and does not return to the interpreter at a signal.
 _DEEP = "import numpy as np; np.linalg.eigvals(np.random.default_rng(0).random((6000, 6000)))"
 _SLEEP = "import time; time.sleep(600)"
-# Unwinds slowly, and has a process that must be killed.
-_SLOW_TO_STOP = """
-        import time, signal
-        from multiprocessing import Process
-        import multiprocessing
-        multiprocessing.set_start_method("fork")
-        def stay():
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            time.sleep(600)
-        Process(target=stay).start()
-        try:
-            time.sleep(600)
-        finally:
-            time.sleep(0.8)
-"""
 # Unwinds for ever: a library that waits for its threads.
 _NEVER_STOPS = """
         import time
@@ -79,29 +62,22 @@ def test_solving_leaves_sigterm_to_the_command() -> None:
     assert (done.returncode, done.stderr) == (143, b"")
 
 
-# The signal comes as that module is imported, or when that function is called.
+# The signal comes as that module is imported.
 _EARLY = """
 import signal, sys
 from airzoo_bench import __main__
-def stop(*given, **more):
-    signal.raise_signal(signal.SIGINT)
 class Finder:
     def find_spec(self, name, *given):
         if name == "airzoo_bench.cli.main":
-            stop()
-if {name!r}:
-    from airzoo_bench.cli import main
-    setattr(main, {name!r}, stop)
-else:
-    sys.meta_path.insert(0, Finder())
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Finder())
 __main__.main()
 """
 _MESSAGE = b"airzoo-bench: stopped; nothing was left half-written\n"
 
 
-@pytest.mark.parametrize("name", ["", "main"])
-def test_a_stop_before_the_command_line_looks_for_one(name: str) -> None:
-    command = [sys.executable, "-c", _EARLY.format(name=name)]
+def test_a_stop_before_the_command_line_looks_for_one() -> None:
+    command = [sys.executable, "-c", _EARLY]
     done = subprocess.run(command, capture_output=True, env=environment(), check=False)
     assert (done.returncode, done.stderr) == (130, _MESSAGE)
 
@@ -142,7 +118,6 @@ def test_an_interrupted_prepare_leaves_nothing(tmp_path: Path) -> None:
         (_SLEEP, signal.SIGTERM),
         (_NEVER_STOPS, signal.SIGINT),
         pytest.param(_DEEP, signal.SIGINT, marks=pytest.mark.slow),
-        pytest.param(_SLOW_TO_STOP, signal.SIGTERM, marks=pytest.mark.slow),
     ],
 )
 def test_a_command_ends_in_time(wait: str, number: int, tmp_path: Path) -> None:
