@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import itertools
+import re
 import socket
 import ssl
 import subprocess
@@ -110,27 +111,25 @@ def refusal(into: Path, url: str = URL, **changes: Any) -> str:
 SIGNED = "/signed" + "a" * 2500 + "?Expires=5"  # as of Hugging Face and of GitHub's releases
 
 
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [
-        ("/a/preds.npz?download=1", "preds.npz"),
-        ("/api/records/7/files/salad.zip/content", "salad.zip"),
-        ("/a/..%2f..%2fetc.passwd", "etc.passwd"),
-        ("/a/.ssh", "predictions"),
-        (PATH, "preds.npz"),
-    ],
-)
-def test_a_file_arrives_under_its_name_once(web: Web, tmp_path: Path, path: str, name: str) -> None:
-    web.answers = {path: send(CONTENT), SIGNED: send(CONTENT)}
-    hosts = [HOST]
-    if path == PATH:
-        web.answers[PATH], hosts = redirect(f"https://{OTHER}{SIGNED}"), [HOST, OTHER]
-    for _ in range(2):
-        found = fetched(tmp_path, f"https://{HOST}{path}")
-        assert (found, found.read_bytes()) == (tmp_path / name, CONTENT)
-    assert len(web.requests) == len(hosts)
-    for host, request in zip(hosts, web.requests, strict=True):
-        assert f"\r\nHost: {host}\r\n".encode() in request
+NAMES = {
+    "/a/preds.npz?download=1": "preds.npz",
+    "/api/records/7/files/salad.zip/content": "salad.zip",
+    "/a/..%2f..%2fetc.passwd": "etc.passwd",
+    "/a/.ssh": "predictions",
+    PATH: "preds.npz",
+}
+
+
+def test_a_file_arrives_under_its_name_once(web: Web, tmp_path: Path) -> None:
+    web.answers = {path: send(CONTENT) for path in (*NAMES, SIGNED)}
+    web.answers[PATH] = redirect(f"https://{OTHER}{SIGNED}")
+    for number, (path, name) in enumerate(NAMES.items()):
+        for _ in range(2):
+            found = fetched(tmp_path / str(number), f"https://{HOST}{path}")
+            assert (found.name, found.read_bytes()) == (name, CONTENT)
+            assert found.parent == tmp_path / str(number)
+    hosts = [re.findall(rb"\r\nHost: (.*)\r\n", request) for request in web.requests]
+    assert hosts == [[HOST.encode()]] * len(NAMES) + [[OTHER.encode()]]
 
 
 REFUSED: list[tuple[Answer, str]] = [

@@ -219,6 +219,8 @@ def test_links_lead_to_pages_and_places_and_no_page_loads_or_runs_what_is_not_it
         assert not re.search(r"<[^>]*\s(?:src|style|on\w+)=", text), path
         assert not re.findall("[\x00-\x08\x0b-\x1f\x7f\u200b-\u200f\u202a-\u202e]", text), path
         assert "62615533" not in text, path  # 7919 * 7907
+        outward = re.findall(r'<a [^>]*href="https:[^>]*>', text)
+        assert all('rel="noopener nofollow"' in link for link in outward), path
         # The policy allows this style and script by their hashes alone.
         own = re.findall(r"<(?:style|script)>(.*?)</(?:style|script)>", text, re.DOTALL)
         [policy] = re.findall(r'Content-Security-Policy" content="([^"]+)"', text)

@@ -319,8 +319,7 @@ def test_one_command_makes_a_branch_with_the_checked_folder(
     changed = git(root, "show", "--name-only", "--format=", "submit-salad").splitlines()
     assert changed == [f"{FOLDER}/{name}" for name in ("preds.npz", "submission.toml")]
     stated = read_submission(root / FOLDER / "submission.toml")
-    assert (stated.protocol, stated.account, stated.training_data) == (PROTOCOL, ADA, ())
-    assert stated.pipeline.uses == ("prior",)
+    assert (stated.protocol, stated.account, stated.pipeline.uses) == (PROTOCOL, ADA, ("prior",))
 
 
 def test_wrong_options_write_nothing_and_a_version_is_replaced_only_by_force(
