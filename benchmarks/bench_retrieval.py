@@ -1,23 +1,94 @@
-"""Ranking beside faiss, metrics beside ranx."""
+"""Positives beside shapely, ranking beside faiss, metrics beside ranx."""
 
 from __future__ import annotations
 
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import faiss
 import numpy as np
-from harness import Case, Figures, Work, main
+import shapely
+from harness import Case, Figures, Work, main, same
 from numpy.typing import NDArray
+from pyproj import Transformer
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import metrics
+from airzoo_bench.retrieval.positives import find_holding_tiles
 from airzoo_bench.retrieval.ranking import rank_by_descriptors
 from airzoo_bench.retrieval.truth import Positives
 
 Floats = NDArray[np.float64]
+
+
+def make_points(folder: Path, gallery: str, queries: int, side: float) -> None:
+    """Write boxes (G, 4) of tiles of two scales and points (Q, 4, 2), in degrees."""
+    random = np.random.default_rng(0)
+    boxes = np.concatenate([cut(side, px * 0.3) for px in (1024, 512)])
+    if gallery == "shuffled":
+        boxes = random.permutation(boxes)
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    points = random.uniform(low, high, (queries, 2))[:, None]
+    points = points + random.uniform(-0.0015, 0.0015, (queries, 4, 2))
+    points[random.random((queries, 4)) < 0.01] = np.nan
+    np.savez(folder / "arrays.npz", boxes=boxes, points=points)
+
+
+def cut(side: float, tile: float) -> Floats:
+    """Cut a square map in UTM into tiles with half a tile's stride, the last at the edge."""
+    to_degrees = Transformer.from_crs(32649, 4326, always_xy=True).transform
+    starts = np.append(np.arange(0, side - tile, tile / 2), side - tile)
+    x, y = np.meshgrid(starts, -starts)
+    corners = [
+        to_degrees(760_000 + x + dx, 3_150_000 + y - dy) for dx in (0, tile) for dy in (0, tile)
+    ]
+    lon, lat = (np.stack(axis) for axis in zip(*corners, strict=True))
+    sides = lon.min(axis=0), lat.min(axis=0), lon.max(axis=0), lat.max(axis=0)
+    return np.stack(sides, axis=-1).reshape(-1, 4)
+
+
+def find_positives(folder: Path, **_: Any) -> Work:
+    """Find positives by this package."""
+    arrays = np.load(folder / "arrays.npz")
+    points, boxes = arrays["points"], arrays["boxes"]
+
+    def work() -> dict[str, Any]:
+        found = find_holding_tiles(points, boxes)
+        return {"offsets": found.offsets, "tiles": found.tiles}
+
+    return work
+
+
+def ask_tree(folder: Path, **_: Any) -> Work:
+    """Find positives by shapely's tree, in bulk and without a predicate, its fastest way."""
+    arrays = np.load(folder / "arrays.npz")
+    points, boxes = arrays["points"], arrays["boxes"]
+
+    def work() -> dict[str, Any]:
+        tree = shapely.STRtree(shapely.box(*boxes.T))
+        point, tile = tree.query(shapely.points(points.reshape(-1, 2)))
+        pairs = np.unique(point // points.shape[1] * len(boxes) + tile)
+        query, tile = np.divmod(pairs, len(boxes))
+        counts = np.bincount(query, minlength=len(points))
+        return {"offsets": np.append(0, np.cumsum(counts)), "tiles": tile.astype(np.int32)}
+
+    return work
+
+
+def positives_case(gallery: str) -> Case:
+    """Return the case of a gallery: ``grid``, or ``shuffled``, which is none."""
+    return Case(
+        f"positives of {{queries:,}} queries of 4 points, {gallery} gallery",
+        partial(make_points, gallery=gallery),
+        {"airzoo-bench": find_positives, "shapely.STRtree": ask_tree},
+        {"queries": 100_000, "side": 69_000.0},
+        {"queries": 5_000, "side": 9_000.0},
+        same,
+        repeats=3,
+    )
 
 
 K = 100
@@ -149,6 +220,7 @@ def compare_scores(figures: dict[str, Figures]) -> str:
 
 
 CASES = {
+    **{gallery: positives_case(gallery) for gallery in ("grid", "shuffled")},
     "ranking": Case(
         "first 100 of {queries:,} queries, {tiles:,} tiles, {length:,} numbers each",
         make_descriptors,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from airzoo_bench.engines.engine import split
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
@@ -21,6 +24,11 @@ _BLOCK = 4096  # queries at a time
 _TILES = 1 << 18  # of a search tree, which bounds its memory
 _PAIRS = 1 << 17  # query-tile pairs at a time; they stay in the cache
 _TOUCH = 1e-12  # of the tile's area; rounding leaves less than this of two that only touch
+_NONE = np.iinfo(np.int32).max
+_MOST_GRIDS = 16
+_MOST_CANDIDATES = 128  # a point; beyond this a search tree is faster
+_FIT_TILES = 12  # a side; functions are fitted on at most 12 x 12 tiles
+_SLACK = 1e-12  # of the terms' size; far above their rounding, far below a tile
 
 
 class Footprints(NamedTuple):
@@ -149,6 +157,14 @@ def find_holding_tiles(points: Floats, boxes: Floats) -> Positives:
     Points of NaN lie in no tile.
     """
     n_queries, n_tiles = len(points), len(boxes)
+    if points.size == 0 or n_tiles == 0:
+        return _pairs_of([], n_queries, n_tiles)
+    if grids := _split_into_grids(boxes):
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            parts = split(n_queries, _BLOCK)
+            found = list(pool.map(lambda part: _search_grids(grids, points[part]), parts))
+        counts, tiles = (np.concatenate(one) for one in zip(*found, strict=True))
+        return Positives(offsets_of(counts), tiles)
     query, places = np.repeat(np.arange(n_queries), points.shape[1]), points.reshape(-1, 2)
     pairs = _meeting_pairs(places, places, boxes)
     return _pairs_of([query[row] * n_tiles + tile for row, tile in pairs], n_queries, n_tiles)
@@ -170,3 +186,85 @@ def _pairs_of(keys: list[Ints], n_queries: int, n_tiles: int) -> Positives:
     every = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]))
     query, tile = np.divmod(every, max(n_tiles, 1))
     return Positives(offsets_of(np.bincount(query, minlength=n_queries)), tile.astype(np.int32))
+
+
+# A gallery cut from one map is a few grids of tiles, one a scale, row by row. There arithmetic
+# finds the tiles that may hold a point, more than 10 times as fast as a search tree.
+
+
+class _Grid(NamedTuple):
+    """Tiles that follow each other row by row, and which of them may hold a point.
+
+    Rows and columns are nearly straight and parallel. Two linear functions of lon/lat give a tile's
+    centre nearly its column and its row. Each column covers an interval of the first one's values,
+    each row of the second one's, which are computed from every tile: a poor fit costs time, never
+    a tile.
+    """
+
+    start: int  # index of the first tile
+    columns: int  # tiles a row
+    boxes: Floats  # (n, 4)
+    fits: list[Floats]  # of columns and rows: offset, and factors of lon and lat
+    ends: list[Floats]  # where the intervals of the columns and the rows end, ascending
+    widths: list[int]  # the most columns and rows that one value can lie in
+
+
+def _split_into_grids(boxes: Floats) -> list[_Grid]:
+    """Split a gallery into grids of tiles; none where a search tree is faster."""
+    starts = np.concatenate([[0], np.flatnonzero(boxes[1:, 0] <= boxes[:-1, 0]) + 1])
+    step = np.sign(np.diff(boxes[starts, 3]))
+    usual = -1 if step.sum() <= 0 else 1  # latitude falls from row to row, or rises
+    lengths = np.diff(np.append(starts, len(boxes)))
+    firsts = np.append(0, np.flatnonzero((np.diff(lengths) != 0) | (step != usual)) + 1)
+    if len(firsts) > _MOST_GRIDS:
+        return []
+    ends = np.append(starts[firsts[1:]], len(boxes))
+    runs = np.stack([starts[firsts], ends, lengths[firsts]], axis=1).tolist()
+    grids = [_fit_grid(boxes[start:end], start, columns) for start, end, columns in runs]
+    candidates = sum(grid.widths[0] * grid.widths[1] for grid in grids)
+    return grids if candidates <= _MOST_CANDIDATES else []
+
+
+def _fit_grid(boxes: Floats, start: int, columns: int) -> _Grid:
+    west, south, east, north = boxes.T  # by column: reducing (n, 4) over n is 20 times slower
+    lon, lat = ((one / 2).reshape(-1, columns) for one in (west + east, south + north))
+    reach = (east - west).max() / 2, (north - south).max() / 2
+    # Not by the last row and column: anchored to the map's edge, they are out of step.
+    rows = [np.unique(np.linspace(0, max(n - 2, 0), _FIT_TILES).astype(int)) for n in lon.shape]
+    some = np.ix_(*rows)
+    terms = np.stack([one.ravel() for one in (np.ones_like(lon[some]), lon[some], lat[some])], 1)
+    fits, ends, widths = [], [], []
+    for axis, index in enumerate(np.broadcast_arrays(some[1], some[0])):
+        fit: Floats = np.linalg.lstsq(terms, index.ravel().astype(np.float64))[0]
+        margin = np.abs(fit[1:]) @ reach + _SLACK * float(1 + np.abs(fit * (1, 180, 90)).sum())
+        values = fit[0] + fit[1] * lon + fit[2] * lat
+        begin = np.minimum.accumulate((values.min(axis=axis) - margin)[::-1])[::-1]
+        end = np.maximum.accumulate(values.max(axis=axis) + margin)
+        met = np.searchsorted(begin, end, side="right") - np.arange(len(begin))
+        fits.append(fit)
+        ends.append(end)
+        widths.append(int(met.max()))
+    return _Grid(start, columns, boxes, fits, ends, widths)
+
+
+def _search_grids(grids: list[_Grid], points: Floats) -> tuple[Ints, NDArray[np.int32]]:
+    """Return how many tiles hold points of each query of a block, and these tiles."""
+    lon, lat = np.ascontiguousarray(points.reshape(-1, 2).T)
+    found = []
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN points lie in no tile
+        for start, columns, boxes, fits, ends, widths in grids:
+            column, row = (
+                np.minimum(np.searchsorted(end, fit[0] + fit[1] * lon + fit[2] * lat), len(end) - n)
+                for fit, end, n in zip(fits, ends, widths, strict=True)
+            )
+            for down, right in np.ndindex(widths[1], widths[0]):
+                tile = (row + down) * columns + column + right
+                box = boxes.take(tile, axis=0)
+                inside = (box[:, 0] <= lon) & (lon <= box[:, 2])
+                inside &= (box[:, 1] <= lat) & (lat <= box[:, 3])
+                found.append(np.where(inside, tile + start, _NONE).astype(np.int32))
+    hits = np.stack(found, axis=1).reshape(len(points), -1)
+    hits.sort(axis=1)
+    first = hits != _NONE
+    first[:, 1:] &= hits[:, 1:] != hits[:, :-1]
+    return first.sum(axis=1), hits[first]

@@ -41,6 +41,38 @@ def assert_same(found, expected):
     assert found.tiles.tolist() == [tile for tiles in expected for tile in tiles]
 
 
+def starts_of(length, tile):
+    """Tiles at half a tile's stride; the last anchored to the edge."""
+    starts = np.arange(0, max(length - tile, 0) + 1, tile / 2)
+    return starts if starts[-1] >= length - tile else np.append(starts, length - tile)
+
+
+def grid(width, height, tile, bend=0.0):
+    """Boxes of the corners of a map's tiles, row by row from the north.
+
+    A bend tilts and curves the map as the convergence of the meridians does, only more.
+    """
+    x, y = np.meshgrid(starts_of(width, tile), -starts_of(height, tile))
+    corners = []
+    for px, py in ((x + dx, y - dy) for dx in (0, tile) for dy in (0, tile)):
+        lon = px + bend * (112 + 0.05 * py + 2e-4 * px * py)
+        corners.append((lon, py + bend * (28 - 0.05 * px - 1e-4 * px**2)))
+    lon, lat = np.moveaxis(corners, 1, 0)
+    sides = lon.min(axis=0), lat.min(axis=0), lon.max(axis=0), lat.max(axis=0)
+    return np.stack(sides, axis=-1).reshape(-1, 4)
+
+
+def points_near(boxes, rng, n):
+    """Points in, on the borders and corners of, and beside tiles, and some NaN."""
+    picks = boxes[rng.integers(0, len(boxes), (n, 4))]
+    share = rng.choice([0, 0, 0.25, 0.5, 1, 1, 1.5, np.nan], (n, 4, 2))
+    low, high = picks[..., :2], picks[..., 2:]
+    return np.where(share == 0, low, np.where(share == 1, high, low + share * (high - low)))
+
+
+sizes = st.sampled_from([1.0, 2, 2.5, 4, 5, 7, 9.5, 20])
+
+
 @settings(max_examples=80, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 30), st.integers(1, 9))
 def test_any_boxes_agree_with_every_tile_tested(seed, n_tiles, n_queries):
@@ -48,8 +80,28 @@ def test_any_boxes_agree_with_every_tile_tested(seed, n_tiles, n_queries):
     low = rng.integers(-4, 5, (n_tiles, 2)).astype(float)
     boxes = np.concatenate([low, low + rng.integers(0, 6, (n_tiles, 2))], axis=1)
     points = rng.choice([*range(-4, 5), np.nan, np.inf], (n_queries, 2, 2))
+    assert_same(find_holding_tiles(points, boxes), naive(points, boxes))
+
+
+ORDERS = {
+    "none": lambda boxes, rng: np.arange(len(boxes)),
+    "shuffled": lambda boxes, rng: rng.permutation(len(boxes)),
+    "upwards": lambda boxes, rng: np.arange(len(boxes))[::-1],
+    "westwards": lambda boxes, rng: np.lexsort((-boxes[:, 0], -boxes[:, 3])),
+    "column first": lambda boxes, rng: np.lexsort((boxes[:, 1], boxes[:, 0])),
+    "with holes": lambda boxes, rng: np.flatnonzero(rng.random(len(boxes)) > 0.1),
+}
+
+
+@settings(max_examples=100, deadline=None)
+@given(sizes, sizes, st.sampled_from([0.0, 1.0]), st.sampled_from([*ORDERS]), st.integers(0))
+def test_grids_agree_with_every_tile_tested(width, height, bend, order, seed):
+    rng = np.random.default_rng(seed)
+    boxes = np.concatenate([grid(width, height, tile, bend) for tile in (4.0, 2.0)])
+    boxes = boxes[ORDERS[order](boxes, rng)]
+    points = points_near(boxes, rng, 40) if len(boxes) else np.zeros((40, 4, 2))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(positives, "_TILES", 12)  # of a tree, which then are several
+        patch.setattr(positives, "_TILES", 64)  # of a tree, which then are several
         assert_same(find_holding_tiles(points, boxes), naive(points, boxes))
 
 
@@ -98,8 +150,7 @@ def test_overlaps_agree_with_shapely(seed, offset, on_lattice):
     polygons = rng.uniform(-2, 3, (3, 4, 2))
     if on_lattice:
         polygons = rng.integers(-1, 3, (3, 4, 2)).astype(float)
-    lows = np.array([(x, y) for x in (0, 1, 2) for y in (-2, -3, -4)], float)
-    boxes = np.concatenate([UNIT_BOX, np.hstack([lows, lows + 2]), [[-1.0, -1, 0.3, 2]]])
+    boxes = np.concatenate([UNIT_BOX, grid(4, 4, 2.0), [[-1.0, -1, 0.3, 2]]])
     shapes = shapely.polygons(polygons)
     shapes = np.where(shapely.is_valid(shapes), shapes, shapely.convex_hull(shapes))
     tiles = shapely.box(*boxes.T)
