@@ -18,7 +18,7 @@ from airzoo_bench.api.arguments import Scores
 from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.evaluation import evaluate as scoring
-from airzoo_bench.evaluation.predictions import ReadBy
+from airzoo_bench.evaluation.predictions import ReaderOptions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results import comparison
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
@@ -142,7 +142,7 @@ def evaluate(
     jobs, max_memory : int
         Threads, and bytes for the predictions; the numbers do not depend on them.
     """
-    read_by = ReadBy(reader, None if names is None else Path(names))
+    read_by = ReaderOptions(reader, None if names is None else Path(names))
     run = Run(memory_bytes=max_memory, jobs=jobs)
     with _as_path(predictions) as path:
         named: Any = {"protocol": protocol, "method": method, "data": data_here(data)}
@@ -180,7 +180,7 @@ def check(
     Parameters are as in `evaluate`; the truth of the benchmark may be sealed. Raises a `UserError`
     where there is nothing to check: no such file, or no known protocol.
     """
-    read_by = ReadBy(reader, None if names is None else Path(names))
+    read_by = ReaderOptions(reader, None if names is None else Path(names))
     with _as_path(predictions) as path:
         found = scoring.check(path, data=data_here(data), protocol=protocol, read_by=read_by)
     return Check(**vars(found))

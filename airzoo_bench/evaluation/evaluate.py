@@ -33,8 +33,8 @@ from airzoo_bench.core.version import versions
 from airzoo_bench.evaluation.predictions import (
     AS_FOUND,
     HERE,
-    Given,
-    ReadBy,
+    OpenedPredictions,
+    ReaderOptions,
     check_npz,
     open_predictions,
     read_truths,
@@ -62,7 +62,7 @@ class Evaluation:
 
     result: Result
     records: pd.DataFrame
-    given: Given
+    opened: OpenedPredictions
     benchmark: Benchmark
     truths: list[Any]
     scored: dict[str, SceneScores]
@@ -70,7 +70,7 @@ class Evaluation:
     @property
     def protocol(self) -> Any:
         """The protocol, of its track's own class."""
-        return self.given.protocol
+        return self.opened.protocol
 
 
 def evaluate(
@@ -81,22 +81,22 @@ def evaluate(
     protocol: str | None = None,
     method: str | None = None,
     run: Run = HERE,
-    read_by: ReadBy = AS_FOUND,
+    read_by: ReaderOptions = AS_FOUND,
     unfinished: Path | None = None,
 ) -> Evaluation:
     """Score predictions; scenes are kept in a folder `unfinished` until all are scored."""
-    given = open_predictions(
+    opened = open_predictions(
         path, data=data, track=track, protocol=protocol, run=run, read_by=read_by
     )
-    chosen, known = given.protocol, given.truths
+    chosen, known = opened.protocol, opened.truths
     benchmark, truths = known if known and not known[0].is_sealed else read_truths(chosen, data)
-    assignment = given.track.assign(given.predictions, truths, chosen)
+    assignment = opened.track.assign(opened.predictions, truths, chosen)
     for error in assignment.errors:
         raise error
     sha256, of_truths = sha256_of_tree(path), truth_fingerprint(truths)
     store = None
     if unfinished is not None:  # versions too, but not code that is being changed
-        reader = None if given.reader is None else given.reader.model_dump(mode="json")
+        reader = None if opened.reader is None else opened.reader.model_dump(mode="json")
         names = None if read_by.names is None else sha256_of(read_by.names)
         inputs = [sha256, reader, names, chosen.fingerprint, of_truths, versions()]
         store = SceneStore(unfinished, fingerprint([*inputs, run.memory_bytes]))
@@ -105,11 +105,11 @@ def evaluate(
     for truth, part in run.progress(parts, "scenes", len(truths)):
         scene = None if store is None else store.load(truth.scene)
         if scene is None:
-            scene = given.track.score(part, truth, chosen, run)
+            scene = opened.track.score(part, truth, chosen, run)
             if store is not None:
                 store.save(truth.scene, scene)
         scored[truth.scene] = scene
-    scores, records = _join_records([*scored.values()], given.track.scores(chosen))
+    scores, records = _join_records([*scored.values()], opened.track.scores(chosen))
     result = Result(
         track=chosen.track,
         protocol=ProtocolUsed(
@@ -129,34 +129,37 @@ def evaluate(
             sha256=sha256,
             kind=", ".join(sorted({scene.kind for scene in scored.values() if scene.kind})),
             method=method or (path.name if path.is_dir() else path.stem),
-            reader=given.reader,
+            reader=opened.reader,
         ),
         versions=dict(versions()),
         columns=tuple(scores),
         counts={name: scene.counts for name, scene in scored.items()},
         extra_queries=assignment.strange,
-        notes=tuple(_list_notes(given, truths, assignment, [*scored.values()])),
+        notes=tuple(_list_notes(opened, truths, assignment, [*scored.values()])),
         **asdict(summarise(records, scores, [scene.id for scene in chosen.scenes])),
-        references=dict(given.track.references(chosen, truths)),
+        references=dict(opened.track.references(chosen, truths)),
     )
     if store is not None:
         store.remove()
-    return Evaluation(result.with_checksum(), records, given, benchmark, truths, scored)
+    return Evaluation(result.with_checksum(), records, opened, benchmark, truths, scored)
 
 
 def _list_notes(
-    given: Given, truths: Sequence[Truth], assignment: Assignment, scored: Sequence[SceneScores]
+    opened: OpenedPredictions,
+    truths: Sequence[Truth],
+    assignment: Assignment,
+    scored: Sequence[SceneScores],
 ) -> list[str]:
     """Return the notes on files, scenes and all together, for a reader of the scores."""
     counts = [
         f"scene {scene.title} has {one.counts['queries']:,} queries here, "
         f"{scene.queries:,} in the paper"
-        for scene, one in zip(given.protocol.scenes, scored, strict=True)
+        for scene, one in zip(opened.protocol.scenes, scored, strict=True)
         if scene.queries not in (None, one.counts.get("queries", scene.queries))
     ]
     of_scenes = [note for scene in scored for note in scene.notes]
-    of_track = given.track.notes(given.predictions, truths, given.protocol, scored)
-    return [*counts, *given.notes, *assignment.notes, *of_scenes, *of_track]
+    of_track = opened.track.notes(opened.predictions, truths, opened.protocol, scored)
+    return [*counts, *opened.notes, *assignment.notes, *of_scenes, *of_track]
 
 
 def _join_records(
@@ -193,7 +196,7 @@ def check(
     data: Path,
     protocol: str | None = None,
     run: Run = HERE,
-    read_by: ReadBy = AS_FOUND,
+    read_by: ReaderOptions = AS_FOUND,
 ) -> Checked:
     """Find errors of predictions, the first in each file or scene, without scoring them.
 
@@ -202,10 +205,10 @@ def check(
     described: list[str] = []
     notes: list[str] = []
     try:
-        given = open_predictions(path, data=data, protocol=protocol, run=run, read_by=read_by)
-        described, notes = _describe(given), [*given.notes]
-        _, truths = given.truths or read_truths(given.protocol, data, sealed=True)
-        assignment = given.track.assign(given.predictions, truths, given.protocol)
+        opened = open_predictions(path, data=data, protocol=protocol, run=run, read_by=read_by)
+        described, notes = _describe(opened), [*opened.notes]
+        _, truths = opened.truths or read_truths(opened.protocol, data, sealed=True)
+        assignment = opened.track.assign(opened.predictions, truths, opened.protocol)
     except UnreadableError:
         raise
     except (PredictionError, CameraError) as error:
@@ -215,24 +218,24 @@ def check(
     for part, truth in zip(assignment.parts, truths, strict=True):
         try:  # errors of a scene hide no others
             if part is not None:
-                scored.append(given.track.check(part, truth, given.protocol, run))
+                scored.append(opened.track.check(part, truth, opened.protocol, run))
         except (PredictionError, CameraError) as error:
             errors.append(error)
     described.append(f"answers {assignment.covered}")
     if not errors:
-        return Checked([], _list_notes(given, truths, assignment, scored), described)
+        return Checked([], _list_notes(opened, truths, assignment, scored), described)
     notes += [*assignment.notes, *(note for one in scored for note in one.notes)]
     return Checked(errors, notes, described)
 
 
-def _describe(given: Given) -> list[str]:
-    what = f"{given.protocol.track} predictions for {given.protocol.name}"
-    if given.reader is None:
+def _describe(opened: OpenedPredictions) -> list[str]:
+    what = f"{opened.protocol.track} predictions for {opened.protocol.name}"
+    if opened.reader is None:
         return [what]
-    reader = READERS.get(given.reader.name)
+    reader = READERS.get(opened.reader.name)
     writers = f" ({', '.join(reader.methods)})" if reader.methods else ""
-    what = f"{reader.title}{writers}: {what}, read by --reader {given.reader.name}"
-    return [what, *(f"taken to be so: {convention}" for convention in given.reader.conventions)]
+    what = f"{reader.title}{writers}: {what}, read by --reader {opened.reader.name}"
+    return [what, *(f"taken to be so: {convention}" for convention in opened.reader.conventions)]
 
 
 def run_baseline(
@@ -287,10 +290,10 @@ def check_run_folder(out: Path, predictions: str | Path) -> list[str]:
     tracks = [TRACKS.get(name) for name in TRACKS.names()]
     files = [_RESULT, "records.csv", *(name for info in tracks for name in info.files)]
     check_output_folder(out, files)
-    given, is_run = Path(predictions).resolve(), (out / _RESULT).exists()
+    source, is_run = Path(predictions).resolve(), (out / _RESULT).exists()
     for name in (*files, "figures"):
         is_own = name == "figures" and (out / name).exists() and not is_run
-        if is_own or given.is_relative_to(out.resolve() / name):
+        if is_own or source.is_relative_to(out.resolve() / name):
             raise UsageError(
                 f"the run would replace {name}, which no run wrote",
                 where=out / name,
@@ -303,7 +306,7 @@ def save(
     evaluation: Evaluation, folder: Path, draw: Callable[[Path], None] | None = None
 ) -> list[Path]:
     """Write the files of a run into a folder, in place of an earlier run's."""
-    names = check_run_folder(folder, evaluation.given.predictions.path)
+    names = check_run_folder(folder, evaluation.opened.predictions.path)
     with atomic_entries(folder, names) as staged:
         checksum = write_csv(evaluation.records, staged / "records.csv")
         result = evaluation.result.with_records(checksum)

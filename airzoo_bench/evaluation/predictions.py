@@ -249,7 +249,7 @@ def find_reader(path: Path, track: str | None = None) -> str | None:
 
 
 @dataclass(frozen=True)
-class ReadBy:
+class ReaderOptions:
     """How predictions in a method's own files are to be read: see `Reading`.
 
     The reader is found from the files where none is named; `image_size` is such as "640x480".
@@ -260,11 +260,11 @@ class ReadBy:
     image_size: str | None = None
 
 
-HERE, AS_FOUND = Run(), ReadBy()
+HERE, AS_FOUND = Run(), ReaderOptions()
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class OpenedPredictions:
     """Predictions, opened, with their protocol.
 
     `reader` read a method's own files, and has `notes`; `truths` are the benchmark and its truths,
@@ -291,8 +291,8 @@ def open_predictions(
     track: str | None = None,
     protocol: str | None = None,
     run: Run = HERE,
-    read_by: ReadBy = AS_FOUND,
-) -> Given:
+    read_by: ReaderOptions = AS_FOUND,
+) -> OpenedPredictions:
     """Open predictions in this process, or in a child under limits where `run` has some."""
     if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
         raise UnreadableError("no such prediction file or folder", where=path, **_example())
@@ -317,7 +317,9 @@ def open_predictions(
     track = track or _track_by_kind(path, fields)
     predictions: Predictions = load_track(track).open(path, run.memory_bytes)
     stated = predictions.protocol
-    return Given(predictions, chosen or _choose_protocol(path, None, stated, track, data))
+    return OpenedPredictions(
+        predictions, chosen or _choose_protocol(path, None, stated, track, data)
+    )
 
 
 def _example() -> dict[str, str]:
@@ -385,8 +387,8 @@ def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
 
 
 def _read_native(
-    path: Path, name: str, data: Path, chosen: Protocol, run: Run, read_by: ReadBy
-) -> Given:
+    path: Path, name: str, data: Path, chosen: Protocol, run: Run, read_by: ReaderOptions
+) -> OpenedPredictions:
     """Read what a method wrote."""
     reader, size = reader_named(name), None
     if read_by.image_size is not None:
@@ -412,13 +414,15 @@ def _read_native(
     beside = [*read.beside, *([read_by.names] if read_by.names else [])]
     also = (f"read too: {one.name}, SHA-256 {sha256_of(one)}" for one in beside)
     used = ReaderUsed(name=name, conventions=(*read.conventions, *also))
-    return Given(read.predictions, chosen, used, read.notes, (benchmark, truths))
+    return OpenedPredictions(read.predictions, chosen, used, read.notes, (benchmark, truths))
 
 
 # --- predictions of strangers, which a child reads ---
 
 
-def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **asked: Any) -> Given:
+def _open_limited(
+    path: Path, data: Path, protocol: str | None, run: Run, **asked: Any
+) -> OpenedPredictions:
     # In a container the child does not see the folder of benchmarks, which has their truth.
     stated = protocol_files(data).get(protocol or "", protocol)
     request = {"path": path, "data": data, "protocol": stated, **asked}
@@ -430,7 +434,7 @@ def _open_limited(path: Path, data: Path, protocol: str | None, run: Run, **aske
         predictions = replace(predictions, entries=entries)
     chosen = find_protocol(protocol or predictions.protocol, data)
     used = None if reader is None else ReaderUsed.model_validate(reader)
-    return Given(predictions, chosen, used, tuple(notes))
+    return OpenedPredictions(predictions, chosen, used, tuple(notes))
 
 
 def _open_scene_limited(
@@ -463,11 +467,11 @@ def open_here(
 ) -> Any:
     """Open predictions, in the child: one scene, or all, with their reader and its notes."""
     named = None if protocol is None else str(protocol)
-    given = open_predictions(run=Run(memory_bytes), protocol=named, **request)
-    found: Any = given.predictions
+    opened = open_predictions(run=Run(memory_bytes), protocol=named, **request)
+    found: Any = opened.predictions
     if scene is not None:
         return found.entries[scene](limit_bytes, sampling)
     if isinstance(found, ScenePredictions):  # the parent has others open each scene
         listed: Any = dict.fromkeys(found.entries)
         found = replace(found, entries=listed)
-    return [found, given.reader and given.reader.model_dump(mode="json"), list(given.notes)]
+    return [found, opened.reader and opened.reader.model_dump(mode="json"), list(opened.notes)]

@@ -121,25 +121,10 @@ class Run:
 class Track(ABC):
     """A track; ``Any`` marks types of its own.
 
-    Attributes
-    ----------
-    info : TrackInfo
-    protocol : type, the class of its protocols
-    recorded : frozenset of str
-        Columns of the records that are neither scores nor conditions of the queries; patterns as
-        of `fnmatch`.
-
-    Notes
-    -----
-    path, out : Path of predictions; of the template to write
-    memory_bytes : int, the most that reading may hold
-    benchmark, scene : Benchmark and the id of a scene in it
-    protocol : Protocol of the class `protocol`
-    predictions : from `open`
-    truth, truths : from `truth`; of all scenes in the protocol's order
-    part, run : one of `Assignment.parts`; a Run
-    scored : from `score` or `check`, of all scenes
-    kind, seed : one of `TrackInfo.templates`, and what random answers come from
+    Methods take what others return: `predictions` of `open`, `truths` of all scenes in the
+    protocol's order, a `part` of `Assignment.parts`, and what was `scored` by `score` or `check`.
+    `memory_bytes` is the most that reading may hold. Patterns (as of `fnmatch`) of `recorded` name
+    the columns of records that are neither scores nor conditions of the queries.
     """
 
     info: ClassVar[TrackInfo]

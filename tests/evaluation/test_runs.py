@@ -214,7 +214,7 @@ def alike(path: Path, data: Path, protocol: str | None = None, **more: Any) -> A
     plain, limited = (one.result.model_dump(exclude={"created", "checksum"}) for one in found)
     assert limited == plain
     pd.testing.assert_frame_equal(found[1].records, found[0].records, check_exact=True)
-    return found[1].given.predictions
+    return found[1].opened.predictions
 
 
 @LINUX

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from airzoo_bench.retrieval import metrics
+from tests.retrieval.ranking_support import positives_of
 
 LOG3, LOG5, INF = math.log2(3), math.log2(5), math.inf
 VARIANTS = get_args(metrics.ApVariant)
@@ -29,11 +30,6 @@ HITS = np.array([row for row, _ in CASES], dtype=bool)
 POSITIVES = np.array([count for _, count in CASES])
 
 
-def offsets_of(lists: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
-    offsets = np.cumsum([0, *map(len, lists)], dtype=np.int64)
-    return offsets, np.array([tile for row in lists for tile in row], dtype=np.int32)
-
-
 @given(st.data(), st.sampled_from([1, 7, 40, metrics._BITMAP_CELLS]))
 def test_hit_matrix_is_membership_for_any_block(data, cells):
     # -1 lies one cell before tile 0, which is where the last tile of the query before would be.
@@ -45,7 +41,8 @@ def test_hit_matrix_is_membership_for_any_block(data, cells):
     ranked = data.draw(hnp.arrays(np.int32, shape, elements=st.integers(-1, n_tiles - 1)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(metrics, "_BITMAP_CELLS", cells)
-        found = metrics.hit_matrix(ranked, *offsets_of(lists), n_tiles)
+        right = positives_of(*lists)
+        found = metrics.hit_matrix(ranked, right.offsets, right.tiles, n_tiles)
     assert (found.dtype, found.shape) == (bool, shape)
     pairs = zip(ranked.tolist(), lists, strict=True)
     assert found.tolist() == [[tile in positives for tile in row] for row, positives in pairs]
@@ -94,13 +91,6 @@ def all_scores(found: np.ndarray, positives: np.ndarray, k: int) -> dict[str, np
         "mrr": metrics.reciprocal_rank(found),
         "ndcg": metrics.ndcg_at(found, positives, k),
     } | {variant: AP_AT(found, positives, k, variant) for variant in VARIANTS}
-
-
-@pytest.mark.parametrize("shape", [(0, 4), (3, 0), (0, 0)])
-def test_empty_lists_score_zero(shape):
-    found, positives = np.zeros(shape, bool), np.ones(shape[0], dtype=np.int64)
-    scores = [*all_scores(found, positives, 5).values(), metrics.first_hit_rank(found)]
-    assert all(score.tolist() == [0] * shape[0] for score in scores)
 
 
 def test_scores_do_not_depend_on_the_block(monkeypatch):

@@ -18,9 +18,7 @@ from airzoo_bench.retrieval.predictions import (
     check_predictions,
     read_retrieval,
 )
-from airzoo_bench.retrieval.ranking import Ranking
-from tests.retrieval.ranking_support import records_of
-from tests.support import MadeScene, made_protocol, made_truth, write_benchmark, write_predictions
+from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 LIMIT = 1 << 24
 IDS = np.array(["e/a", "e/b"])
@@ -55,14 +53,6 @@ def test_both_forms_of_npz_and_parquet(tmp_path: Path) -> None:
     assert isinstance(read.content, Descriptors)
     assert (read.protocol, read.query_ids.tolist()) == (None, IDS.tolist())
     np.testing.assert_array_equal(read.content.gallery, DESCRIBED["gallery_descriptors"])
-
-
-@pytest.mark.parametrize("field", [*RANKED, *DESCRIBED])
-@pytest.mark.parametrize("value", [np.array(1.5), np.zeros((2, 2, 2)), np.zeros(2, bool), b"x"])
-def test_every_field_of_a_wrong_type(field: str, value: Any, tmp_path: Path) -> None:
-    arrays = RANKED if field in RANKED else DESCRIBED
-    with pytest.raises(PredictionError, match=f"field '{field}'"):
-        read_retrieval(saved(tmp_path, **(arrays | {field: value})), LIMIT)
 
 
 # --- scored ---
@@ -138,20 +128,3 @@ def test_gallery_rows_stand_in_any_order_that_fits_the_memory(
         pd.testing.assert_frame_equal(one, records[0])
     with pytest.raises(PredictionError, match="--max-memory"):
         evaluate(path, data=data, run=little)
-
-
-def test_the_first_tiles_are_named_rank_by_rank_down_to_the_deepest_recall() -> None:
-    scene = MadeScene("east", [[3], [0], [1, 2]], 9)
-    tiles = np.array([[3, 1, 8, 7, 6, 5, 4], [2, 0, -1, -1, -1, -1, -1], [-1] * 7], np.int32)
-    settings, ranking = made_protocol([scene]).scores, Ranking(tiles, np.zeros(3, bool))
-    assert settings.recall_at == (1, 3, 5)
-    records = records_of(made_truth(scene), ranking, settings, np.array([True, True, False]))
-    names = [f"tile@{rank}" for rank in range(1, 6)]
-    assert [name for name in records if str(name).startswith("tile@")] == names
-    assert records[names].to_numpy().tolist() == [
-        ["east/t00003", "east/t00001", "east/t00008", "east/t00007", "east/t00006"],
-        ["east/t00002", "east/t00000", "", "", ""],
-        [""] * 5,
-    ]
-    assert records["ranked"].tolist() == [7, 2, 0]
-    assert records["first_hit_rank"].tolist() == [1, 2, 0]

@@ -19,15 +19,47 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import ranking
 from airzoo_bench.retrieval.predictions import check_lists
 from airzoo_bench.retrieval.ranking import rank_by_ids
-from tests.retrieval.ranking_support import (
-    METRICS,
-    assert_is,
-    naive,
-    positives_of,
-    random_positives,
-    rank,
-    similarities,
-)
+from tests.retrieval.ranking_support import positives_of, rank
+
+METRICS = ["l2", "cosine", "inner_product"]
+
+
+def random_positives(rng, n_queries, n_tiles, most=4):
+    counts = rng.integers(0, min(most, n_tiles) + 1, n_queries)
+    return positives_of(*[np.sort(rng.choice(n_tiles, n, replace=False)) for n in counts])
+
+
+def similarities(queries, gallery, metric):
+    """Float64, the plain way; a query of zeros is alike to all."""
+    queries, gallery = queries.astype(float), gallery.astype(float)
+    if metric == "l2":
+        return -((queries[:, None] - gallery) ** 2).sum(axis=2) * queries.any(axis=1)[:, None]
+    if metric == "cosine":
+        queries = queries / np.linalg.norm(queries, axis=1, keepdims=True)
+        gallery = gallery / np.linalg.norm(gallery, axis=1, keepdims=True)
+    return (queries[:, None] * gallery).sum(axis=2)
+
+
+def naive(scores, positives, k, tie_ranks):
+    """Sort whole rows by the tie rule; look at whole runs of equal scores."""
+    n_queries, n_tiles = scores.shape
+    tiles, tied = np.full((n_queries, k), -1), np.zeros(n_queries, bool)
+    for query, row in enumerate(scores):
+        positive = np.isin(np.arange(n_tiles), positives.tiles_of(query))
+        order = np.lexsort((np.arange(n_tiles), positive, -row))
+        tiles[query, : min(k, n_tiles)] = order[:k]
+        for tile in order[:tie_ranks]:
+            run = positive[row == row[tile]]
+            tied[query] |= run.any() and not run.all()
+        if n_tiles > 1 and (row == row[0]).all() and not positive.all():
+            tiles[query] = -1  # no ranking at all
+    return tiles, tied
+
+
+def assert_is(ranking, expected):
+    assert ranking.tiles.dtype == np.int32
+    assert ranking.tiles.tolist() == expected[0].tolist()
+    assert ranking.tie_dependent.tolist() == expected[1].tolist()
 
 
 @pytest.mark.parametrize("metric", METRICS)

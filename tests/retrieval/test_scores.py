@@ -220,7 +220,7 @@ def score_orders(tiles: np.ndarray, n_positives: int, chosen: TileScores) -> dic
 
 
 @settings(max_examples=20, deadline=None)
-@given(st.integers(1, 8), st.data())
+@given(st.integers(1, 12), st.data())  # of which 10 at least are kept
 def test_chance_is_the_mean_over_all_orders(n_tiles: int, data: st.DataObject) -> None:
     n_positives = data.draw(st.integers(0, n_tiles))
     ranks = {"ranks_kept": data.draw(st.integers(10, 12)), "ap_at": data.draw(st.integers(1, 7))}
@@ -244,16 +244,6 @@ def test_chance_of_recall_is_that_of_scipy_for_each_query() -> None:
     for k in (1, 3, 5):
         expected = hypergeom.sf(0, 5000, positives, k)
         np.testing.assert_allclose(found[f"recall@{k}"], expected, rtol=1e-9)
-
-
-def test_chance_of_lists_cut_at_the_ranks_kept_agrees_with_random_orders() -> None:
-    # 400 tiles, 100 kept: the mean over 4,000 random orders, within four standard errors.
-    rng = np.random.default_rng(0)
-    tiles = rng.permuted(np.tile(np.arange(400, dtype=np.int32), (4000, 1)), axis=1)
-    expected = score_orders(tiles, 9, tile_scores())
-    for name, value in chance_scores(np.array([9]), 400, tile_scores()).items():
-        column = expected[name]
-        assert abs(column.mean() - value[0]) < 4 * column.std() / np.sqrt(4000), name
 
 
 @pytest.mark.parametrize("n_positives", [1, 2, 5])
