@@ -104,8 +104,8 @@ def small_result(method: str = "Method", **overall: float) -> Result:
 def write_run(result: Result, records: pd.DataFrame, folder: Path) -> None:
     """Write result and records as `eval` does."""
     predictions = SimpleNamespace(path=folder.parent / "p.npz")
-    given = SimpleNamespace(track=SimpleNamespace(files={}), predictions=predictions)
-    run: Any = SimpleNamespace(result=result, records=records, given=given, scored={})
+    opened = SimpleNamespace(track=SimpleNamespace(files={}), predictions=predictions)
+    run: Any = SimpleNamespace(result=result, records=records, opened=opened, scored={})
     save(run, folder)
 
 
