@@ -40,7 +40,6 @@ from tests.reconstruction.world import (
     MAP_SIZE,
     UTM,
     World,
-    camera_poses,
     notes_of,
     poses,
     save,
@@ -143,19 +142,6 @@ def test_links_other_archives_and_nothing_are_refused(tmp_path: Path) -> None:
 def read_views(folder: Path, **changes: Any) -> ScenePrediction:
     fields = {key: value for key, value in (VIEWS | changes).items() if value is not None}
     return read_maps(open_arrays(save(folder / "v.npz", fields), LIMIT))
-
-
-def test_depth_maps(tmp_path: Path) -> None:
-    views = read_views(tmp_path, pixel_centres=None, depth=VIEWS["depth"][..., None])
-    assert isinstance(views.geometry, DepthMaps)
-    np.testing.assert_array_equal(views.geometry.values, VIEWS["depth"])
-    np.testing.assert_array_equal(views.geometry.confidence, VIEWS["conf"])
-    assert (views.kind, views.notes, views.pixel_centres) == ("depth", (), None)
-    assert views.images is not None
-    assert views.images.names.tolist() == WORLD.images("lot")
-    assert views.images.posed.all()
-    np.testing.assert_allclose(views.images.poses.centres, camera_poses("lot").centres, atol=1e-7)
-    np.testing.assert_array_equal(views.geometry.cameras.matrices, VIEWS["intrinsics"])
 
 
 @pytest.mark.parametrize(
@@ -333,27 +319,23 @@ def test_a_cloud_that_lies_about_right_raises_none(scale: float, shift: float) -
     assert check_bounds(TRUTH[0] + LOCAL * scale + (shift, -shift, 0), TRUTH) is None
 
 
-@pytest.mark.parametrize(
-    ("cloud", "truth", "message"),
-    [
-        (LOCAL * 1000, LOCAL, "millimetres"),
-        (LOCAL * 97, LOCAL, "another unit"),
-        (LOCAL / 1000, LOCAL, "another unit"),
-        (LOCAL, TRUTH, "a local origin"),
-        (TRUTH[:, [1, 0, 2]], TRUTH, "x and y exchanged"),
-        (TRUTH / 0.3048, TRUTH, "feet"),
-        (np.array([[-92.0, 46.7, 150.0], [-91.9985, 46.7012, 166.0]]), TRUTH, "longitude"),
-    ],
-)
-def test_other_coordinates_are_recognised(
-    cloud: np.ndarray, truth: np.ndarray, message: str
-) -> None:
-    assert message in str(check_bounds(cloud, truth))
+OTHER_COORDINATES = [
+    (LOCAL * 1000, LOCAL, "millimetres"),
+    (LOCAL * 97, LOCAL, "another unit"),
+    (LOCAL / 1000, LOCAL, "another unit"),
+    (LOCAL, TRUTH, "a local origin"),
+    (TRUTH[:, [1, 0, 2]], TRUTH, "x and y exchanged"),
+    (TRUTH / 0.3048, TRUTH, "feet"),
+    (np.array([[-92.0, 46.7, 150.0], [-91.9985, 46.7012, 166.0]]), TRUTH, "longitude"),
+]
 
 
-@pytest.mark.parametrize(
-    ("up", "noted"), [(42.0, True), (-31.5, True), (4.0, False), (150.0, False)]
-)
+@pytest.mark.parametrize(("cloud", "truth", "named"), OTHER_COORDINATES)
+def test_other_coordinates_are_recognised(cloud: Floats, truth: Floats, named: str) -> None:
+    assert named in str(check_bounds(cloud, truth))
+
+
+@pytest.mark.parametrize(("up", "noted"), [(42, True), (-31.5, True), (4, False), (150, False)])
 def test_heights_of_another_datum(up: float, noted: bool) -> None:
     found = check_datum(TRUTH + np.array((0, 0, up)), TRUTH)
     assert (f"{abs(up):.3g} m {'above' if up > 0 else 'below'}" in str(found)) == noted

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import laspy
@@ -14,9 +15,7 @@ import tomli_w
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
-from airzoo_bench.benchmark.queries import photo_table, write_queries
-from airzoo_bench.core.files import sha256_of
+from airzoo_bench.benchmark.queries import photo_table
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -27,8 +26,9 @@ from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment import PosedCameras, Similarity, shipped_alignment
 from airzoo_bench.reconstruction.settings import AlignmentSettings, ReconstructionProtocol
-from airzoo_bench.reconstruction.truth import ReconstructionTruth, write_truth
+from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from tests.geometry.support import looking_down
+from tests.goldens.run import unpack
 
 Array = np.ndarray[Any, Any]
 
@@ -178,39 +178,11 @@ class World:
 
 
 def make_world(root: Path) -> World:
-    """Write the benchmark folder."""
-    world, entries = World(root), []
-    for scene in ("yard", "lot"):
-        home, cloud = world.folder / "scenes" / scene, world.folder / "data" / scene / "cloud.ply"
-        write_ply(cloud, Cloud(true_points(scene)))
-        truth = made_truth(scene, cloud)
-        write_queries(home, truth.photos)
-        write_truth(home, truth)
-        entry = SceneFile(
-            id=scene,
-            title=scene,
-            crs="EPSG:32633",
-            plane_height_m=float(ORIGIN[2]),
-            images="photos",
-            dom="dom.tif",
-            cloud=str(cloud.relative_to(world.folder)),
-            cloud_sha256=truth.cloud_sha256,
-        )
-        entries.append(entry)
-    (world.folder / "protocols").mkdir()
-    world.protocol(world.folder / "protocols" / f"{PROTOCOL}.toml")
-    heading = {"schema": 1, "name": NAME, "version": 1, "title": "Made", "checksums": {}}
-    file = BenchmarkFile(**heading, tracks={"reconstruction": {}}, scenes=tuple(entries))
-    write_benchmark_file(world.folder, file)
-    return world
-
-
-def replace_cloud(world: World, scene: str, points: Array) -> None:
-    """Give a scene another true cloud, as if it had been prepared with it."""
-    path, file = world.folder / "data" / scene / "cloud.ply", world.folder / "benchmark.toml"
-    before = sha256_of(path)
-    write_ply(path, Cloud(points))
-    file.write_text(file.read_text().replace(before, sha256_of(path)))
+    """Unpack the benchmark folder of the goldens, whose truth is that of these functions."""
+    with TemporaryDirectory() as home:
+        unpack("canonical-reconstruction", Path(home))
+        shutil.copytree(Path(home) / "data", root, dirs_exist_ok=True)
+    return World(root)
 
 
 def save(path: Path, fields: dict[str, Any]) -> Path:
@@ -233,14 +205,13 @@ def predict_clouds(
     return folder
 
 
-def made_truth(scene: str, cloud: Path = Path()) -> ReconstructionTruth:
-    """Return the truth of a scene, whose cloud may be there already."""
+def made_truth(scene: str) -> ReconstructionTruth:
+    """Return the truth of a scene, without its cloud."""
     poses = camera_poses(scene)
     images = tuple(f"{scene}_{row}.jpg" for row in range(len(poses)))
     photos = photo_table(scene, images, lenses(len(poses)), poses, None, ORIGIN[2])
     nothing = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
-    digest = sha256_of(cloud) if cloud.is_file() else ""
-    return ReconstructionTruth(scene, photos, cloud, digest, nothing)
+    return ReconstructionTruth(scene, photos, Path(), "", nothing)
 
 
 def _changed(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
