@@ -155,7 +155,7 @@ def evaluate(
 
 
 class Check(scoring.Checked):
-    """Errors that `evaluate` would raise: `errors` is of `UserError`, `notes` is of texts."""
+    """The faults of predictions: `errors` is a list of `UserError`, `notes` is a list of texts."""
 
     @property
     def ok(self) -> bool:

@@ -39,9 +39,8 @@ def test_a_mistyped_scene_is_named_and_other_options_or_files_do_not_replace_a_f
     assert "uav-visloc-partial" in prepare(0, "--force")
 
 
-@pytest.mark.parametrize("extra", [[], ["--tiles", "files"]])
 def test_stopping_leaves_nothing_half_written(
-    extra: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
@@ -50,7 +49,7 @@ def test_stopping_leaves_nothing_half_written(
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     monkeypatch.setattr("airzoo_bench.datasets.folder.write_benchmark_file", stop)
     before = files_below(tmp_path / "sources")
-    assert run_main(*place.arguments(), *extra) == 130
+    assert run_main(*place.arguments()) == 130
     assert files_below(tmp_path / "sources") == before
     assert files_below(tmp_path / "data") == set()
 
