@@ -154,7 +154,9 @@ def test_a_missing_camera_fails_all_its_pairs() -> None:
     truth = poses(np.random.default_rng(1), 5)
     rotation = truth.rotation.copy()
     rotation[3] = np.nan
-    found = errors(Poses(rotation=rotation, centres=without(truth, 1).centres), truth)
+    predicted = Poses(rotation=rotation, centres=without(truth, 1).centres)
+    assert np.isinf(step_errors(predicted, truth)).all()  # each step begins or ends at 1 or 3
+    found = errors(predicted, truth)
     # 3 cameras are left, 6 of 20 pairs.
     assert np.isinf(found.max(axis=0)).sum() == 14
     assert pose_auc(*found, 3.0) == pytest.approx(6 / 20)
