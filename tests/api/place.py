@@ -47,7 +47,7 @@ def true_poses() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     return rotation, np.stack([east, north, height], axis=1)
 
 
-def make_field(root: Path) -> None:
+def make_field(root: Path, *options: object) -> Path:
     """Prepare the benchmark below `root` / data, which must be the data root, from its sources."""
     sources = root / "sources"
     ground = _map()
@@ -73,7 +73,8 @@ def make_field(root: Path) -> None:
     files |= {"dom": "dom.tif", "dsm": "dsm.tif", "cloud": "cloud.ply"}
     arguments = [text for key, file in files.items() for text in (f"--{key}", sources / file)]
     sizes = ("--tile-size", 160, "--tile-size", 80)
-    assert run_main("prepare", "photos", "--name", NAME, *arguments, *sizes) == 0
+    assert run_main("prepare", "photos", "--name", NAME, *arguments, *sizes, *options) == 0
+    return root / "data" / NAME
 
 
 def _map() -> np.ndarray[Any, Any]:
