@@ -1,7 +1,6 @@
-"""A reconstruction baseline that needs no weights: structure from motion by COLMAP's own pipeline.
+"""A reconstruction baseline that needs no weights: COLMAP's structure from motion, with seeds.
 
-SIFT features, matches, and incremental mapping (Schönberger and Frahm, CVPR 2016), with seeds. The
-model is made by one thread: with more, bundle adjustment sums in another order on every run.
+The model (Schönberger and Frahm, CVPR 2016) is made by one thread: more sum in varying order.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import PRIOR_COLUMNS, cameras_of, poses_of
@@ -23,8 +23,9 @@ from airzoo_bench.core.progress import with_progress
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Floats, Ints
 from airzoo_bench.geometry.cameras import Cameras
+from airzoo_bench.geometry.sift import mutual_nearest
 from airzoo_bench.reconstruction.info import SfmSettings
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import read_truth
@@ -57,12 +58,12 @@ def predict(
         images = benchmark.resolve(benchmark.scene(scene.id).images)
         with temporary_folder(out.parent, out.name) as scratch:
             found = sparse_reconstruction(images, photos, settings, scratch, run)
-        posed = f"{len(found.names)} of {len(photos)} photos"
-        note(f"{scene.id}: {posed}, {len(found.points):,} points")
+        posed, points = len(found.names), len(found.points)
+        note(f"{scene.id}: {posed} of {len(photos)} photos, {points:,} points")
         write_ply(out / f"{scene.id}.ply", Cloud(found.points))
         with atomic_write(out / f"{scene.id}.cameras.npz") as stream:
-            named = np.array(found.names, dtype=str)
-            write_npz(stream, {"image_names": named, "extrinsics": found.extrinsics})
+            arrays = {"image_names": np.array(found.names, str), "extrinsics": found.extrinsics}
+            write_npz(stream, arrays)
     with atomic_write(out / "protocol.txt", "w") as text:
         text.write(protocol.name + "\n")
 
@@ -77,14 +78,11 @@ def sparse_reconstruction(
         raise UsageError(what, fix="name a folder with photos that overlap")
     for name in names:
         ensure_file(images / name)
-    extraction = pycolmap.FeatureExtractionOptions(
-        use_gpu=False, num_threads=run.jobs, max_image_size=settings.long_side_px
-    )
+    extraction = pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=run.jobs)
+    extraction.max_image_size = settings.long_side_px
     extraction.sift.max_num_features = settings.max_features
     extraction.sift.peak_threshold = settings.peak_threshold
     extraction.sift.first_octave = -1 if settings.doubled else 0
-    matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=run.jobs)
-    matching.sift.max_ratio, matching.sift.max_distance = settings.ratio, 2.0
     lenses, seed = cameras_of(photos), settings.seed
     longest = max(lenses.width.max(), lenses.height.max())
     error_px = settings.max_error_px * max(1.0, longest / settings.long_side_px)
@@ -93,25 +91,24 @@ def sparse_reconstruction(
     mapping = pycolmap.IncrementalPipelineOptions(
         min_num_matches=settings.least_inliers,
         min_model_size=_LEAST_PHOTOS,
-        extract_colors=False,
         num_threads=1,
         random_seed=seed,
-        ba_refine_focal_length=False,
-        ba_refine_extra_params=False,
     )
+    mapping.extract_colors = mapping.ba_refine_focal_length = mapping.ba_refine_extra_params = False
     mapper, triangulation = mapping.mapper, mapping.triangulation
     mapper.num_threads, mapper.random_seed, triangulation.random_seed = 1, seed, seed
     mapper.init_max_error = mapper.filter_max_reproj_error = error_px
     mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = False
     triangulation.merge_max_reproj_error = triangulation.complete_max_reproj_error = error_px
-    database_path, cpu = scratch / "database.db", {"device": pycolmap.Device.cpu}
+    database_path = scratch / "database.db"
     _import_photos(pycolmap, database_path, images, names, lenses)
-    match = _pairing(pycolmap, database_path, photos, settings.neighbours)
-    options = {"matching_options": matching, "verification_options": motion}
-    extract = partial(pycolmap.extract_features, extraction_options=extraction, **cpu)
+    extract = partial(pycolmap.extract_features, extraction_options=extraction)
+    verify = partial(pycolmap.geometric_verification, two_view_geometry_options=motion)
+    threads = pycolmap.GeometricVerifierOptions(num_threads=run.jobs)
     steps: dict[str, Callable[[], Any]] = {
-        "features": partial(extract, database_path, images, names),
-        "matches": partial(match, **options, **cpu),
+        "features": partial(extract, database_path, images, names, device=pycolmap.Device.cpu),
+        "matches": partial(_match_photos, pycolmap, database_path, photos, settings),
+        "pairs of photos": partial(verify, database_path, threads),
         "model": partial(pycolmap.incremental_mapping, database_path, images, scratch, mapping),
     }
     pycolmap.set_random_seed(seed)
@@ -143,24 +140,27 @@ def _import_photos(
         pycolmap.import_images(database_path, images, one_camera, group, lens)
 
 
-def _pairing(
-    pycolmap: Any, database_path: Path, photos: pd.DataFrame, neighbours: int | None
-) -> Callable[..., None]:
-    """Return what matches photos: with neighbours by GPS where all have it, else with all."""
-    known = set(PRIOR_COLUMNS) <= set(photos.columns)
-    if not known or neighbours is None or photos[list(PRIOR_COLUMNS)].isna().any(axis=None):
-        return partial(pycolmap.match_exhaustive, database_path)
-    # The positions by GPS, for finding neighbours; never the true ones.
-    centres = poses_of(photos, PRIOR_COLUMNS).centres
-    by_name = dict(zip(photos["image"].astype(str), centres - centres[0], strict=True))
-    metres = pycolmap.PosePriorCoordinateSystem.CARTESIAN
+def _match_photos(
+    pycolmap: Any, database_path: Path, photos: pd.DataFrame, settings: SfmSettings
+) -> None:
+    """Write matches of pairs of photos; COLMAP's own are approximate, and vary between runs."""
     with pycolmap.Database.open(database_path) as database:
-        database.clear_pose_priors()
-        for image in database.read_all_images():
-            prior = pycolmap.PosePrior(position=by_name[image.name], coordinate_system=metres)
-            prior.corr_data_id = image.data_id
-            database.write_pose_prior(prior)
-    options = pycolmap.SpatialPairingOptions(
-        max_num_neighbors=neighbours + 1, max_distance=1e9, ignore_z=False, num_threads=1
-    )
-    return partial(pycolmap.match_spatial, database_path, pairing_options=options)
+        keys = [database.read_image_with_name(str(name)).image_id for name in photos["image"]]
+        features = [database.read_descriptors(key).data.astype(np.float32) for key in keys]
+        for one, other in _list_pairs(photos, settings.neighbours).tolist():
+            found = mutual_nearest(features[one], features[other], settings.ratio)
+            matches = np.stack(found, axis=1)
+            if len(matches) >= settings.least_inliers:
+                database.write_matches(keys[one], keys[other], matches.astype(np.uint32))
+
+
+def _list_pairs(photos: pd.DataFrame, neighbours: int | None) -> Ints:
+    """Return pairs to match, (P, 2): neighbours by GPS where all photos have it, else all."""
+    count, known = len(photos), set(PRIOR_COLUMNS) <= set(photos.columns)
+    wanted = np.ones((count, count), np.bool_)
+    if known and neighbours and photos[list(PRIOR_COLUMNS)].notna().all(axis=None):
+        centres = poses_of(photos, PRIOR_COLUMNS).centres  # never the true ones
+        _, near = cKDTree(centres).query(centres, k=min(neighbours + 1, count))
+        wanted[:] = False
+        wanted[np.arange(count)[:, None], near] = True
+    return np.argwhere(np.triu(wanted | wanted.T, k=1))
