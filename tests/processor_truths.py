@@ -53,7 +53,7 @@ def flights(home: Path) -> dict[str, str]:
         retrieval = own.model_copy(update={"gallery": gallery})
         every = (retrieval, *(one for one in protocols.every if one.track != "retrieval"))
         truths = build_truths(inputs, replace(protocols, every=every))
-        truth, crops = truths.retrieval.truth, truths.matching
+        truth, crops = truths.retrieval, truths.matching
         depth = np.tile(np.arange(100.0, 164.0), (48, 1))
         camera, poses = photos.camera, photos.poses
         points = [depth_to_points(depth, depth > 0, camera, poses.take(n)) for n in range(8)]

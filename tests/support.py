@@ -97,7 +97,7 @@ def _made_benchmark(protocol_text: str, inputs: bytes) -> Path:
     for scene in scenes:
         truth = made_truth(scene)
         write_queries(folder / "scenes" / scene.id, truth.queries)
-        write_truth(folder / "scenes" / scene.id, truth, truth.positives)
+        write_truth(folder / "scenes" / scene.id, truth)
     (folder / "protocols").mkdir()
     (folder / "protocols" / f"{chosen.name}.toml").write_text(protocol_text, encoding="utf-8")
     places = {"crs": "EPSG:4547", "plane_height_m": 50.0, "images": "images", "dom": "dom.tif"}
@@ -161,7 +161,9 @@ def made_truth(scene: MadeScene) -> RetrievalTruth:
     excluded = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
     positives = Positives(offsets_of(counts), flat)
     none = tiles.iloc[:0]
-    return RetrievalTruth(scene.id, queries, footprints, tiles, positives, excluded, none)
+    return RetrievalTruth(
+        scene.id, queries, footprints, tiles, positives, excluded, none, overlaps=positives
+    )
 
 
 def write_predictions(path: Path, name: str, **arrays: Any) -> Path:

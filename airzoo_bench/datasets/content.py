@@ -89,8 +89,8 @@ def make_content(native: NativeScene | ImageScene, protocols: BenchmarkProtocols
     _check_above_surface(*heights, native.dsm)
     above = None if native.cloud is None else check_cloud(native.cloud, inputs)
     truths = build_truths(inputs, protocols, native.cloud)
-    if truths.retrieval is not None and truths.retrieval.truth.queries.empty:
-        raise _no_answers(truths.retrieval.truth, native, inputs)
+    if truths.retrieval is not None and truths.retrieval.queries.empty:
+        raise _no_answers(truths.retrieval, native, inputs)
     facts = measure_facts(native, inputs, heights[0], survey, truths, above)
     return SceneContent(inputs, truths, native.files, facts, native.truth_accuracy_m)
 
@@ -100,13 +100,13 @@ def _image_content(native: ImageScene, protocols: BenchmarkProtocols) -> SceneCo
     protocol = protocols.first(RetrievalProtocol)
     if protocol is None or not isinstance(protocol.ground_truth, StatedRules):
         raise TypeError(f"scene {native.scene} has no protocol whose truth is stated")
-    prepared = build_stated_truth(
+    truth = build_stated_truth(
         native.scene, native.queries, native.gallery, native.pairs, protocol.ground_truth
     )
-    photos = pd.concat([prepared.truth.queries, prepared.truth.excluded[["id", "image"]]])
+    photos = pd.concat([truth.queries, truth.excluded[["id", "image"]]])
     inputs = SceneInputs(native.scene, photos, None, None, None, None)
     files = {"images": native.images, "gallery": native.tiles}
-    return SceneContent(inputs, SceneTruths(prepared), files, gallery_size=native.gallery_size)
+    return SceneContent(inputs, SceneTruths(truth), files, gallery_size=native.gallery_size)
 
 
 def _inputs(native: NativeScene, crs: str) -> SceneInputs:

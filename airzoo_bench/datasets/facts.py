@@ -115,8 +115,7 @@ def measure_facts(
     cloud_over_surface_m: float | None,
 ) -> SceneFacts:
     """Compare the parts of a scene; `heights_m` come from `measure_heights`."""
-    photos, dom, matching = inputs.photos, inputs.dom, truths.matching
-    retrieval = None if truths.retrieval is None else truths.retrieval.truth
+    photos, dom, retrieval, matching = inputs.photos, inputs.dom, truths.retrieval, truths.matching
     dsm = None if inputs.dsm is None else open_info(inputs.dsm)
     every = [native.metadata.get(name, PhotoPrior()) for name in photos["image"]]
     stated = [PhotoPrior()] * len(every) if native.is_metadata else every

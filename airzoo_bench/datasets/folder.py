@@ -94,8 +94,8 @@ def write_scene(
     truth = truths.reconstruction
     write_queries(home, scene.inputs.photos)
     if truths.retrieval is not None:
-        write_retrieval_truth(home, truths.retrieval.truth, truths.retrieval.overlaps)
-        if settings.tiles_on_disk and not truths.retrieval.truth.has_images:
+        write_retrieval_truth(home, truths.retrieval)
+        if settings.tiles_on_disk and not truths.retrieval.has_images:
             _write_tiles(home / "retrieval" / "tiles", scene, settings)
     if truths.matching is not None:
         write_matching_truth(home, truths.matching)
@@ -134,7 +134,7 @@ def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, str]:
 def _files_of(scene: SceneContent, key: str, folder: Path) -> Iterator[str]:
     """Yield the files of a folder that a scene refers to."""
     if key == "gallery" and scene.truths.retrieval is not None:
-        yield from scene.truths.retrieval.truth.tiles["image"]
+        yield from scene.truths.retrieval.tiles["image"]
     elif key == "maps":
         pairs = (photo_maps(folder, photo) for photo in scene.inputs.photos["id"])
         there = (path for pair in pairs for path in pair if path.is_file())
@@ -204,7 +204,7 @@ def write_folder_files(
 def _write_tiles(folder: Path, scene: SceneContent, settings: PrepareSettings) -> None:
     """Write every tile as ``<name>.png``, the name being its id without the scene, and a list."""
     assert scene.truths.retrieval is not None
-    tiles, gallery = scene.truths.retrieval.truth.tiles, scene.inputs.gallery_map
+    tiles, gallery = scene.truths.retrieval.tiles, scene.inputs.gallery_map
     folder.mkdir(parents=True, exist_ok=True)
     files = [f"{_name(tile)}.png" for tile in tiles["id"]]
     rows = zip(files, tiles.iterrows(), strict=True)
@@ -268,8 +268,7 @@ def summary_of(
 def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:
     found = {}
     if truths.retrieval is not None:
-        truth = truths.retrieval.truth
-        counts = truth.positives.counts
+        truth, counts = truths.retrieval, truths.retrieval.positives.counts
         text = f"{counted(len(truth.queries), 'query')}, {counted(len(truth.tiles), 'tile')}, "
         text += f"{counts.min()} to {counts.max()} positives per query, mean {counts.mean():.1f}"
         found["retrieval"] = TrackSummary(text, len(truth.queries), len(truth.excluded))
@@ -299,7 +298,7 @@ def _count_warnings(
                 f"{found.left_out:,} of which are left out (excluded.csv)"
             )
     if scene.gallery_size is not None and scene.truths.retrieval is not None:
-        tiles = len(scene.truths.retrieval.truth.tiles)
+        tiles = len(scene.truths.retrieval.tiles)
         if tiles != scene.gallery_size:
             yield (
                 f"the gallery of scene {name} has {tiles:,} of {scene.gallery_size:,} published "

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.core.errors import CameraError, first_of
 from airzoo_bench.datasets.metadata import PhotoPrior
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.retrieval.prepare import ImageSet, StatedPairs
 
 _OFF_CENTRE = 0.2  # a matrix for photos of half the size has its principal point 0.25 off
 
@@ -80,14 +80,14 @@ class NativeScene:
 
 @dataclass(frozen=True, eq=False)
 class ImageScene:
-    """Queries and gallery of a benchmark that gives images, and states which belong together."""
+    """Images of a benchmark that states which belong together, see `build_stated_truth`."""
 
     scene: str
-    queries: ImageSet
-    gallery: ImageSet
+    queries: pd.DataFrame
+    gallery: pd.DataFrame
     images: Path
     tiles: Path
-    pairs: StatedPairs
+    pairs: pd.DataFrame
     gallery_size: int | None = None
     notes: tuple[str, ...] = ()
 

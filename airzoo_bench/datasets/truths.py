@@ -17,9 +17,9 @@ from airzoo_bench.protocol.model import Protocol, ProtocolScene, find_protocol
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
-from airzoo_bench.retrieval.prepare import PreparedScene
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol
+from airzoo_bench.retrieval.truth import RetrievalTruth
 
 P = TypeVar("P", bound=Protocol)
 
@@ -90,7 +90,7 @@ def variant_of(base: P, benchmark: str, changes: dict[str, dict[str, Any]]) -> P
 class SceneTruths:
     """A scene's truth by track; None where a track has none."""
 
-    retrieval: PreparedScene | None = None
+    retrieval: RetrievalTruth | None = None
     matching: MatchingTruth | None = None
     reconstruction: ReconstructionTruth | None = None
 

@@ -8,7 +8,6 @@ the end of a list hold nothing. A query without a positive has no hit and scores
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,66 +192,53 @@ def dis_at(distances: Floats, k: int, worst: Floats) -> Floats:
     return total / k
 
 
-# The chance level: expected scores of tiles in random order. With R of G tiles positive and every
-# order as likely as any other, the ranks hold positives as draws without replacement do. All
-# expectations are exact.
-
-
 def chance_scores(
     positives: Ints, n_tiles: int, settings: TileScores | ImageScores
 ) -> dict[str, Floats]:
-    """Return the expected score of each query under a random order of its gallery."""
+    """Return the expected scores of queries (Q,) whose gallery is in random order, exactly.
+
+    Every order is as likely as any other, so that the ranks draw positives without replacement.
+    """
     kinds, back = np.unique(positives, return_inverse=True)
-    right, divisor = kinds.astype(np.float64), np.maximum(kinds, 1)
-    whole_lists = isinstance(settings, ImageScores)
-    kept = n_tiles if whole_lists else min(settings.ranks_kept, n_tiles)
-    none = _none_among(kinds, n_tiles, max(kept, *settings.recall_at))
-    scores = {f"recall@{n}": 1 - none[:, n] for n in settings.recall_at}
-    scores["map"] = _precision_sums(right, n_tiles, kept) / divisor
-    scores["mrr"] = -np.diff(none[:, : kept + 1], axis=1) @ (1 / np.arange(1.0, kept + 1))
+    kept = n_tiles
+    if isinstance(settings, TileScores):
+        kept = min(settings.ranks_kept, n_tiles)
+    missed = _miss_probabilities(kinds, n_tiles, max(kept, *settings.recall_at))
+    divisor, share = np.maximum(kinds, 1), kinds / n_tiles
+    inverse = 1 / np.arange(1.0, kept + 1)
+    beside = (kinds - 1) / max(n_tiles - 1, 1)  # the share of positives beside a hit
+
+    def precisions(depth: int) -> Floats:
+        """Return the sum of the precisions at the hits among the first ranks."""
+        first: float = inverse[:depth].sum()  # of each hit itself, at rank r a share of 1 / r
+        return np.asarray(share * (first + beside * (depth - first)))
+
+    scores = {f"recall@{k}": 1 - missed[:, k] for k in settings.recall_at}
+    scores["map"] = precisions(kept) / divisor
+    scores["mrr"] = -np.diff(missed[:, : kept + 1], axis=1) @ inverse
     if isinstance(settings, ImageScores):
-        share, also = settings.recall_at_share, (right - 1) / max(n_tiles - 1, 1)
-        scores[share_name(share)] = 1 - none[:, rank_of_share(n_tiles, share)]
-        before = right / n_tiles * (1 + (n_tiles - 1) * also)  # precision before hits; 1 at rank 1
+        rank = rank_of_share(n_tiles, settings.recall_at_share)
+        scores[share_name(settings.recall_at_share)] = 1 - missed[:, rank]
+        before = share * (1 + (n_tiles - 1) * beside)  # precision before hits; 1 at rank 1
         scores["ap/trapezoid"] = (scores["map"] + before / divisor) / 2
     else:
-        k = settings.ap_at
-        sums = _precision_sums(right, n_tiles, min(k, n_tiles))
-        scores[ap_name(k, "precision")] = right / n_tiles * min(k, n_tiles) / k
-        scores[ap_name(k, "min")] = sums / np.minimum(divisor, k)
-        scores[ap_name(k, "trec")] = sums / divisor
-        scores[ap_name(k, "hits")] = np.array([_over_hits(int(r), n_tiles, k) for r in kinds])
-        for depth in settings.ndcg_at:
-            gain = np.concatenate(([0.0], np.cumsum(1 / np.log2(np.arange(2, depth + 2)))))
-            best = gain[np.clip(kinds, 1, depth)]
-            scores[f"ndcg@{depth}"] = right / n_tiles * gain[min(depth, n_tiles)] / best
+        k, depth = settings.ap_at, min(settings.ap_at, n_tiles)
+        found, alone = 1 - missed[:, depth], inverse[:depth].mean()
+        more = (share * depth - found) / max(depth - 1, 1)  # hits beside one, as a share of ranks
+        scores[ap_name(k, "precision")] = share * depth / k
+        scores[ap_name(k, "min")] = precisions(depth) / np.minimum(divisor, k)
+        scores[ap_name(k, "trec")] = precisions(depth) / divisor
+        scores[ap_name(k, "hits")] = found * alone + more * (1 - alone)
+        for last in settings.ndcg_at:
+            gain = np.concatenate(([0.0], np.cumsum(1 / np.log2(np.arange(2, last + 2)))))
+            best = gain[np.clip(kinds, 1, last)]
+            scores[f"ndcg@{last}"] = share * gain[min(last, n_tiles)] / best
     return {name: values[back] for name, values in scores.items()}
 
 
-def _none_among(positives: Ints, n_tiles: int, most: int) -> Floats:
-    """Give the probability (n, most + 1) that the first 0, 1, ... tiles hold no positive."""
+def _miss_probabilities(positives: Ints, n_tiles: int, most: int) -> Floats:
+    """Return the probability (n, most + 1) that the first 0, 1, ... tiles hold no positive."""
     drawn = np.arange(most)
     left = np.maximum(n_tiles - positives[:, None] - drawn, 0)
     each = np.where(drawn < n_tiles, left / np.maximum(n_tiles - drawn, 1), 1.0)
     return np.concatenate([np.ones((len(positives), 1)), np.cumprod(each, axis=1)], axis=1)
-
-
-def _precision_sums(positives: Floats, n_tiles: int, depth: int) -> Floats:
-    """Give the expected sum of the precisions at hits among the first ranks."""
-    rank = np.arange(1.0, depth + 1)
-    also = (positives - 1) / max(n_tiles - 1, 1)
-    return np.asarray(positives / n_tiles * ((1 / rank).sum() + also * ((rank - 1) / rank).sum()))
-
-
-def _over_hits(positives: int, n_tiles: int, k: int) -> float:
-    """Give the expected mean precision at hits among the first k; 0 without a hit."""
-    depth = min(k, n_tiles)
-    rank = np.arange(1.0, depth + 1)
-    total = 0.0
-    for hits in range(1, min(positives, depth) + 1):
-        ways = comb(positives, hits) * comb(n_tiles - positives, depth - hits)
-        # Given their number, hits are anywhere among the first k alike.
-        also = (hits - 1) / max(depth - 1, 1)
-        mean = ((1 + (rank - 1) * also) / rank).mean()
-        total += ways / comb(n_tiles, depth) * float(mean)
-    return total

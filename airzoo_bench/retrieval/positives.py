@@ -36,7 +36,6 @@ class Footprints(NamedTuple):
 
     lonlat: Floats  # (N, 4, 2), in the order of the image's corners
     centres: Floats  # (N, 2), the mean of the ground points that there are
-    missed_rays: Ints  # (N,), how many of the four rays meet no ground
 
 
 def cast_footprints(
@@ -47,26 +46,20 @@ def cast_footprints(
     *,
     inset: float,
     max_range_m: float,
-    about_lon: float | None = None,
+    about_lon: float,
 ) -> Footprints:
     """Cast the anchor rays of N photos onto a plane's height or a surface model.
 
     Longitudes are unwrapped about `about_lon`; see `crs.unwrap`.
     """
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, inset)))
-    if isinstance(ground, HeightField):
-        hits = intersect_heightfield(poses.centres, rays, ground, max_range_m)
-    else:
-        hits = intersect_plane(poses.centres, rays, ground, max_range_m)
+    intersect = intersect_heightfield if isinstance(ground, HeightField) else intersect_plane
+    hits = intersect(poses.centres, rays, ground, max_range_m)
     xy, count = hits.points[..., :2], hits.valid.sum(axis=1)[:, None]
     total = np.where(hits.valid[..., None], xy, 0.0).sum(axis=1)
     middle = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
-    lonlat, centres = (np.round(to_lonlat(crs, part), LONLAT_DECIMALS) for part in (xy, middle))
-    if about_lon is not None:
-        lonlat, centres = (
-            np.round(unwrap(part, about_lon), LONLAT_DECIMALS) for part in (lonlat, centres)
-        )
-    return Footprints(lonlat, centres, 4 - count[:, 0])
+    degrees = (np.round(to_lonlat(crs, part), LONLAT_DECIMALS) for part in (xy, middle))
+    return Footprints(*(np.round(unwrap(one, about_lon), LONLAT_DECIMALS) for one in degrees))
 
 
 def find_positives(points: Floats, boxes: Floats, iou_above: float | None) -> Positives:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -43,29 +40,20 @@ from airzoo_bench.retrieval.truth import (
     FOOTPRINT_COLUMNS,
     LONLAT_DECIMALS,
     NO_GROUND_POINT,
-    POSITION_COLUMNS,
     TOO_EMPTY,
     Positives,
     RetrievalTruth,
     boxes_of,
     offsets_of,
+    position_columns,
 )
 
 _PIXEL_DECIMALS = 6
-_STRIP = 1024  # rows of a mask that are read at a time, at most
 
 
-class PreparedScene(NamedTuple):
-    """The truth of a scene, and the overlap of all pairs of its queries and tiles."""
-
-    truth: RetrievalTruth
-    overlaps: Positives
-
-
-def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules) -> PreparedScene:
+def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules) -> RetrievalTruth:
     """Cut the gallery, cast the footprints, and find which tile answers which photo."""
-    info = inputs.gallery_map
-    tiles = cut_gallery(info, gallery, inputs.scene)
+    tiles = cut_gallery(inputs.gallery_map, gallery, inputs.scene)
     valid: Bools = np.ones(len(tiles), np.bool_)
     if gallery.least_valid_share != "none":
         share = tiles["valid_share"].to_numpy(np.float64)
@@ -74,39 +62,35 @@ def build_truth(inputs: SceneInputs, gallery: MapGallery, rules: GeometricRules)
     if tiles.empty:
         raise RasterError(
             f"none of its {counted(len(dropped), 'tile')} holds enough valid pixels",
-            where=info.path,
+            where=inputs.gallery_map.path,
             fix="look at the nodata value and the alpha band of the map",
         )
     footprints = _cast_scene(inputs, rules)
-    points, boxes, outside = _in_one_frame(inputs, footprints, rules, tiles, dropped)
-    shared = find_overlaps(points, boxes)
-    positives, on_dropped = (
-        find_positives(points, some, rules.iou_above) for some in (boxes, outside)
-    )
-    positives = with_overlap(points, boxes, positives)
-    kept = positives.counts > 0
-    choices = {  # the first that holds
-        NO_GROUND_POINT: footprints.missed_rays == 4,
-        f"only tiles {TOO_EMPTY}, which are in no gallery": on_dropped.counts > 0,
-        "the footprint overlaps tiles, and none of them answers": shared.counts > 0,
+    points, boxes, dropped_boxes = _in_one_frame(inputs, footprints, rules, tiles, dropped)
+    overlaps = find_overlaps(points, boxes)
+    positives = with_overlap(points, boxes, find_positives(points, boxes, rules.iou_above))
+    reasons = {  # the first that holds
+        NO_GROUND_POINT: np.isnan(footprints.centres).any(axis=1),
+        f"only tiles {TOO_EMPTY}, which are in no gallery": (
+            find_positives(points, dropped_boxes, rules.iou_above).counts > 0
+        ),
+        "the footprint overlaps tiles, and none of them answers": overlaps.counts > 0,
     }
-    reasons = np.select([*choices.values()], [*choices], "the footprint meets no tile")
-    left_out = inputs.photos[["id", "image"]].assign(reason=reasons.astype(object))[~kept]
-    if rules.without_positive == "miss":
-        kept, left_out = np.ones_like(kept), left_out.iloc[:0]
+    reason = np.select([*reasons.values()], [*reasons], "the footprint meets no tile")
+    kept = (positives.counts > 0) | (rules.without_positive == "miss")
+    left_out = inputs.photos[["id", "image"]].assign(reason=reason.astype(object))[~kept]
     columns = np.concatenate([footprints.lonlat.reshape(-1, 8), footprints.centres], axis=1)
     named = zip((*ANCHOR_COLUMNS, *FOOTPRINT_COLUMNS), columns.T, strict=True)
-    table = inputs.photos[["id"]].assign(**dict(named))
-    truth = RetrievalTruth(
+    return RetrievalTruth(
         inputs.scene,
         inputs.photos[kept].reset_index(drop=True),
-        table[kept].reset_index(drop=True),
+        inputs.photos[["id"]].assign(**dict(named))[kept].reset_index(drop=True),
         tiles,
         positives.take(np.flatnonzero(kept)),
         with_unposed(left_out.reset_index(drop=True), inputs),
         dropped,
+        overlaps.take(np.flatnonzero(kept)),
     )
-    return PreparedScene(truth, shared.take(np.flatnonzero(kept)))
 
 
 def answering_tiles(inputs: SceneInputs, tiles: pd.DataFrame, rules: GeometricRules) -> Positives:
@@ -170,8 +154,7 @@ def tile_starts(length: int, size: int, overlap: float) -> Ints:
     """Return where tiles begin along one axis of the map; the last ends at its edge."""
     stride = max(1, math.floor(size * (1 - overlap) + 0.5))
     last = max(0, length - size)
-    starts = np.arange(0, last + 1, stride)
-    return starts if starts[-1] == last else np.append(starts, last)
+    return np.append(np.arange(0, last, stride), last)
 
 
 def _cut_scale(info: RasterInfo, size: int, overlap: float, scene: str) -> pd.DataFrame:
@@ -227,96 +210,63 @@ def _outlines(info: RasterInfo, tiles: pd.DataFrame) -> Floats:
 
 
 def _valid_shares(path: Path, windows: Ints) -> Floats:
-    """Return the share of valid pixels of windows (n, 4) of a raster, exactly."""
-    left, top, right, bottom = windows.T
+    """Return the share of valid pixels of windows (n, 4) of a raster."""
+    shares = np.ones(len(windows))
     with rasters.open_raster(path) as dataset:
-        if all(flags == [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
-            return np.ones(len(windows))
-        height, width = dataset.shape
-        columns = np.unique(np.concatenate([left, right, [0, width]]))
-        rows = np.unique(np.concatenate([top, bottom, np.arange(0, height, _STRIP), [height]]))
-        # Pixels between two cuts, summed up to each cut: four look-ups then count any window.
-        sums = np.zeros((len(rows), len(columns)), np.int64)
-        for number, (start, stop) in enumerate(pairwise(rows.tolist()), start=1):
-            mask = dataset.dataset_mask(window=Window(0, start, width, stop - start)) > 0
-            counts = np.count_nonzero(mask, axis=0)
-            sums[number, 1:] = np.add.reduceat(counts, columns[:-1])
-    sums = sums.cumsum(axis=0).cumsum(axis=1)
-    x0, x1 = np.searchsorted(columns, left), np.searchsorted(columns, right)
-    y0, y1 = np.searchsorted(rows, top), np.searchsorted(rows, bottom)
-    valid = sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
-    return np.asarray(valid / ((right - left) * (bottom - top)))
+        if any(flags != [MaskFlags.all_valid] for flags in dataset.mask_flag_enums):
+            for row, (left, top, right, bottom) in enumerate(windows.tolist()):
+                window = Window(left, top, right - left, bottom - top)
+                shares[row] = (dataset.dataset_mask(window=window) > 0).mean()
+    return shares
 
 
 # --- a benchmark that gives images and says itself which belong together ---
 
 
-@dataclass(frozen=True, eq=False)
-class ImageSet:
-    """The queries or the gallery of a scene, N images."""
-
-    names: Sequence[str]  # what ids have after the scene
-    images: Sequence[str]  # files, relative to the folder of the set
-    positions: Floats | None = None  # (N, 2) longitude and latitude, or metres
-    degrees: bool = False  # which of these they are
-    conditions: Mapping[str, Sequence[Any]] = field(default_factory=dict)  # columns of queries
-
-
-@dataclass(frozen=True, eq=False)
-class StatedPairs:
-    """Pairs of a query (by its row) and an image of the gallery, each once."""
-
-    queries: Ints  # (P,)
-    tiles: Ints  # (P,)
-    positive: Bools  # (P,) which pairs are answers; the others are known to the benchmark
-    weight: Floats | None = None  # (P,) overlap that the benchmark states, 0 to 1
-
-
-def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> StatedPairs:
-    """Pair each query with all images of its class."""
+def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> pd.DataFrame:
+    """Pair each query with all images of its class, as `build_stated_truth` takes pairs."""
     photos = pd.DataFrame({"label": [*map(str, queries)]}).reset_index(names="query")
     images = pd.DataFrame({"label": [*map(str, gallery)]}).reset_index(names="tile")
-    found = photos.merge(images, on="label", sort=False).sort_values(["query", "tile"])
-    query, tile = (found[name].to_numpy(np.int64) for name in ("query", "tile"))
-    return StatedPairs(query, tile, np.ones(len(found), np.bool_))
+    return photos.merge(images, on="label").assign(positive=True)
 
 
 def build_stated_truth(
-    scene: str, queries: ImageSet, gallery: ImageSet, pairs: StatedPairs, rules: StatedRules
-) -> PreparedScene:
-    """Lay out queries, gallery and pairs as the truth of a scene."""
-    photos, query_rows = _sorted_table(scene, queries)
-    tiles, tile_rows = _sorted_table(scene, gallery)
-    query, tile = query_rows[pairs.queries], tile_rows[pairs.tiles]
+    scene: str,
+    queries: pd.DataFrame,
+    gallery: pd.DataFrame,
+    pairs: pd.DataFrame,
+    rules: StatedRules,
+) -> RetrievalTruth:
+    """Lay out queries, gallery and pairs as the truth of a scene.
+
+    Both sets have an `id`, the file `image`, and positions in `POSITION_COLUMNS`, or none; other
+    columns of queries are their conditions. A pair has the rows of `query` and `tile`, whether it
+    is `positive`, and the `overlap`, from 0 to 1, where the benchmark states it.
+    """
+    photos, tiles = (table.sort_values("id", kind="stable") for table in (queries, gallery))
+    query, tile = (
+        table.index.get_indexer(pairs[name]).astype(np.int64)
+        for table, name in ((photos, "query"), (tiles, "tile"))
+    )
+    photos, tiles = photos.reset_index(drop=True), tiles.reset_index(drop=True)
     order = np.lexsort((tile, query))
-    stated = Positives(
+    overlaps = Positives(
         offsets_of(np.bincount(query, minlength=len(photos))),
         tile[order].astype(np.int32),
-        None if pairs.weight is None else pairs.weight[order],
+        pairs["overlap"].to_numpy(float)[order] if "overlap" in pairs else None,
     )
-    positives = stated.where(pairs.positive[order])
+    positives = overlaps.where(pairs["positive"].to_numpy(bool)[order])
     kept = (positives.counts > 0) | (rules.without_positive == "miss")
     left_out = photos[["id", "image"]].assign(reason="no image of the gallery answers it")[~kept]
     rows, asked = np.flatnonzero(kept), photos[kept].reset_index(drop=True)
-    truth = RetrievalTruth(
+    places = position_columns(photos)
+    return RetrievalTruth(
         scene,
-        asked[["id", "image", *queries.conditions]],
-        asked.drop(columns=["image", *queries.conditions]),
-        tiles.drop(columns=list(gallery.conditions)),
+        asked.drop(columns=places),
+        asked[["id", *places]],
+        tiles,
         positives.take(rows),
         left_out.reset_index(drop=True),
         tiles[["id", "image"]].iloc[:0],
+        overlaps.take(rows),
     )
-    return PreparedScene(truth, stated.take(rows))
-
-
-def _sorted_table(scene: str, images: ImageSet) -> tuple[pd.DataFrame, Ints]:
-    """Lay out a set sorted by id; also give the new row of each image."""
-    ids = np.array([f"{scene}/{name}" for name in images.names], dtype=str)
-    table = pd.DataFrame({"id": ids.astype(object), "image": list(images.images)})
-    if images.positions is not None:
-        columns = POSITION_COLUMNS[0 if images.degrees else 1]
-        table = table.assign(**dict(zip(columns, images.positions.T, strict=True)))
-    table = table.assign(**{name: list(values) for name, values in images.conditions.items()})
-    order = np.argsort(ids, kind="stable")
-    return table.iloc[order].reset_index(drop=True), np.argsort(order, kind="stable")

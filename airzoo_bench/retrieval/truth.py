@@ -25,6 +25,7 @@ LONLAT_DECIMALS = 9
 BOX_COLUMNS = ("lon_min", "lat_min", "lon_max", "lat_max")
 ANCHOR_COLUMNS = tuple(f"anchor{i}_{axis}" for i in range(4) for axis in ("lon", "lat"))
 FOOTPRINT_COLUMNS = ("footprint_lon", "footprint_lat")
+TILE_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share")
 IMAGE_COLUMNS = ("id", "image")
 """Of the tiles of a gallery of images, next to one of `POSITION_COLUMNS`, or none."""
 POSITION_COLUMNS = (("image_lon", "image_lat"), ("image_x_m", "image_y_m"))
@@ -34,7 +35,6 @@ NO_GROUND_POINT = "no ray meets the ground"
 UNANSWERED = "positives.npz gives it no tile"
 TOO_EMPTY = "without valid pixels, or with too few"
 
-TILE_COLUMNS = ("size_px", "size_m", "x", "y", "width", "height", *BOX_COLUMNS, "valid_share")
 _EARTH_RADIUS_M = 6_371_000.0
 _AGAIN = "prepare the benchmark again"
 
@@ -109,6 +109,7 @@ class RetrievalTruth:
     positives: Positives
     excluded: pd.DataFrame  # photos that are no queries, with the reason
     dropped_tiles: pd.DataFrame  # not in the gallery, since they hold too little of the map
+    overlaps: Positives | None = None  # all pairs that overlap, written for training, never scored
 
     @property
     def has_images(self) -> bool:
@@ -118,7 +119,7 @@ class RetrievalTruth:
     @property
     def positions(self) -> tuple[Floats, Floats]:
         """Where queries (Q, 2) and images (G, 2) are; of no columns if nobody gives that."""
-        columns = _position_columns(self.tiles)
+        columns = position_columns(self.tiles)
         queries, tiles = (table[columns].to_numpy(float) for table in (self.footprints, self.tiles))
         return queries, tiles
 
@@ -156,10 +157,10 @@ class RetrievalTruth:
         return digest.hexdigest()
 
 
-def _position_columns(tiles: pd.DataFrame) -> list[str]:
-    """Return the columns of `POSITION_COLUMNS` that a table of images has."""
-    found = [list(names) for names in POSITION_COLUMNS if set(names) <= set(tiles.columns)]
-    return found[0] if found and "image" in tiles.columns else []
+def position_columns(images: pd.DataFrame) -> list[str]:
+    """Return the columns of `POSITION_COLUMNS` that a table of images has; none of other tables."""
+    found = [list(names) for names in POSITION_COLUMNS if {"image", *names} <= {*images.columns}]
+    return found[0] if found else []
 
 
 def boxes_of(tiles: pd.DataFrame) -> Floats:
@@ -167,18 +168,17 @@ def boxes_of(tiles: pd.DataFrame) -> Floats:
     return tiles[list(BOX_COLUMNS)].to_numpy(np.float64)
 
 
-def write_truth(folder: Path, truth: RetrievalTruth, overlaps: Positives) -> None:
+def write_truth(folder: Path, truth: RetrievalTruth) -> None:
     """Write a scene's truth below its folder, next to ``queries.csv``."""
     home = folder / "retrieval"
     home.mkdir(parents=True, exist_ok=True)
     for name in ("footprints", "excluded", "dropped_tiles"):
         getattr(truth, name).to_csv(home / f"{name}.csv", index=False, lineterminator="\n")
     truth.tiles.to_parquet(home / "tiles.parquet", index=False)
-    for name, pairs in (("positives", truth.positives), ("overlaps", overlaps)):
-        arrays: dict[str, NDArray[Any]] = {"offsets": pairs.offsets, "tiles": pairs.tiles}
-        if pairs.overlap is not None:
-            arrays["overlap"] = pairs.overlap
-        write_npz(home / f"{name}.npz", arrays, compress=True)
+    for name in ("positives", "overlaps"):
+        if (pairs := getattr(truth, name)) is not None:
+            arrays = {key: value for key, value in vars(pairs).items() if value is not None}
+            write_npz(home / f"{name}.npz", arrays, compress=True)
 
 
 def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
@@ -188,10 +188,9 @@ def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
         rules = benchmark.file.tracks["retrieval"]["ground_truth"]
         return read_truth(folder, scene, exclude_unanswered=rules["without_positive"] == "exclude")
     excluded = read_excluded(benchmark, scene, "retrieval")
-    queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
-    dropped = _read_tile_table(folder / "retrieval" / "dropped_tiles.csv")
+    queries, tiles, dropped = _read_tables(folder, excluded)
+    unknown = dict.fromkeys((*FOOTPRINT_COLUMNS, *position_columns(tiles)), np.nan)
     positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
-    unknown = dict.fromkeys((*FOOTPRINT_COLUMNS, *_position_columns(tiles)), np.nan)
     footprints = queries[["id"]].assign(**unknown)
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
@@ -203,14 +202,13 @@ def read_truth(folder: Path, scene: str, *, exclude_unanswered: bool = False) ->
     """
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
-    queries, tiles = read_queries(folder, excluded), read_tiles(home)
-    positions = _position_columns(tiles)
+    queries, tiles, dropped = _read_tables(folder, excluded)
+    positions = position_columns(tiles)
     needed = positions if "image" in tiles.columns else FOOTPRINT_COLUMNS
     footprints = read_table(home / "footprints.csv", ("id", *needed), complete=positions)
     if not footprints["id"].array.equals(queries["id"].array):
         what, where = "the footprints are not those of queries.csv", home / "footprints.csv"
         raise BenchmarkError(what, where=where, fix=_AGAIN)
-    dropped = _read_tile_table(home / "dropped_tiles.csv")
     positives = _read_positives(home / "positives.npz", len(queries), len(tiles))
     right = (positives.counts > 0) | (not exclude_unanswered)
     if not right.all():
@@ -227,15 +225,23 @@ def read_truth(folder: Path, scene: str, *, exclude_unanswered: bool = False) ->
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
 
 
+def _read_tables(folder: Path, excluded: pd.DataFrame) -> tuple[pd.DataFrame, ...]:
+    """Read the tables of queries, tiles and dropped tiles of a scene."""
+    home = folder / "retrieval"
+    dropped = read_table(home / "dropped_tiles.csv", ("id",))
+    return read_queries(folder, excluded), read_tiles(home), dropped
+
+
 def read_tiles(home: Path) -> pd.DataFrame:
     """Read the table of a scene's tiles from the folder of its retrieval track."""
     path = home / "tiles.parquet"
-    tiles = _read_tile_table(path)
+    tiles = read_table(path, ("id",))
     ids = tiles["id"].tolist()
     falls = np.array([False, *map(str.__gt__, ids, ids[1:])][: len(ids)], np.bool_)
     refuse_cells(path, "id", ids, falls, "rows sorted by id, as positives count them")
     if "image" in tiles.columns:
-        return tiles
+        return require_columns(path, tiles, IMAGE_COLUMNS, position_columns(tiles))
+    require_columns(path, tiles, TILE_COLUMNS, TILE_COLUMNS)
     west, south, east, north = np.radians(boxes_of(tiles)).T
     # Boxes are up to 1.41 times as large as the tiles of a turned map.
     sides = (north - south + (east - west) * np.cos((north + south) / 2)) / 2 * _EARTH_RADIUS_M
@@ -243,14 +249,6 @@ def read_tiles(home: Path) -> pd.DataFrame:
     wrong = ~((sizes > sides / 1.5) & (sizes < sides * 1.1))  # also tells NaN
     refuse_cells(path, "size_m", sizes, wrong, "the tile's side in metres, near its box's", ids)
     return tiles
-
-
-def _read_tile_table(path: Path) -> pd.DataFrame:
-    """Read a table of tiles or, as its columns tell, of images."""
-    found = read_table(path, ("id",))
-    if "image" in found:
-        return require_columns(path, found, IMAGE_COLUMNS, _position_columns(found))
-    return require_columns(path, found, ("id", *TILE_COLUMNS), TILE_COLUMNS)
 
 
 def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
@@ -271,8 +269,6 @@ def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
         raise BenchmarkError(
             f"the positives are damaged, or those of other queries and tiles: {error}",
             where=path,
-            expected=f"offsets ({n_queries + 1},) that rise from 0, tiles below {n_tiles} that "
-            "ascend within each query",
             fix=f"{_AGAIN}; `check` needs no positives, `eval` does",
         ) from error
     return Positives(offsets, tiles.astype(np.int32))

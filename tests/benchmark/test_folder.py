@@ -109,7 +109,7 @@ def test_truth_both_ways(tmp_path: Path) -> None:
     scene = MadeScene("s", [[0, 2], [], [1]], 4, {"weather": ["rain", "sun", "fog"]})
     truth = made_truth(scene)
     write_queries(tmp_path, truth.queries)
-    write_truth(tmp_path, truth, truth.positives)
+    write_truth(tmp_path, truth)
     read = read_truth(tmp_path, "s")
     assert read.fingerprint == truth.fingerprint
     assert [read.positives.tiles_of(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
@@ -134,7 +134,7 @@ def test_damaged_positives(
 ) -> None:
     truth = made_truth(MadeScene("s", [[0, 2], [], [1]], 4))
     write_queries(tmp_path, truth.queries)
-    write_truth(tmp_path, truth, truth.positives)
+    write_truth(tmp_path, truth)
     path = tmp_path / "retrieval" / "positives.npz"
     if arrays is None:
         path.write_bytes(path.read_bytes()[:-30])

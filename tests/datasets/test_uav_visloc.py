@@ -54,7 +54,7 @@ def footprints(root: Path, flight: str) -> Floats:
     scene = UAV_VISLOC.read(UavVisLocOptions(root), flight, silent)
     assert scene.plane_height_m is not None
     posed = (scene.cameras, scene.poses, scene.crs, scene.plane_height_m)
-    return cast_footprints(*posed, inset=0.0, max_range_m=5000.0).lonlat
+    return cast_footprints(*posed, inset=0.0, max_range_m=5000.0, about_lon=115.0).lonlat
 
 
 def test_footprints_are_those_of_the_ellipsoid(root: Path) -> None:

@@ -21,14 +21,13 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.retrieval.prepare import (
-    PreparedScene,
     box_growth,
     build_truth,
     cut_gallery,
     tile_starts,
 )
 from airzoo_bench.retrieval.settings import GeometricRules, MapGallery
-from airzoo_bench.retrieval.truth import BOX_COLUMNS, read_truth, write_truth
+from airzoo_bench.retrieval.truth import BOX_COLUMNS, RetrievalTruth, read_truth, write_truth
 from tests.support import write_raster
 
 UTM = {"crs": "EPSG:32650", "transform": Affine(0.5, 0, 500_000, 0, -0.5, 3_000_000)}
@@ -109,10 +108,7 @@ def test_boxes_of_a_turned_map_outgrow_its_tiles(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["nodata", "alpha", "mask"])
-def test_shares_of_valid_pixels_are_counted_exactly(
-    tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("airzoo_bench.retrieval.prepare._STRIP", 37)
+def test_shares_of_valid_pixels_are_counted_exactly(tmp_path: Path, how: str) -> None:
     valid = np.random.default_rng(0).random((100, 150)) < 0.3
     valid[:40, :70] = False
     bands = np.repeat(np.where(valid, 200, 0).astype(np.uint8)[None], 3 + (how == "alpha"), axis=0)
@@ -161,7 +157,7 @@ def inputs(
     return SceneInputs("s", photos, crs, open_info(dom), folder / "dsm.tif", 0.0)
 
 
-def built(given: SceneInputs, least: float | str = 0.0, **rules: Any) -> PreparedScene:
+def built(given: SceneInputs, least: float | str = 0.0, **rules: Any) -> RetrievalTruth:
     chosen = GeometricRules.model_validate(PLANE | rules)
     return build_truth(given, gallery(128, 64, least=least), chosen)
 
@@ -177,8 +173,8 @@ def test_the_180th_meridian_is_like_any_other(tmp_path: Path, rules: dict[str, A
     for lon in (15, 180):
         crs = f"+proj=tmerc +lat_0=40 +lon_0={lon} +ellps=WGS84 +units=m"
         scene = built(inputs(tmp_path / str(lon), scattered(), crs), **rules)
-        write_queries(tmp_path / str(lon), scene.truth.queries)
-        write_truth(tmp_path / str(lon), *scene)
+        write_queries(tmp_path / str(lon), scene.queries)
+        write_truth(tmp_path / str(lon), scene)
         truth = read_truth(tmp_path / str(lon), "s")
         places = [truth.boxes[:, [0, 2]], truth.footprints.filter(like="lon").to_numpy(float)]
         lons = np.concatenate([one.ravel() for one in places])
@@ -204,7 +200,7 @@ def test_positives_of_a_turned_map_are_those_of_the_tiles_themselves(
     turned = turned @ Affine.translation(-200, 200) @ Affine.scale(1, -1)
     centres = scattered() + origin
     given = inputs(tmp_path, centres, "EPSG:32633", turned)
-    truth = built(given, without_positive="miss", **rules).truth
+    truth = built(given, without_positive="miss", **rules)
     x, y, w, h = truth.tiles[["x", "y", "width", "height"]].to_numpy(float).T
     corners = np.stack([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]).transpose(2, 0, 1)
     matrix = np.array([[turned.a, turned.b], [turned.d, turned.e]])
@@ -227,7 +223,7 @@ def test_empty_tiles_are_dropped_counted_and_answer_nothing(tmp_path: Path) -> N
     valid = np.ones((SIDE_PX, SIDE_PX), bool)
     valid[:, :200] = False
     given = inputs(tmp_path, np.array([[-150.0, 0], [100, 0]]), valid=valid)
-    everything, some, many = (built(given, least).truth for least in ("none", 0.0, 0.6))
+    everything, some, many = (built(given, least) for least in ("none", 0.0, 0.6))
     empty = everything.tiles["valid_share"] == 0
     assert empty.sum() > 20
     assert some.tiles["id"].tolist() == everything.tiles["id"][~empty].tolist()
@@ -243,12 +239,12 @@ def test_the_reason_that_is_given_is_the_true_one(tmp_path: Path) -> None:
     # From 100 m a photo sees 80 x 60 m; the first one here sees all of a map of 40 m.
     small = Affine(0.1, 0, -20, 0, -0.1, 20)
     given = inputs(tmp_path, np.array([[0.0, 0], [38, 28], [500, 0]]), transform=small)
-    excluded = built(given).truth.excluded.set_index("id")["reason"]
+    excluded = built(given).excluded.set_index("id")["reason"]
     assert excluded.index.tolist() == ["s/p000", "s/p002"]
     assert "overlaps tiles" in excluded["s/p000"]
     assert excluded["s/p002"] == "the footprint meets no tile"
     given = inputs(tmp_path, np.array([[5000.0, 0]]))
     write_queries(tmp_path / "s", given.photos)
-    write_truth(tmp_path / "s", *built(given))
+    write_truth(tmp_path / "s", built(given))
     with pytest.raises(BenchmarkError, match="scene s has no query: 1 photo excluded"):
         read_truth(tmp_path / "s", "s")

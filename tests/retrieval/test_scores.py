@@ -21,11 +21,11 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.prepare import ImageSet, build_stated_truth, pairs_of_labels
+from airzoo_bench.retrieval.prepare import build_stated_truth, pairs_of_labels
 from airzoo_bench.retrieval.ranking import Ranking, rank_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol, TileScores
 from airzoo_bench.retrieval.track import list_scores, score_scene
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.truth import POSITION_COLUMNS, RetrievalTruth
 from tests.retrieval.ranking_support import records_of
 from tests.support import MadeScene, protocol
 from tests.support import made_truth as made_tiles
@@ -41,14 +41,16 @@ UNIVERSITY = shipped("university-1652")
 
 
 def made_truth(
-    labels: tuple[Any, Any], positions: tuple[Floats, Floats] | None = None, **how: bool
+    labels: tuple[Any, Any], positions: tuple[Floats, Floats] | None = None, degrees: bool = False
 ) -> RetrievalTruth:
     sets = []
     for which, (letter, of) in enumerate(zip("qt", labels, strict=True)):
-        names = [f"{letter}{number:04d}" for number in range(len(of))]
-        places = None if positions is None else positions[which]
-        sets.append(ImageSet(names, [f"{name}.jpg" for name in names], places, **how))
-    return build_stated_truth("s", *sets, pairs_of_labels(*labels), UNIVERSITY.ground_truth).truth
+        ids = [f"s/{letter}{number:04d}" for number in range(len(of))]
+        table = pd.DataFrame({"id": ids, "image": [f"{one[2:]}.jpg" for one in ids]})
+        if positions is not None:
+            table[list(POSITION_COLUMNS[not degrees])] = positions[which]
+        sets.append(table)
+    return build_stated_truth("s", *sets, pairs_of_labels(*labels), UNIVERSITY.ground_truth)
 
 
 def score_images(

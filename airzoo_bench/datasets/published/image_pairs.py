@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.files import read_text
@@ -26,7 +27,8 @@ from airzoo_bench.datasets.published.places import find_home, folders_in, missin
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text
-from airzoo_bench.retrieval.prepare import ImageSet, StatedPairs, pairs_of_labels
+from airzoo_bench.retrieval.prepare import pairs_of_labels
+from airzoo_bench.retrieval.truth import POSITION_COLUMNS
 
 _DIRECTIONS = ("drone-to-satellite", "satellite-to-drone")
 _SUFFIXES = (*PHOTO_SUFFIXES, ".ppm", ".bmp", ".pgm", ".webp")  # those of torchvision
@@ -100,8 +102,8 @@ class ClassFolders(Dataset[SourceOptions]):
             raise missing(what, given, "every class of the queries, and its position if there are")
         return ImageScene(
             scene,
-            _image_set(queries, positions),
-            _image_set(gallery, positions),
+            _image_table(scene, queries, positions),
+            _image_table(scene, gallery, positions),
             asked,
             given,
             pairs_of_labels(*labels),
@@ -130,13 +132,16 @@ def class_images(folder: Path, below: str = "") -> list[ClassImage]:
     return found
 
 
-def _image_set(images: Sequence[ClassImage], positions: Mapping[str, Place] | None) -> ImageSet:
-    names, files = [image.name for image in images], [image.image for image in images]
-    if positions is None:
-        return ImageSet(names, files, None)
-    nowhere = (np.nan, np.nan)
-    places = np.array([positions.get(image.label, nowhere) for image in images], np.float64)
-    return ImageSet(names, files, places, degrees=True)
+def _image_table(
+    scene: str, images: Sequence[ClassImage], positions: Mapping[str, Place] | None
+) -> pd.DataFrame:
+    ids = [f"{scene}/{image.name}" for image in images]
+    table = pd.DataFrame({"id": ids, "image": [image.image for image in images]})
+    if positions is not None:
+        nowhere = (np.nan, np.nan)
+        places = [positions.get(image.label, nowhere) for image in images]
+        table[list(POSITION_COLUMNS[0])] = np.array(places, np.float64)
+    return table
 
 
 class _University1652(ClassFolders):
@@ -257,27 +262,26 @@ class _GtaUav(Dataset[SourceOptions]):
         answers = {tile for one in drones for tile in one.positive}
         names = sorted(answers if backwards else there)
         row = {name: number for number, name in enumerate(names)}
-        centres = np.array([_tile_centre(name) for name in names])
-        tiles = ImageSet([Path(n).stem for n in names], [there[n] for n in names], centres)
+        ids = [f"{scene}/{Path(name).stem}" for name in names]
+        tiles = pd.DataFrame({"id": ids, "image": [there[name] for name in names]})
+        tiles[list(POSITION_COLUMNS[1])] = [_tile_centre(name) for name in names]
+        ids = [f"{scene}/{Path(one.name).stem}" for one in drones]
+        images = pd.DataFrame({"id": ids, "image": [one.image for one in drones]})
+        images[list(POSITION_COLUMNS[1])] = [one.place for one in drones]
         heights = [one.height_m for one in drones]
-        images = ImageSet(
-            [Path(one.name).stem for one in drones],
-            [one.image for one in drones],
-            np.array([one.place for one in drones]),
-            conditions={} if backwards or np.isnan(heights).any() else {"height_m": heights},
-        )
-        pairs = [
+        if not (backwards or np.isnan(heights).any()):
+            images["height_m"] = heights
+        found = [
             (number, row[tile], tile in one.positive, weight)
             for number, one in enumerate(drones)
             for tile, weight in one.weights.items()
             if tile in row
         ]
-        drone, tile, positive, weight = (np.array(column) for column in zip(*pairs, strict=True))
+        pairs = pd.DataFrame(found, columns=["query", "tile", "positive", "overlap"])
         if backwards:
-            found = StatedPairs(tile, drone, positive, weight)
-            return ImageScene(scene, tiles, images, folder, home, found)
-        found = StatedPairs(drone, tile, positive, weight)
-        return ImageScene(scene, images, tiles, home, folder, found, _TILES)
+            pairs = pairs.rename(columns={"query": "tile", "tile": "query"})
+            return ImageScene(scene, tiles, images, folder, home, pairs)
+        return ImageScene(scene, images, tiles, home, folder, pairs, _TILES)
 
 
 def _lists_home(options: SourceOptions) -> Path:
