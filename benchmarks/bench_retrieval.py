@@ -18,7 +18,7 @@ from pyproj import Transformer
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.positives import find_holding_tiles
-from airzoo_bench.retrieval.ranking import rank_by_descriptors
+from airzoo_bench.retrieval.ranking import Depths, rank_by_descriptors
 from airzoo_bench.retrieval.truth import Positives
 
 Floats = NDArray[np.float64]
@@ -115,17 +115,9 @@ def rank_mapped(folder: Path, **_: Any) -> Work:
     positives = Positives(np.arange(len(queries) + 1), source)
 
     def work() -> dict[str, Any]:
-        blocks = rank_by_descriptors(
-            queries,
-            gallery,
-            k=K,
-            metric="l2",
-            positives=positives,
-            tie_ranks=5,
-            run=Run(1 << 29, jobs=2),
-            names=range(len(queries)),
-            tile_names=range(len(gallery)),
-        )
+        depths, names = Depths(len(gallery), K, 5), (range(len(queries)), range(len(gallery)))
+        run = Run(1 << 29, jobs=2)
+        blocks = rank_by_descriptors(queries, gallery, "l2", positives, depths, run, names)
         return {"tiles": np.concatenate([ranking.tiles for _, ranking in blocks])}
 
     return work

@@ -15,7 +15,7 @@ from airzoo_bench.api.arguments import Scores
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.predictions import check_lists
-from airzoo_bench.retrieval.ranking import rank_by_ids
+from airzoo_bench.retrieval.ranking import Depths, rank_by_ids
 from airzoo_bench.retrieval.settings import ApVariant
 from airzoo_bench.retrieval.track import hit_columns
 from airzoo_bench.retrieval.truth import Positives, offsets_of
@@ -148,8 +148,8 @@ def retrieval_scores(
     with arg.refused("ranked_ids"):
         check_lists(tiles, similar, queries)
     answers = _number_positives(right, place)
-    k, tie_ranks = max(tiles.shape[1], 1), max(depths)
-    ranking = rank_by_ids(tiles, similar, answers, n_tiles=size, k=k, tie_ranks=tie_ranks)
+    kept = Depths(size, max(tiles.shape[1], 1), max(depths))
+    ranking = rank_by_ids(tiles, similar, answers, kept)
     hits = metrics.hit_matrix(ranking.tiles, answers.offsets, answers.tiles, size)
     columns = hit_columns(hits, answers.counts, depths, dict.fromkeys(depths, (ap,)), depths)
     first = {

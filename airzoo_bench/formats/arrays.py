@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import mmap
 import tempfile
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,7 +20,8 @@ _TEMPLATE = "`airzoo-bench template` writes an example"
 _LONGEST_ID = 256
 _LONGEST_NAME = 64
 _COPIES_OF_TEXT = 4  # that a run makes while it splits, sorts and compares ids
-_BLOCK_ROWS = 1 << 14
+_CHECKED_ROWS = 1 << 14
+_BLOCK_BYTES, _BLOCK_ROWS = 1 << 25, 1 << 15
 
 
 class Arrays(Protocol):
@@ -114,8 +116,8 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
 
 def _check_characters(path: Path, name: str, ids: NDArray[np.str_]) -> None:
     """Refuse ids that could forge a line of a message, steer a terminal, or fill a screen."""
-    for start in range(0, len(ids), _BLOCK_ROWS):
-        block = ids[start : start + _BLOCK_ROWS]
+    for start in range(0, len(ids), _CHECKED_ROWS):
+        block = ids[start : start + _CHECKED_ROWS]
         some = block.reshape(-1).tolist()
         if "".join(some).isprintable() and max(map(len, some), default=0) <= _LONGEST_ID:
             continue
@@ -177,6 +179,24 @@ def check_length(arrays: Arrays, name: str, values: NDArray[Any], rows: int) -> 
             expected="a row an id, in the same order",
             fix="write the rows and their ids together",
         )
+
+
+def row_blocks(
+    rows: NDArray[Any], memory_bytes: int = 8 * _BLOCK_BYTES, most_rows: int = _BLOCK_ROWS
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Yield (first row, rows) in order; pages of a map that were read leave the memory."""
+    row_bytes = max(1, rows.shape[1] * max(rows.dtype.itemsize, 4))
+    step = max(1, min(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, most_rows))
+    for start in range(0, len(rows), step):
+        yield start, np.asarray(rows[start : start + step])
+        release_pages(rows)
+
+
+def release_pages(rows: Any) -> None:
+    """Let go of the pages of a mapped file, which count as memory of the process."""
+    pages = getattr(rows, "_mmap", None)  # a copy in another process has none
+    if pages is not None and rows.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
 
 
 def temporary_array(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

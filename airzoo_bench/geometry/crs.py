@@ -27,6 +27,7 @@ LONLAT_CRS = "EPSG:4326"
 """Longitude and latitude in degrees, x before y."""
 
 _WGS84 = CRS.from_epsg(4326)
+_EQUATOR_M = 6378137.0
 # Scene coordinates are metres where the CRS's scale differs from 1 by less than this.
 _MOST_SCALE_ERROR = 0.005
 # Half the length of meridian whose direction is measured, some 11 m: the curvature of the meridian
@@ -153,6 +154,15 @@ def geodesic_distance_m(lonlat_a: ArrayLike, lonlat_b: ArrayLike, *, jobs: int =
     with ThreadPoolExecutor(jobs) as pool:
         found = list(pool.map(lambda part: geod.inv(*part)[2], parts))
     return np.asarray(np.concatenate(found), np.float64).reshape(a.shape[:-1])
+
+
+def great_circle_m(lonlat_a: Floats, lonlat_b: Floats) -> Floats:
+    """Return lengths of great circles on a sphere with the earth's radius at the equator."""
+    ends = (np.moveaxis(np.radians(end), -1, 0) for end in (lonlat_a, lonlat_b))
+    (lon_a, lat_a), (lon_b, lat_b) = ends
+    across = np.cos(lat_a) * np.cos(lat_b) * np.sin((lon_a - lon_b) / 2) ** 2
+    haversine = np.sin((lat_a - lat_b) / 2) ** 2 + across
+    return np.asarray(2 * _EQUATOR_M * np.arcsin(np.sqrt(np.minimum(haversine, 1.0))))
 
 
 def scale_error(crs: Any, lonlat: ArrayLike) -> Floats:

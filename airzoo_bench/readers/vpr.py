@@ -17,6 +17,7 @@ from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
 from airzoo_bench.core.ids import rows_among
 from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
+from airzoo_bench.formats.arrays import row_blocks
 from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.readers.descriptors import (
     NamedRows,
@@ -31,7 +32,6 @@ from airzoo_bench.readers.descriptors import (
 )
 from airzoo_bench.readers.names import names_in, read_names
 from airzoo_bench.readers.ranks import ranked_lists, tile_ids
-from airzoo_bench.retrieval.ranking import blocks
 
 _QUERIES, _DATABASE, _LISTS = "queries_descriptors.npy", "database_descriptors.npy", "preds"
 _DEEPEST = 3  # logs/NAME/TIME, above which a folder of logs may stand
@@ -178,7 +178,7 @@ def _check_order(
     best = gallery.rows[rows_among(np.array(tiles), gallery.ids)].astype(np.float64)
     lengths, own = (asked**2).sum(axis=1), ((asked - best) ** 2).sum(axis=1)
     slack = _ROUNDING * (lengths + (best**2).sum(axis=1))
-    for _, some in blocks(gallery.rows):
+    for _, some in row_blocks(gallery.rows):
         block = some.astype(np.float64)
         squares = lengths[:, None] + (block**2).sum(axis=1) - 2 * asked @ block.T
         nearer = np.flatnonzero(squares.min(axis=1) < own - slack)

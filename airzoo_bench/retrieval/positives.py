@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -72,9 +71,8 @@ def find_positives(points: Floats, boxes: Floats, iou_above: float | None) -> Po
 
 def find_overlaps(polygons: Floats, boxes: Floats) -> Positives:
     """Find every footprint (Q, 4, 2) and tile (G, 4) that overlap, with intersection over union."""
-    low, high = polygons.min(axis=1), polygons.max(axis=1)
-    keys = [query * len(boxes) + tile for query, tile in _meeting_pairs(low, high, boxes)]
-    near = with_overlap(polygons, boxes, _pairs_of(keys, len(polygons), len(boxes)))
+    near = _search_trees(polygons.min(axis=1), polygons.max(axis=1), boxes)
+    near = with_overlap(polygons, boxes, near)
     return near.where(np.asarray(near.overlap) > 0)
 
 
@@ -149,36 +147,32 @@ def find_holding_tiles(points: Floats, boxes: Floats) -> Positives:
 
     Points of NaN lie in no tile.
     """
-    n_queries, n_tiles = len(points), len(boxes)
-    if points.size == 0 or n_tiles == 0:
-        return _pairs_of([], n_queries, n_tiles)
-    if grids := _split_into_grids(boxes):
+    if points.size and (grids := _split_into_grids(boxes)):
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            parts = split(n_queries, _BLOCK)
+            parts = split(len(points), _BLOCK)
             found = list(pool.map(lambda part: _search_grids(grids, points[part]), parts))
         counts, tiles = (np.concatenate(one) for one in zip(*found, strict=True))
         return Positives(offsets_of(counts), tiles)
-    query, places = np.repeat(np.arange(n_queries), points.shape[1]), points.reshape(-1, 2)
-    pairs = _meeting_pairs(places, places, boxes)
-    return _pairs_of([query[row] * n_tiles + tile for row, tile in pairs], n_queries, n_tiles)
+    places = points.reshape(-1, 2)
+    return _search_trees(places, places, boxes, points.shape[1])
 
 
-def _meeting_pairs(low: Floats, high: Floats, boxes: Floats) -> Iterator[tuple[Ints, Ints]]:
-    """Yield pairs of a box (`low` to `high`, finite ones only) and a tile that it meets."""
+def _search_trees(low: Floats, high: Floats, boxes: Floats, each: int = 1) -> Positives:
+    """Find the tiles that meet one of the `each` boxes of a query, which go from low to high.
+
+    Boxes that are not finite meet none.
+    """
     finite = np.flatnonzero(np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1))
+    keys = [np.zeros(0, np.int64)]
     for some in split(len(boxes), _TILES):
         tree = shapely.STRtree(shapely.box(*boxes[some].T))
         for part in split(len(finite), _BLOCK):
             rows = finite[part]
-            query, tile = tree.query(shapely.box(*low[rows].T, *high[rows].T))
-            yield rows[query], some.start + tile
-
-
-def _pairs_of(keys: list[Ints], n_queries: int, n_tiles: int) -> Positives:
-    """Make pairs of keys, which are query x number of tiles + tile."""
-    every = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]))
-    query, tile = np.divmod(every, max(n_tiles, 1))
-    return Positives(offsets_of(np.bincount(query, minlength=n_queries)), tile.astype(np.int32))
+            row, tile = tree.query(shapely.box(*low[rows].T, *high[rows].T))
+            keys.append(rows[row] // each * len(boxes) + some.start + tile)
+    query, tile = np.divmod(np.unique(np.concatenate(keys)), max(len(boxes), 1))
+    counts = np.bincount(query, minlength=len(low) // each)
+    return Positives(offsets_of(counts), tile.astype(np.int32))
 
 
 # A gallery cut from one map is a few grids of tiles, one a scale, row by row. There arithmetic
@@ -204,6 +198,8 @@ class _Grid(NamedTuple):
 
 def _split_into_grids(boxes: Floats) -> list[_Grid]:
     """Split a gallery into grids of tiles; none where a search tree is faster."""
+    if not len(boxes):
+        return []
     starts = np.concatenate([[0], np.flatnonzero(boxes[1:, 0] <= boxes[:-1, 0]) + 1])
     step = np.sign(np.diff(boxes[starts, 3]))
     usual = -1 if step.sum() <= 0 else 1  # latitude falls from row to row, or rises

@@ -13,7 +13,6 @@ result depends on the blocks that the gallery is read in.
 
 from __future__ import annotations
 
-import mmap
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.ids import rows_among
 from airzoo_bench.engines.engine import split
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.formats.arrays import release_pages, row_blocks, temporary_array
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.settings import ImageScores, Metric, TileScores
@@ -33,8 +33,6 @@ from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
 Names = Sequence[object] | NDArray[Any]
 Singles = NDArray[np.float32]
-Pairs = tuple[Ints, Ints, Ints]
-"""Query, tile and level of pairs: of two, the smaller level comes first, equal ones tie."""
 
 _CELLS = 1 << 20  # ranks at a time
 _MOST_QUERIES = 4096  # of one search
@@ -47,7 +45,6 @@ _PIECE = 4096  # BLAS splits a longer dot product over threads, which changes it
 _LEAST_NORM, _MOST_NORM = 1e-15, 1e18  # squares of others underflow or overflow in float32
 _PRODUCT_CELLS = 1 << 19
 _PIECE_NUMBERS = 1 << 17  # of descriptors at a time in float64; stays in the cache
-_BLOCK_BYTES, _BLOCK_ROWS = 1 << 25, 1 << 15
 
 
 class Ranking(NamedTuple):
@@ -65,11 +62,19 @@ class Ranking(NamedTuple):
         """Return one without any tile."""
         return cls(np.full((n_queries, k), -1, np.int32), np.zeros(n_queries, np.bool_))
 
-    def drop_flat(self, rows: Ints, positives: Positives, n_tiles: int) -> None:
-        """Remove the tiles of queries that tie with the whole gallery, unless all are positive."""
+    def clear_tied(self, rows: Ints, positives: Positives, n_tiles: int) -> None:
+        """Remove the tiles of queries whose whole gallery ties, unless all are positive."""
         some = rows[positives.counts[rows] < n_tiles] if n_tiles >= 2 else rows[:0]
         self.tiles[some] = -1
         self.tie_dependent[some] = positives.counts[some] > 0
+
+
+class Depths(NamedTuple):
+    """How deep a gallery of `n_tiles` is ranked."""
+
+    n_tiles: int
+    k: int  # ranks that are kept
+    scored: int  # ranks that decide scores; a tie that begins later does not matter
 
 
 RankedBlocks = Iterator[tuple[Ints, Ranking]]
@@ -89,50 +94,43 @@ def rank_scene(
     """
     content, there = predictions.content, np.flatnonzero(rows >= 0)
     names, tiles = predictions.query_ids[rows[there]], truth.tiles["id"].to_numpy(str)
-    positives, k = truth.positives.take(there), len(tiles)
-    tie_ranks = k  # whole lists are read of images
-    if isinstance(settings, TileScores):
-        k, tie_ranks = min(settings.ranks_kept, k), max(*settings.recall_at, settings.ap_at)
+    positives, depths = truth.positives.take(there), Depths(*[len(tiles)] * 3)
+    if isinstance(settings, TileScores):  # of images whole lists are scored
+        k, scored = min(settings.ranks_kept, len(tiles)), max(*settings.recall_at, settings.ap_at)
+        depths = Depths(len(tiles), k, scored)
     if isinstance(content, RankedIds):
-        found = _rank_lists(content, names, rows[there], truth, positives, k, tie_ranks)
+        found = _rank_lists(content, names, rows[there], truth, positives, depths)
     else:
-        found = rank_by_descriptors(
-            content.queries[rows[there]],
-            _scene_gallery(content.gallery, content.gallery_ids, truth, run.memory_bytes),
-            k=k,
-            metric=settings.descriptor_metric,
-            positives=positives,
-            tie_ranks=tie_ranks,
-            run=run,
-            names=names,
-            tile_names=tiles,
-        )
+        queries = content.queries[rows[there]]
+        gallery = _scene_gallery(content.gallery, content.gallery_ids, truth)
+        metric, ids = settings.descriptor_metric, (names, tiles)
+        found = rank_by_descriptors(queries, gallery, metric, positives, depths, run, ids)
     yield from ((there[part], ranking) for part, ranking in found)
     lacking = np.flatnonzero(rows < 0)
-    for part in split(len(lacking), max(1, _CELLS // k)):
+    for part in split(len(lacking), max(1, _CELLS // depths.k)):
         yield lacking[part], Ranking.blank(len(lacking[part]), 1)
 
 
 def _order_pairs(
-    pairs: Pairs, positives: Positives, n_tiles: int, k: int, tie_ranks: int
+    query: Ints, tile: Ints, group: Ints, positives: Positives, depths: Depths
 ) -> Ranking:
-    """Rank queries by their pairs (query, tile, level), by the tie rule."""
-    query, tile, level = pairs
-    positive = positives.holds(query, tile, n_tiles)
-    order = np.lexsort((tile, positive, level, query))
-    query, tile, level, positive = query[order], tile[order], level[order], positive[order]
+    """Rank queries by pairs of query and tile; a smaller group comes first, one group ties."""
+    positive = positives.holds(query, tile, depths.n_tiles)
+    order = np.lexsort((tile, positive, group, query))
+    query, tile, group, positive = query[order], tile[order], group[order], positive[order]
     place, counts = np.arange(len(order)), np.bincount(query, minlength=positives.n_queries)
     rank = place - offsets_of(counts)[query]
-    tied = (np.diff(query) == 0) & (np.diff(level) == 0)
+    tied = (np.diff(query) == 0) & (np.diff(group) == 0)
     opens = np.concatenate([[True], ~tied])[: len(order)]
     begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
-    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < tie_ranks)
-    ranking = Ranking.blank(positives.n_queries, k)
+    mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depths.scored)
+    ranking = Ranking.blank(positives.n_queries, depths.k)
     ranking.tie_dependent[query[1:][mixed]] = True
-    first = rank < k
+    first = rank < depths.k
     ranking.tiles[query[first], rank[first]] = tile[first]
-    runs = np.bincount(query[opens], minlength=positives.n_queries)
-    ranking.drop_flat(np.flatnonzero((counts == n_tiles) & (runs == 1)), positives, n_tiles)
+    groups = np.bincount(query[opens], minlength=positives.n_queries)
+    all_tied = np.flatnonzero((counts == depths.n_tiles) & (groups == 1))
+    ranking.clear_tied(all_tied, positives, depths.n_tiles)
     return ranking
 
 
@@ -143,28 +141,27 @@ def rank_by_ids(
     ranked: NDArray[np.integer[Any]],
     scores: NDArray[np.floating[Any]] | None,
     positives: Positives,
-    *,
-    n_tiles: int,
-    k: int,
-    tie_ranks: int,
+    depths: Depths,
 ) -> Ranking:
     """Take lists (Q, K) of tiles as given, and reorder runs of equal scores.
 
     A run at the end of a list that is shorter than the gallery ties with what was left out.
     """
+    n_tiles, k, scored = depths
     if scores is None or ranked.size == 0:
         return Ranking(ranked[:, :k].astype(np.int32), np.zeros(len(ranked), np.bool_))
     ranking = Ranking.blank(len(ranked), k)
     ranking.tiles[:, : ranked.shape[1]] = ranked[:, :k]
     tied = (scores[:, 1:] == scores[:, :-1]) & (ranked[:, 1:] >= 0)
     some = np.flatnonzero(tied.any(axis=1))
+    listed, right = ranked[some].astype(np.int64), positives.take(some)
     opens = np.concatenate([np.ones((len(some), 1), np.bool_), ~tied[some]], axis=1)
     begins = np.maximum.accumulate(np.where(opens, np.arange(ranked.shape[1]), 0), axis=1)
-    listed, right = ranked[some].astype(np.int64), positives.take(some)
     length = np.count_nonzero(listed >= 0, axis=1)
-    last = begins[np.arange(len(some)), length - 1]
+    last = begins[np.arange(len(some)), length - 1]  # where the last run begins
     row, column = np.nonzero(listed >= 0)
-    pairs, lost = [(row, listed[row, column], begins[row, column])], np.zeros(len(some), np.bool_)
+    pairs = [(row, listed[row, column], begins[row, column])]
+    left_out = np.zeros(len(some), np.bool_)
     for one in np.flatnonzero((length - last > 1) & (length < n_tiles)).tolist():
         tiles, answers, start = listed[one, : length[one]], right.tiles_of(one), last[one]
         # Of those left out, k that are not positive are enough to fill the ranks.
@@ -173,11 +170,11 @@ def rank_by_ids(
         pairs.append((np.full(len(others), one), others, np.full(len(others), start)))
         # Positives that are left out are not found, whatever the order of the tie.
         is_mixed = len(others) > 0 or not np.isin(tiles[start:], answers).all()
-        lost[one] = start < tie_ranks and is_mixed and not np.isin(answers, tiles).all()
-    query, tile, level = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
-    found = _order_pairs((query, tile, level), right, n_tiles, k, tie_ranks)
-    found.tie_dependent[lost] = True
-    found.drop_flat(np.flatnonzero((last == 0) & (length > 1)), right, n_tiles)
+        left_out[one] = start < scored and is_mixed and not np.isin(answers, tiles).all()
+    columns = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    found = _order_pairs(*columns, right, depths)
+    found.tie_dependent[left_out] = True
+    found.clear_tied(np.flatnonzero((last == 0) & (length > 1)), right, n_tiles)
     ranking.tiles[some], ranking.tie_dependent[some] = found
     return ranking
 
@@ -188,11 +185,10 @@ def _rank_lists(
     rows: NDArray[np.intp],
     truth: RetrievalTruth,
     positives: Positives,
-    k: int,
-    tie_ranks: int,
+    depths: Depths,
 ) -> RankedBlocks:
     """Rank queries by the lists of these rows."""
-    known = truth.tiles["id"].to_numpy(str)
+    known, k = truth.tiles["id"].to_numpy(str), depths.k
     for part in split(len(rows), max(1, _CELLS // max(k, ranked.ids.shape[1]))):
         ids, scores, width = ranked.ids[rows[part]], None, k
         if ranked.scores is not None:  # the ties that go on beyond rank k matter too
@@ -213,48 +209,44 @@ def _rank_lists(
                 fix="cut the gallery by the protocol's sizes, or take ids from tiles.parquet",
             )
         some = np.arange(part.start, part.stop)
-        right, depths = positives.take(some), {"k": k, "tie_ranks": tie_ranks}
-        yield some, rank_by_ids(tiles, scores, right, n_tiles=len(known), **depths)
+        yield some, rank_by_ids(tiles, scores, positives.take(some), depths)
 
 
 # --- descriptors ---
 
 
 def _scene_gallery(
-    gallery: NDArray[Any], given: NDArray[np.str_], truth: RetrievalTruth, memory_bytes: int
+    gallery: NDArray[Any], given: NDArray[np.str_], truth: RetrievalTruth
 ) -> NDArray[Any]:
     """Return the descriptors of the scene's tiles, in the tiles' order."""
-    ids, field = truth.tiles["id"].to_numpy(str), "field 'gallery_ids'"
+    ids = truth.tiles["id"].to_numpy(str)
     rows = rows_among(ids, given)
     if (lacking := ids[rows < 0]).size:
         raise PredictionError(
             f"lacks descriptors of tiles of scene {truth.scene}: {first_of(lacking, len(ids))}",
-            where=field,
+            where="field 'gallery_ids'",
             expected="every tile of the gallery: leaving some out would make the task easier",
             fix="describe all tiles of tiles.parquet; of runs a scene, name the folder of all",
         )
     if (np.diff(rows) == 1).all():
         return gallery[rows[0] : rows[0] + len(rows)]
-    if gallery[:1].nbytes * len(rows) > memory_bytes:
-        raise PredictionError(
-            f"the tiles of scene {truth.scene} are in another order, and too large to sort here",
-            where=field,
-            expected="the order of tiles.parquet, which is that of sorted ids",
-            fix="write the gallery in that order, or raise --max-memory",
-        )
-    return np.asarray(gallery[rows])
+    ordered = temporary_array((len(rows), gallery.shape[1]), gallery.dtype)
+    for part in split(len(rows), max(1, _CELLS // gallery.shape[1])):
+        ordered[part] = gallery[rows[part]]
+        release_pages(gallery)
+        release_pages(ordered)
+    return ordered
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """A gallery that is searched, and what the search may use."""
+    """Queries, the gallery that is searched for them, and what the search may use."""
 
+    queries: NDArray[Any]  # (Q, D)
     gallery: NDArray[Any]  # (G, D), may be mapped
     longest: float  # the largest norm in it
     metric: Metric
-    k: int  # how many tiles are ranked
-    tie_ranks: int
-    sought: int  # how many tiles are sought, at most G
+    depths: Depths
     memory_bytes: int  # bounds the working memory
     threads: int
 
@@ -262,93 +254,78 @@ class _Search:
 def rank_by_descriptors(
     queries: NDArray[Any],
     gallery: NDArray[Any],
-    *,
-    k: int,
     metric: Metric,
     positives: Positives,
-    tie_ranks: int,
+    depths: Depths,
     run: Run,
-    names: Names,
-    tile_names: Names,
+    names: tuple[Names, Names],
 ) -> RankedBlocks:
-    """Rank the gallery by descriptors, exactly as float64 has it."""
-    n_tiles, flat = len(gallery), np.asarray((queries == 0).all(axis=1))
-    asked = queries[~flat] if flat.any() else queries
-    _check_norms(asked, metric, "query_descriptors", np.asarray(names)[~flat])
-    longest = _check_norms(gallery, metric, "gallery_descriptors", tile_names)
-    if n_tiles > 1 and all((rows == gallery[0]).all() for _, rows in blocks(gallery, 1 << 20)):
-        flat[:] = True
-    sought = min(max(k, tie_ranks), n_tiles)
-    limits = run.memory_bytes, run.jobs
-    search = _Search(gallery, longest, metric, k, tie_ranks, sought, *limits)
+    """Rank the gallery by descriptors, exactly as float64 has it; `names` are of both sides."""
+    all_tied = np.asarray((queries == 0).all(axis=1))
+    asked = queries[~all_tied] if all_tied.any() else queries
+    _check_norms(asked, metric, "query_descriptors", np.asarray(names[0])[~all_tied])
+    longest = _check_norms(gallery, metric, "gallery_descriptors", names[1])
+    if len(gallery) > 1 and all((b == gallery[0]).all() for _, b in row_blocks(gallery, 1 << 20)):
+        all_tied[:] = True
     most = max(64, run.memory_bytes // (32 * queries.shape[1] + 1))
-    most = min(most, _SENT_QUERIES if run.engine.distributed else _MOST_QUERIES, _CELLS // k + 1)
-    parts, places = split(len(queries), most), np.arange(len(queries))
+    sent = _SENT_QUERIES if run.engine.distributed else _MOST_QUERIES
+    some, others = (
+        [rows[part] for part in split(len(rows), min(most, sent, _CELLS // depths.k + 1))]
+        for rows in (np.flatnonzero(~all_tied), np.flatnonzero(all_tied))
+    )
     found = run.engine.map(
         _rank_part,
-        [(queries[part], positives.take(places[part]), flat[part]) for part in parts],
-        shared=search,
+        [(rows, positives.take(rows)) for rows in some],
+        shared=_Search(queries, gallery, longest, metric, depths, run.memory_bytes, run.jobs),
         stage="queries ranked",
         name=lambda _: "some queries",
     )
-    yield from ((places[part], ranking) for part, ranking in zip(parts, found, strict=True))
+    yield from zip(some, found, strict=True)
+    for rows in others:
+        ranking = Ranking.blank(len(rows), depths.k)
+        ranking.tiles[:, : len(gallery)] = np.arange(min(depths.k, len(gallery)))
+        ranking.clear_tied(np.arange(len(rows)), positives.take(rows), len(gallery))
+        yield rows, ranking
 
 
-def _rank_part(search: _Search, item: tuple[NDArray[Any], Positives, Bools]) -> Ranking:
-    """Rank some queries; those that are flat tie with every tile."""
-    queries, positives, flat = item
-    n_tiles, ranking = len(search.gallery), Ranking.blank(len(queries), search.k)
-    some, blank = np.flatnonzero(~flat), np.flatnonzero(flat)
-    ranking.tiles[blank, :n_tiles] = np.arange(min(search.k, n_tiles))
-    ranking.drop_flat(blank, positives, n_tiles)
-    waiting = [some] if len(some) else []
-    while waiting:
-        rows = waiting.pop()
-        pairs = _find_nearest(search, queries[rows] if len(rows) < len(queries) else queries)
-        if pairs is None:  # nearly everything ties: half of the queries each
-            waiting += np.array_split(rows, 2)
-            continue
-        right = positives.take(rows)
-        found = _order_pairs(pairs, right, n_tiles, search.k, search.tie_ranks)
-        ranking.tiles[rows], ranking.tie_dependent[rows] = found
-    return ranking
-
-
-def _find_nearest(search: _Search, queries: NDArray[Any]) -> Pairs | None:
-    """Return pairs of queries and tiles that hold the most similar tiles of each query.
-
-    Every tile that ties with one of these is there. None is returned if the pairs of several
-    queries do not fit the memory.
-    """
-    n_queries, n_tiles = len(queries), len(search.gallery)
-    most_pairs = search.memory_bytes // _PAIR_BYTES if n_queries > 1 else n_tiles
-    if n_queries * search.sought > most_pairs:
-        return None
-    if search.sought == n_tiles:
-        query, tile = np.divmod(np.arange(n_queries * n_tiles), max(n_tiles, 1))
-    elif (found := _find_candidates(search, queries, most_pairs)) is not None:
-        query, tile = found
-    else:
-        return None
+def _rank_part(search: _Search, item: tuple[Ints, Positives]) -> Ranking:
+    """Rank the gallery for queries of these rows, and with these positives."""
+    rows, positives = item
+    queries = search.queries[rows]
+    pairs = _find_candidates(search, queries)
+    if pairs is None:  # nearly everything ties: half of the queries each
+        halves = np.array_split(np.arange(len(rows)), 2)
+        parts = [_rank_part(search, (rows[half], positives.take(half))) for half in halves]
+        return Ranking(*map(np.concatenate, zip(*parts, strict=True)))
+    query, tile = pairs
     score, slack = _similarities(search, queries, query, tile)
     order = np.lexsort((-score, query))
     tied = np.diff(query[order]) == 0
     tied &= -np.diff(score[order]) <= slack[order][1:] + slack[order][:-1]
-    level = np.zeros(len(order), np.int64)
-    level[order[1:]] = np.cumsum(~tied)
-    return query, tile, level
+    group = np.zeros(len(order), np.int64)
+    group[order[1:]] = np.cumsum(~tied)
+    return _order_pairs(query, tile, group, positives, search.depths)
 
 
-def _find_candidates(
-    search: _Search, queries: NDArray[Any], most_pairs: int
-) -> tuple[Ints, Ints] | None:
-    """Return query and tile of pairs that may be among the first."""
+def _find_candidates(search: _Search, queries: NDArray[Any]) -> tuple[Ints, Ints] | None:
+    """Return query and tile of pairs that may be among the first, or tie with one that is.
+
+    None is returned if the pairs of several queries do not fit the memory.
+    """
+    n_queries, (n_tiles, k, scored) = len(queries), search.depths
+    sought = min(max(k, scored), n_tiles)
+    most_pairs = search.memory_bytes // _PAIR_BYTES if n_queries > 1 else n_tiles
+    if n_queries * sought > most_pairs:
+        return None
+    if sought == n_tiles:
+        query, tile = np.divmod(np.arange(n_queries * n_tiles), max(n_tiles, 1))
+        return query, tile
     single, norms = _round_to_singles(queries, search.metric)
     bounds = _error_bounds(norms, search.longest, queries.shape[1], search.metric)
-    n_queries, floors = len(queries), np.full((len(queries), 1), -np.inf, np.float32)
+    floors = np.full((n_queries, 1), -np.inf, np.float32)
     kept = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.float32))]
     held = most_held = 0
-    for start, rows in blocks(search.gallery, search.memory_bytes, _PRODUCT_CELLS // n_queries):
+    for start, rows in row_blocks(search.gallery, search.memory_bytes, _PRODUCT_CELLS // n_queries):
         tiles, norms = _round_to_singles(rows, search.metric)
         value = single @ tiles.T
         if search.metric == "l2":  # and -|q|^2 / 2, which orders nothing
@@ -357,10 +334,10 @@ def _find_candidates(
         query, column = np.divmod(place, len(rows))
         kept.append((query, start + column, value.ravel()[place]))
         held += len(place)
-        if held > most_held or start + len(rows) == len(search.gallery):
-            kept = [_drop_low(kept, floors, bounds, search.sought)]
+        if held > most_held or start + len(rows) == n_tiles:
+            kept = [_drop_low(kept, floors, bounds, sought)]
             held = len(kept[0][0])
-            most_held = held + n_queries * search.sought
+            most_held = held + n_queries * sought
             if held > most_pairs:
                 return None
     return kept[0][:2]
@@ -372,10 +349,8 @@ def _drop_low(
     """Raise the floors (Q, 1) to the k-th similarity less the errors, and drop pairs below."""
     query, tile, value = (np.concatenate(parts) for parts in zip(*kept, strict=True))
     # One whole number holds query and value: its sort is ten times as fast as one by both.
-    keys, counts = (
-        np.sort((query << 32) + _flip_negatives(value.view(np.int32))),
-        np.bincount(query),
-    )
+    keys = np.sort((query << 32) + _flip_negatives(value.view(np.int32)))
+    counts = np.bincount(query)
     some = np.flatnonzero(counts >= k)
     kth = keys[np.cumsum(counts)[some] - k] - (some << 32)
     kth = _flip_negatives(kth.astype(np.int32)).view(np.float32)
@@ -443,7 +418,7 @@ def _similarities(
     with ThreadPoolExecutor(search.threads) as pool:
         for number, _ in enumerate(pool.map(evaluate, parts)):
             if number % 64 == 0:
-                _release_pages(search.gallery)
+                release_pages(search.gallery)
     return score, slack
 
 
@@ -454,28 +429,10 @@ def _dot(a: Floats, b: Floats) -> Floats:
     return total
 
 
-def blocks(
-    rows: NDArray[Any], memory_bytes: int = 8 * _BLOCK_BYTES, most_rows: int = _BLOCK_ROWS
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Yield (first row, rows) in order; pages of a map that were read leave the memory."""
-    row_bytes = max(1, rows.shape[1] * max(rows.dtype.itemsize, 4))
-    step = max(1, min(min(_BLOCK_BYTES, memory_bytes // 8) // row_bytes, most_rows))
-    for part in split(len(rows), step):
-        yield part.start, np.asarray(rows[part])
-        _release_pages(rows)
-
-
-def _release_pages(rows: Any) -> None:
-    """Let go of the pages of a mapped file, which count as memory of the process."""
-    pages = getattr(rows, "_mmap", None)  # a copy in another process has none
-    if pages is not None and rows.mode != "c" and hasattr(mmap, "MADV_DONTNEED"):
-        pages.madvise(mmap.MADV_DONTNEED)
-
-
 def _check_norms(rows: NDArray[Any], metric: Metric, field: str, names: Names) -> float:
     """Refuse descriptors that cannot be ranked, by the names of their rows; return the top norm."""
     longest, least = 0.0, _LEAST_NORM if metric == "cosine" else 0.0
-    for start, block in blocks(rows):
+    for start, block in row_blocks(rows):
         norms = _round_to_singles(block, "l2")[1]
         faulty = np.flatnonzero(~((norms >= least) & (norms <= _MOST_NORM)))  # also tells NaN
         if len(faulty):

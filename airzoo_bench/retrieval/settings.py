@@ -95,15 +95,11 @@ class ImageScores(Strict):
     distances: DistanceScores | None = None
 
 
-def _images_have(key: str, *values: str) -> Discriminator:
-    """Tell the section for images from that for a map by a key, or by its values."""
-
-    def kind(given: Any) -> str:
-        value = given.get(key) if isinstance(given, dict) else getattr(given, key, None)
-        is_of_images = value in values if values else value is not None
-        return "<images>" if is_of_images else "<map>"
-
-    return Discriminator(kind)
+def _kind(section: Any) -> str:
+    """Tell a section for images from that for a map."""
+    values = section if isinstance(section, dict) else getattr(section, "__dict__", {})
+    is_of_images = {"source", "recall_at_share"} & {*values}
+    return "<images>" if is_of_images or values.get("rule") in ("labels", "pairs") else "<map>"
 
 
 class RetrievalProtocol(Protocol):
@@ -118,15 +114,15 @@ class RetrievalProtocol(Protocol):
     track: Literal["retrieval"]
     gallery: Annotated[
         Annotated[MapGallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
-        _images_have("source"),
+        Discriminator(_kind),
     ]
     ground_truth: Annotated[
         Annotated[GeometricRules, Tag("<map>")] | Annotated[StatedRules, Tag("<images>")],
-        _images_have("rule", "labels", "pairs"),
+        Discriminator(_kind),
     ]
     scores: Annotated[
         Annotated[TileScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
-        _images_have("recall_at_share"),
+        Discriminator(_kind),
     ]
 
     def map_rules(self) -> tuple[MapGallery, GeometricRules]:
@@ -141,14 +137,12 @@ class RetrievalProtocol(Protocol):
 
     @model_validator(mode="after")
     def _sections_fit(self) -> RetrievalProtocol:
-        gallery, rules, scores = self.gallery, self.ground_truth, self.scores
-        near, positions = getattr(scores, "distances", None), getattr(gallery, "positions", "none")
-        images = isinstance(gallery, ImageGallery)
-        fits = isinstance(rules, StatedRules) == images == isinstance(scores, ImageScores)
-        fits &= (near is None) == (positions == "none")
-        if near is not None:
-            fits &= (near.metres == "plane") == (positions == "metres")
-            fits &= near.sdm_unit == "metre" or positions == "degrees"
+        rules, distances = self.ground_truth, getattr(self.scores, "distances", None)
+        positions = getattr(self.gallery, "positions", "none")
+        measures = {"none": (None,), "metres": ("plane",), "degrees": ("sphere", "ellipsoid")}
+        fits = len({_kind(section) for section in (self.gallery, rules, self.scores)}) == 1
+        fits &= getattr(distances, "metres", None) in measures[positions]
+        fits &= positions == "degrees" or getattr(distances, "sdm_unit", None) != "degree"
         if not fits:
             raise ValueError(
                 "gallery, ground_truth and scores are all of a map, or all of images "
@@ -157,11 +151,9 @@ class RetrievalProtocol(Protocol):
             )
         if isinstance(rules, GeometricRules) and (rules.rule == "iou") == (rules.iou_above is None):
             raise ValueError("iou_above is given with rule = 'iou', and only then")
-        depths = list(scores.recall_at)
-        if isinstance(scores, TileScores):
-            depths += (scores.ap_at, *scores.ndcg_at, *scores.sdm_at, *scores.pdm_at)
-        elif near is not None:
-            depths += (*near.sdm_at, *near.dis_at)
-        if scores.ranks_kept < max(depths):
-            raise ValueError(f"scores.ranks_kept must reach the deepest score, {max(depths)}")
+        values = [*self.scores, *(distances or ())]
+        ranks = [value for name, value in values if name.endswith("_at")]
+        deepest = max(max(one) if isinstance(one, tuple) else one for one in ranks)
+        if self.scores.ranks_kept < deepest:
+            raise ValueError(f"scores.ranks_kept must reach the deepest score, {deepest}")
         return self

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -17,7 +18,7 @@ from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.evaluation.predictions import QueryPart, assign_queries, write_predictions
 from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.geometry.crs import geodesic_distance_m
+from airzoo_bench.geometry.crs import geodesic_distance_m, great_circle_m
 from airzoo_bench.results.result import Reference, ScoreColumn, summarise
 from airzoo_bench.retrieval import metrics
 from airzoo_bench.retrieval.info import INFO
@@ -42,14 +43,14 @@ RANKED_TILE = "tile@"
 """How the columns begin that name the first tiles of each list."""
 
 Truths = Sequence[RetrievalTruth]
+Measure = Callable[[Floats, Floats], Floats]
 
 _CUT_SHORT = "cut_short"  # column of `score_scene`: lists that end without all positives
 _DIMENSIONS = 8  # of random descriptors
-_EQUATOR_M = 6378137.0
 _NOTES = (  # count, its subject for one and for many, what of it
     ("empty_lists", "query has", "queries have", "an empty list, scored as missing"),
     ("tie_dependent", "query depends", "queries depend", "on ties, broken against it"),
-    ("flat", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
+    ("unranked", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
     ("dropped_tiles", "tile is", "tiles are", f"{TOO_EMPTY}, and in no gallery"),
     ("short", "list ends", "lists end", "without all positives, which are not found"),
 )
@@ -92,8 +93,8 @@ class RetrievalTrack(Track):
             records = score_scene(truth, ranked, answered, settings, run.jobs)
         except PredictionError as error:
             raise error.inside(predictions.path) from error
-        flat = answered & (records["ranked"] == 0)
-        facts = {"flat": int(flat.sum()), "short": int(records.pop(_CUT_SHORT).sum())}
+        unranked = answered & (records["ranked"] == 0)
+        facts = {"unranked": int(unranked.sum()), "short": int(records.pop(_CUT_SHORT).sum())}
         counts = {
             "queries": len(truth.queries),
             "tiles": len(truth.tiles),
@@ -130,12 +131,12 @@ class RetrievalTrack(Track):
 
     def references(self, protocol: RetrievalProtocol, truths: Truths) -> dict[str, Reference]:
         """Return what tiles in random order score, by scene."""
-        tables = []
-        for truth in truths:
-            counts = truth.positives.counts
-            found = metrics.chance_scores(counts, len(truth.tiles), protocol.scores)
-            tables.append(pd.DataFrame(found).assign(scene=truth.scene))
-        records = pd.concat(tables, ignore_index=True)
+        records = pd.concat(
+            pd.DataFrame(
+                metrics.chance_scores(truth.positives.counts, len(truth.tiles), protocol.scores)
+            ).assign(scene=truth.scene)
+            for truth in truths
+        )
         scores = [score for score in list_scores(protocol.scores) if score.key in records]
         summary = asdict(summarise(records, scores, [truth.scene for truth in truths]))
         meaning = "what tiles in random order score on average, computed exactly"
@@ -146,25 +147,25 @@ class RetrievalTrack(Track):
     ) -> None:
         """Write random lists, or random descriptors."""
         random = np.random.default_rng(seed)
-        arrays: dict[str, Any] = {"query_ids": _ids(truth.queries for truth in truths)}
+        ids = {
+            name: [getattr(truth, name)["id"].to_numpy(str) for truth in truths]
+            for name in ("queries", "tiles")
+        }
+        arrays: dict[str, Any] = {"query_ids": np.concatenate(ids["queries"])}
         if kind == "ranked-ids":
-            longest = min(protocol.scores.ranks_kept, max(len(one.tiles) for one in truths))
+            longest = min(protocol.scores.ranks_kept, max(map(len, ids["tiles"])))
             lists = [
-                [*random.permutation(_ids([truth.tiles]))[:longest], *[""] * longest][:longest]
-                for truth in truths
-                for _ in range(len(truth.queries))
+                [*random.permutation(tiles)[:longest], *[""] * longest][:longest]
+                for queries, tiles in zip(*ids.values(), strict=True)
+                for _ in queries
             ]
             arrays["ranked_ids"] = np.array(lists, dtype=str)
         else:
-            arrays["gallery_ids"] = _ids(truth.tiles for truth in truths)
-            for name, ids in (("query", arrays["query_ids"]), ("gallery", arrays["gallery_ids"])):
-                shape = len(ids), _DIMENSIONS
+            arrays["gallery_ids"] = np.concatenate(ids["tiles"])
+            for name in ("query", "gallery"):
+                shape = len(arrays[f"{name}_ids"]), _DIMENSIONS
                 arrays[f"{name}_descriptors"] = random.standard_normal(shape, np.float32)
         write_predictions(out, protocol.name, arrays)
-
-
-def _ids(tables: Iterable[pd.DataFrame]) -> NDArray[np.str_]:
-    return np.concatenate([table["id"].to_numpy(str) for table in tables])
 
 
 def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
@@ -184,20 +185,20 @@ def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
             *(share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at),
             *(share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at),
         ]
-    recall, near = share_name(settings.recall_at_share), settings.distances
-    aps, other = ["map", "ap/trapezoid"], "AP/trapezoid"
-    if settings.ap == "trapezoid":
-        aps, other = aps[::-1], "mAP"
+    recall, distances = share_name(settings.recall_at_share), settings.distances
+    aps = [("map", "mAP"), ("ap/trapezoid", "AP/trapezoid")]
+    own, other = aps if settings.ap == "trec" else aps[::-1]
     scores.append(share(recall, recall.replace("recall", "R"), headline=True))
-    scores.append(share(aps[0], "AP", headline=True))
-    if near is not None:
-        scores += [share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in near.sdm_at]
+    scores.append(share(own[0], "AP", headline=True))
+    if distances is not None:
+        of_distance = ScoreColumn.error
+        scores += [share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in distances.sdm_at]
         scores += [
-            ScoreColumn.error(f"dis@{k}", f"Dis@{k}", "m", "mean", headline=True)
-            for k in near.dis_at
+            of_distance(f"dis@{k}", f"Dis@{k}", "m", "mean", headline=True)
+            for k in distances.dis_at
         ]
-        scores += [share(f"ma@{m:g}m", f"MA@{m:g}m") for m in near.ma_below_m]
-    return [*scores, share(aps[1], other), share("mrr", "MRR")]
+        scores += [share(f"ma@{m:g}m", f"MA@{m:g}m") for m in distances.ma_below_m]
+    return [*scores, share(*other), share("mrr", "MRR")]
 
 
 def score_scene(
@@ -231,18 +232,20 @@ def _score_block(
 ) -> pd.DataFrame:
     right, tiles, n_tiles = truth.positives.take(rows), ranking.tiles, len(truth.tiles)
     hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, n_tiles)
-    kept, ids = tiles[:, : settings.ranks_kept], pd.array([*truth.tiles["id"], ""], dtype="str")
-    none, length = np.full(len(rows), -1, np.int32), (tiles >= 0).sum(axis=1)
-    of_map = isinstance(settings, TileScores)
-    whole = min(n_tiles, settings.ranks_kept) if of_map else n_tiles
+    kept, length = tiles[:, : settings.ranks_kept], (tiles >= 0).sum(axis=1)
+    whole = n_tiles
+    if isinstance(settings, TileScores):
+        whole = min(n_tiles, settings.ranks_kept)
     columns: dict[str, Any] = {
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": metrics.first_hit_rank(hits[:, : settings.ranks_kept]),
         "ranked": (kept >= 0).sum(axis=1),
         _CUT_SHORT: (length > 0) & (length < whole) & (hits.sum(axis=1) < right.counts),
     }
+    ids = pd.array([*truth.tiles["id"], ""], dtype="str")
     for k in range(max(settings.recall_at)):
-        columns[f"{RANKED_TILE}{k + 1}"] = ids.take(tiles[:, k] if k < tiles.shape[1] else none)
+        ranked = tiles[:, k] if k < tiles.shape[1] else np.full(len(rows), -1)
+        columns[f"{RANKED_TILE}{k + 1}"] = ids.take(ranked)
     if isinstance(settings, TileScores):
         aps = {settings.ap_at: get_args(ApVariant)}
         columns |= hit_columns(hits, right.counts, settings.recall_at, aps, settings.ndcg_at)
@@ -278,11 +281,9 @@ def _tile_distances(
 ) -> dict[str, Floats]:
     """Score the metres from the footprint's centre to the centres of the first tiles."""
     tiles = ranked[:, : max(1, *settings.sdm_at, *settings.pdm_at)]
+    measure = partial(geodesic_distance_m, jobs=jobs)
     centres = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2
-    queries = np.repeat(truth.footprint_centres[rows, None], tiles.shape[1], axis=1)
-    there = (tiles >= 0) & np.isfinite(queries).all(axis=-1)
-    metres = np.full(tiles.shape, np.inf)
-    metres[there] = geodesic_distance_m(queries[there], centres[tiles[there]], jobs=jobs)
+    metres = _distances(truth.footprint_centres[rows], centres, tiles, measure)
     sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
     first, sdm_scale = metres[:, 0], settings.sdm_scale_per_m
     sigmoid = settings.pdm_steepness, settings.pdm_tolerance_tiles
@@ -298,15 +299,15 @@ def _image_distances(
     truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: DistanceScores
 ) -> dict[str, Floats]:
     """Score the distances between positions that a benchmark states, by its own formulas."""
-    places, images = truth.positions
-    queries, between = places[rows, None], _MEASURES[settings.metres]
+    asked, images = truth.positions
+    queries, measure = asked[rows], _MEASURES[settings.metres]
     tiles = ranked[:, : max(*settings.sdm_at, *settings.dis_at)]
-    metres = apart = np.where(tiles >= 0, between(queries, images[tiles]), np.inf)
+    metres = apart = _distances(queries, images, tiles, measure)
     if settings.sdm_unit == "degree":
         # DenseUAV's: of longitude and latitude alike, from float32.
-        single = (one.astype(np.float32).astype(np.float64) for one in (queries, images[tiles]))
-        apart = np.where(tiles >= 0, _straight(*single), np.inf)
-    worst = between(queries, images[None]).max(axis=1)
+        single = (one.astype(np.float32).astype(np.float64) for one in (queries, images))
+        apart = _distances(*single, tiles, _planar_distance)
+    worst = measure(queries[:, None], images[None]).max(axis=1)
     return {
         **{f"sdm@{k}": metrics.sdm_at(apart, k, settings.sdm_scale) for k in settings.sdm_at},
         **{f"ma@{m:g}m": (metres[:, 0] < m).astype(float) for m in settings.ma_below_m},
@@ -314,21 +315,25 @@ def _image_distances(
     }
 
 
-def _straight(queries: Floats, images: Floats) -> Floats:
-    return np.asarray(np.hypot(*np.moveaxis(images - queries, -1, 0)))
+def _distances(
+    queries: Floats, places: Floats, tiles: NDArray[np.int32], measure: Measure
+) -> Floats:
+    """Return the distances (Q, K) of queries from the places of their tiles, infinite without."""
+    pairs = np.broadcast_to(queries[:, None], (*tiles.shape, 2))
+    known = (tiles >= 0) & np.isfinite(pairs).all(axis=-1)
+    distances = np.full(tiles.shape, np.inf)
+    distances[known] = measure(pairs[known], places[tiles[known]])
+    return distances
 
 
-def _great_circle(queries: Floats, images: Floats) -> Floats:
-    (lon_a, lat_a), (lon_b, lat_b) = (np.moveaxis(np.radians(p), -1, 0) for p in (queries, images))
-    across = np.cos(lat_a) * np.cos(lat_b) * np.sin((lon_a - lon_b) / 2) ** 2
-    haversine = np.sin((lat_a - lat_b) / 2) ** 2 + across
-    return np.asarray(2 * _EQUATOR_M * np.arcsin(np.sqrt(np.minimum(haversine, 1.0))))
+def _planar_distance(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.hypot(*np.moveaxis(b - a, -1, 0)))
 
 
-_MEASURES: dict[str, Callable[[Floats, Floats], Floats]] = {
-    "sphere": _great_circle,
+_MEASURES: dict[str, Measure] = {
+    "sphere": great_circle_m,
     "ellipsoid": geodesic_distance_m,
-    "plane": _straight,
+    "plane": _planar_distance,
 }
 
 TRACK = RetrievalTrack()

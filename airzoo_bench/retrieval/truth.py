@@ -69,10 +69,7 @@ class Positives:
     def holds(self, queries: Ints, tiles: NDArray[np.integer[Any]], n_tiles: int) -> Bools:
         """Tell which pairs of query and tile are positive, `n_tiles` tiles in the gallery."""
         keys, asked = self.queries * n_tiles + self.tiles, queries * n_tiles + tiles
-        if not len(keys):
-            return np.zeros(asked.shape, np.bool_)
-        place = np.minimum(np.searchsorted(keys, asked), len(keys) - 1)
-        return np.asarray(keys[place] == asked)
+        return np.asarray(np.append(keys, -1)[np.searchsorted(keys, asked)] == asked)
 
     def take(self, queries: Ints) -> Positives:
         """Return the positives of some queries, in their order."""

@@ -18,7 +18,7 @@ from airzoo_bench.engines.engine import Engine
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import ranking
 from airzoo_bench.retrieval.predictions import check_lists
-from airzoo_bench.retrieval.ranking import rank_by_ids
+from airzoo_bench.retrieval.ranking import Depths, rank_by_ids
 from tests.retrieval.ranking_support import positives_of, rank
 
 METRICS = ["l2", "cosine", "inner_product"]
@@ -40,7 +40,7 @@ def similarities(queries, gallery, metric):
     return (queries[:, None] * gallery).sum(axis=2)
 
 
-def naive(scores, positives, k, tie_ranks):
+def naive(scores, positives, k, scored):
     """Sort whole rows by the tie rule; look at whole runs of equal scores."""
     n_queries, n_tiles = scores.shape
     tiles, tied = np.full((n_queries, k), -1), np.zeros(n_queries, bool)
@@ -48,7 +48,7 @@ def naive(scores, positives, k, tie_ranks):
         positive = np.isin(np.arange(n_tiles), positives.tiles_of(query))
         order = np.lexsort((np.arange(n_tiles), positive, -row))
         tiles[query, : min(k, n_tiles)] = order[:k]
-        for tile in order[:tie_ranks]:
+        for tile in order[:scored]:
             run = positive[row == row[tile]]
             tied[query] |= run.any() and not run.all()
         if n_tiles > 1 and (row == row[0]).all() and not positive.all():
@@ -172,14 +172,14 @@ GALLERIES = {  # tiles that tie near and far, of which many are crowds, or none 
     n_tiles=st.sampled_from([1, 2, 7, 60, 300, 900]),
     length=st.sampled_from([1, 3, 24]),
     k=st.sampled_from([1, 3, 10, 70]),
-    tie_ranks=st.sampled_from([1, 5]),
+    scored=st.sampled_from([1, 5]),
     metric=st.sampled_from(METRICS),
     memory_bytes=st.sampled_from([1 << 9, 1 << 12, 1 << 16, 1 << 30]),
     dtype=st.sampled_from([np.float16, np.float32, np.float64]),
     most=st.sampled_from([1, 2, 5, 12]),
 )
 def test_any_cut_gives_the_same_bytes_and_of_many_ties_the_plain_sort(
-    seed, kind, n_tiles, length, k, tie_ranks, metric, memory_bytes, dtype, most
+    seed, kind, n_tiles, length, k, scored, metric, memory_bytes, dtype, most
 ):
     rng = np.random.default_rng(seed)
     gallery = GALLERIES[kind](rng.standard_normal((n_tiles, length)), rng).astype(dtype)
@@ -189,12 +189,12 @@ def test_any_cut_gives_the_same_bytes_and_of_many_ties_the_plain_sort(
     queries = np.where(queries.any(axis=1, keepdims=True), queries, 1).astype(dtype)
     queries[0] = gallery[-1]
     positives = random_positives(rng, 12, n_tiles)
-    expected = rank(queries, gallery, metric, k, tie_ranks, positives)
+    expected = rank(queries, gallery, metric, k, scored, positives)
     if kind == "lattice" and metric != "cosine":  # whole numbers: plain sums are exact
-        assert_is(expected, naive(similarities(queries, gallery, metric), positives, k, tie_ranks))
+        assert_is(expected, naive(similarities(queries, gallery, metric), positives, k, scored))
     with mock.patch.object(ranking, "_SENT_QUERIES", most):
         cut = Run(memory_bytes, engine=Shuffled(seed))
-        found = rank(queries, gallery, metric, k, tie_ranks, positives, cut)
+        found = rank(queries, gallery, metric, k, scored, positives, cut)
     assert found.tiles.tobytes() == expected.tiles.tobytes()
     assert found.tie_dependent.tobytes() == expected.tie_dependent.tobytes()
 
@@ -242,7 +242,7 @@ def test_no_tiles_and_no_queries():
 def test_ties_by_hand(ranked, scores, positives, depth, expected, tied):
     n, right = len(expected), positives_of(positives)
     lists = np.array([ranked]), np.array([scores])
-    found = rank_by_ids(*lists, right, n_tiles=n, k=n, tie_ranks=depth)
+    found = rank_by_ids(*lists, right, Depths(n, n, depth))
     assert_is(found, (np.array([expected]), np.array([tied])))
 
 
@@ -261,18 +261,18 @@ def completed(ranked, scores, positives, n_tiles):
 
 
 # Of three tiles that all answer two are listed, as equals: the third is not given.
-@example(seed=1, n_tiles=3, listed=2, k=2, tie_ranks=1, falling=False)
+@example(seed=1, n_tiles=3, listed=2, k=2, scored=1, falling=False)
 @settings(max_examples=200, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n_tiles=st.integers(2, 14),
     listed=st.integers(1, 14),
     k=st.integers(1, 14),
-    tie_ranks=st.integers(1, 14),
+    scored=st.integers(1, 14),
     falling=st.booleans(),
 )
 def test_lists_agree_with_a_plain_sort_and_a_tie_at_the_end_takes_in_what_was_left_out(
-    seed, n_tiles, listed, k, tie_ranks, falling
+    seed, n_tiles, listed, k, scored, falling
 ):
     rng = np.random.default_rng(seed)
     listed = min(listed, n_tiles)
@@ -280,10 +280,10 @@ def test_lists_agree_with_a_plain_sort_and_a_tie_at_the_end_takes_in_what_was_le
     ranked = np.stack([rng.permutation(n_tiles)[:listed] for _ in range(4)])
     scores = -np.sort(rng.integers(0, 3, ranked.shape), axis=1).astype(float)
     given_scores = scores if falling else -scores
-    found = rank_by_ids(ranked, given_scores, positives, n_tiles=n_tiles, k=k, tie_ranks=tie_ranks)
+    found = rank_by_ids(ranked, given_scores, positives, Depths(n_tiles, k, scored))
     whole = completed(ranked, scores, positives, n_tiles)
     if listed == n_tiles:
-        assert_is(found, naive(whole, positives, k, tie_ranks))
+        assert_is(found, naive(whole, positives, k, scored))
     for query, row in enumerate(whole):
         positive = np.isin(np.arange(n_tiles), positives.tiles_of(query))
         order = np.lexsort((np.arange(n_tiles), positive, -row))
