@@ -32,7 +32,12 @@ from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.facts import SceneFacts, measure_facts, measure_heights
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
-from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
+from airzoo_bench.datasets.truths import (
+    BenchmarkProtocols,
+    SceneTruths,
+    build_stated_truth,
+    build_truths,
+)
 from airzoo_bench.formats.clouds.cloud import open_cloud
 from airzoo_bench.formats.clouds.las import open_shards, shards_in
 from airzoo_bench.geometry.arrays import Floats
@@ -55,7 +60,6 @@ from airzoo_bench.geometry.heightfield import (
 )
 from airzoo_bench.geometry.poses import world_to_camera
 from airzoo_bench.geometry.rasters import RasterInfo, open_info, open_raster
-from airzoo_bench.retrieval.prepare import build_stated_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -100,9 +104,7 @@ def _image_content(native: ImageScene, protocols: BenchmarkProtocols) -> SceneCo
     protocol = protocols.first(RetrievalProtocol)
     if protocol is None or not isinstance(protocol.ground_truth, StatedRules):
         raise TypeError(f"scene {native.scene} has no protocol whose truth is stated")
-    truth = build_stated_truth(
-        native.scene, native.queries, native.gallery, native.pairs, protocol.ground_truth
-    )
+    truth = build_stated_truth(native, protocol.ground_truth)
     photos = pd.concat([truth.queries, truth.excluded[["id", "image"]]])
     inputs = SceneInputs(native.scene, photos, None, None, None, None)
     files = {"images": native.images, "gallery": native.tiles}

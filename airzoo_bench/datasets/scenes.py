@@ -80,7 +80,12 @@ class NativeScene:
 
 @dataclass(frozen=True, eq=False)
 class ImageScene:
-    """Images of a benchmark that states which belong together, see `build_stated_truth`."""
+    """Queries and gallery of a benchmark that gives images, and states which belong together.
+
+    Images have an `id`, a file `image`, and positions in `POSITION_COLUMNS` or none; other columns
+    of queries are conditions. Pairs have the rows of `query` and `tile`, whether they are
+    `positive`, and the `overlap`, from 0 to 1, where it is stated.
+    """
 
     scene: str
     queries: pd.DataFrame

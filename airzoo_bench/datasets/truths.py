@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.queries import SceneInputs
+from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
 from airzoo_bench.matching.truth import build_truth as build_matching_truth
@@ -18,8 +20,13 @@ from airzoo_bench.reconstruction.settings import ReconstructionProtocol
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
-from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.truth import RetrievalTruth
+from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
+from airzoo_bench.retrieval.truth import (
+    Positives,
+    RetrievalTruth,
+    offsets_of,
+    position_columns,
+)
 
 P = TypeVar("P", bound=Protocol)
 
@@ -128,3 +135,35 @@ def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol | None) -> M
         return None
     truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
     return None if truth.queries.empty else truth
+
+
+def build_stated_truth(scene: ImageScene, rules: StatedRules) -> RetrievalTruth:
+    """Lay out the pairs that a benchmark states as the truth of a scene."""
+    pairs = scene.pairs
+    photos, tiles = (one.sort_values("id", kind="stable") for one in (scene.queries, scene.gallery))
+    query, tile = (
+        table.index.get_indexer(pairs[name]).astype(np.int64)
+        for table, name in ((photos, "query"), (tiles, "tile"))
+    )
+    photos, tiles = photos.reset_index(drop=True), tiles.reset_index(drop=True)
+    order = np.lexsort((tile, query))
+    overlaps = Positives(
+        offsets_of(np.bincount(query, minlength=len(photos))),
+        tile[order].astype(np.int32),
+        pairs["overlap"].to_numpy(float)[order] if "overlap" in pairs else None,
+    )
+    positives = overlaps.where(pairs["positive"].to_numpy(bool)[order])
+    kept = (positives.counts > 0) | (rules.without_positive == "miss")
+    left_out = photos[["id", "image"]].assign(reason="no image of the gallery answers it")[~kept]
+    rows, asked = np.flatnonzero(kept), photos[kept].reset_index(drop=True)
+    places = position_columns(photos)
+    return RetrievalTruth(
+        scene.scene,
+        asked.drop(columns=places),
+        asked[["id", *places]],
+        tiles,
+        positives.take(rows),
+        left_out.reset_index(drop=True),
+        tiles[["id", "image"]].iloc[:0],
+        overlaps.take(rows),
+    )

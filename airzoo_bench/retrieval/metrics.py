@@ -16,7 +16,6 @@ from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.settings import ApVariant, ImageScores, TileScores
 
 _BITMAP_CELLS = 1 << 22  # 4 MB stay in the cache, where random reads are cheap
-_HIT_CELLS = 1 << 20  # bounds the memory where nearly everything is a hit
 
 
 def ap_name(k: int, variant: str) -> str:
@@ -99,7 +98,7 @@ def first_hit_rank(hits: Bools) -> Ints:
 def reciprocal_rank(hits: Bools) -> Floats:
     """1 / rank of the first hit, 0 without one; the mean is MRR (``recip_rank`` of trec_eval)."""
     rank = first_hit_rank(hits)
-    return np.divide(1.0, rank, out=np.zeros(len(rank)), where=rank > 0)
+    return np.asarray((rank > 0) / np.maximum(rank, 1))
 
 
 def ndcg_at(hits: Bools, n_positives: Ints, k: int) -> Floats:
@@ -111,24 +110,16 @@ def ndcg_at(hits: Bools, n_positives: Ints, k: int) -> Floats:
     """
     discount = 1 / np.log2(np.arange(2, k + 2))
     dcg = _sum_over_hits(hits[:, :k], lambda _, rank: discount[rank - 1])
-    ideal = np.concatenate(([0.0], np.cumsum(discount)))[np.minimum(n_positives, k)]
-    return np.divide(dcg, ideal, out=np.zeros(len(dcg)), where=ideal > 0)
+    return np.asarray(dcg / np.cumsum(discount)[np.clip(n_positives, 1, k) - 1])
 
 
 def _sum_over_hits(hits: Bools, term: Callable[[Ints, Ints], Floats]) -> Floats:
     """Sum term(ordinal, rank) over each query's hits; its n-th hit has the ordinal n."""
-    depth = hits.shape[1]
-    sums = np.zeros(len(hits))
-    rows = max(1, _HIT_CELLS // max(depth, 1))
-    for start in range(0, len(hits), rows):
-        block = hits[start : start + rows]
-        query, column = np.divmod(np.flatnonzero(block), max(depth, 1))
-        counts = np.bincount(query, minlength=len(block))
-        before = np.cumsum(counts) - counts
-        ordinal = np.arange(1, len(query) + 1) - before[query]
-        weights = term(ordinal, column + 1)
-        sums[start : start + rows] = np.bincount(query, weights, minlength=len(block))
-    return sums
+    query, column = np.nonzero(hits)
+    counts = np.bincount(query, minlength=len(hits))
+    before = np.cumsum(counts) - counts
+    ordinal = np.arange(1, len(query) + 1) - before[query]
+    return np.bincount(query, term(ordinal, column + 1), minlength=len(hits))
 
 
 def trapezoid_precision(hits: Bools, n_positives: Ints) -> Floats:
@@ -230,9 +221,9 @@ def chance_scores(
         scores[ap_name(k, "trec")] = precisions(depth) / divisor
         scores[ap_name(k, "hits")] = found * alone + more * (1 - alone)
         for last in settings.ndcg_at:
-            gain = np.concatenate(([0.0], np.cumsum(1 / np.log2(np.arange(2, last + 2)))))
-            best = gain[np.clip(kinds, 1, last)]
-            scores[f"ndcg@{last}"] = share * gain[min(last, n_tiles)] / best
+            gain = np.cumsum(1 / np.log2(np.arange(2, last + 2)))  # of the first ranks, all hit
+            best = gain[np.clip(kinds, 1, last) - 1]
+            scores[f"ndcg@{last}"] = share * gain[min(last, n_tiles) - 1] / best
     return {name: values[back] for name, values in scores.items()}
 
 

@@ -1,9 +1,8 @@
-"""The truth of a scene, made from photos, poses and maps, or as a benchmark states it."""
+"""The truth of a scene, made from photos, poses and maps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,7 @@ from airzoo_bench.retrieval.positives import (
     polygon_areas,
     with_overlap,
 )
-from airzoo_bench.retrieval.settings import GeometricRules, MapGallery, StatedRules
+from airzoo_bench.retrieval.settings import GeometricRules, MapGallery
 from airzoo_bench.retrieval.truth import (
     ANCHOR_COLUMNS,
     BOX_COLUMNS,
@@ -44,8 +43,6 @@ from airzoo_bench.retrieval.truth import (
     Positives,
     RetrievalTruth,
     boxes_of,
-    offsets_of,
-    position_columns,
 )
 
 _PIXEL_DECIMALS = 6
@@ -218,55 +215,3 @@ def _valid_shares(path: Path, windows: Ints) -> Floats:
                 window = Window(left, top, right - left, bottom - top)
                 shares[row] = (dataset.dataset_mask(window=window) > 0).mean()
     return shares
-
-
-# --- a benchmark that gives images and says itself which belong together ---
-
-
-def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> pd.DataFrame:
-    """Pair each query with all images of its class, as `build_stated_truth` takes pairs."""
-    photos = pd.DataFrame({"label": [*map(str, queries)]}).reset_index(names="query")
-    images = pd.DataFrame({"label": [*map(str, gallery)]}).reset_index(names="tile")
-    return photos.merge(images, on="label").assign(positive=True)
-
-
-def build_stated_truth(
-    scene: str,
-    queries: pd.DataFrame,
-    gallery: pd.DataFrame,
-    pairs: pd.DataFrame,
-    rules: StatedRules,
-) -> RetrievalTruth:
-    """Lay out queries, gallery and pairs as the truth of a scene.
-
-    Both sets have an `id`, the file `image`, and positions in `POSITION_COLUMNS`, or none; other
-    columns of queries are their conditions. A pair has the rows of `query` and `tile`, whether it
-    is `positive`, and the `overlap`, from 0 to 1, where the benchmark states it.
-    """
-    photos, tiles = (table.sort_values("id", kind="stable") for table in (queries, gallery))
-    query, tile = (
-        table.index.get_indexer(pairs[name]).astype(np.int64)
-        for table, name in ((photos, "query"), (tiles, "tile"))
-    )
-    photos, tiles = photos.reset_index(drop=True), tiles.reset_index(drop=True)
-    order = np.lexsort((tile, query))
-    overlaps = Positives(
-        offsets_of(np.bincount(query, minlength=len(photos))),
-        tile[order].astype(np.int32),
-        pairs["overlap"].to_numpy(float)[order] if "overlap" in pairs else None,
-    )
-    positives = overlaps.where(pairs["positive"].to_numpy(bool)[order])
-    kept = (positives.counts > 0) | (rules.without_positive == "miss")
-    left_out = photos[["id", "image"]].assign(reason="no image of the gallery answers it")[~kept]
-    rows, asked = np.flatnonzero(kept), photos[kept].reset_index(drop=True)
-    places = position_columns(photos)
-    return RetrievalTruth(
-        scene,
-        asked.drop(columns=places),
-        asked[["id", *places]],
-        tiles,
-        positives.take(rows),
-        left_out.reset_index(drop=True),
-        tiles[["id", "image"]].iloc[:0],
-        overlaps.take(rows),
-    )

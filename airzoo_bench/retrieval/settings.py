@@ -102,6 +102,9 @@ def _kind(section: Any) -> str:
     return "<images>" if is_of_images or values.get("rule") in ("labels", "pairs") else "<map>"
 
 
+_MAP, _IMAGES, _KINDS = Tag("<map>"), Tag("<images>"), Discriminator(_kind)
+
+
 class RetrievalProtocol(Protocol):
     """A protocol of aerial image retrieval.
 
@@ -112,18 +115,11 @@ class RetrievalProtocol(Protocol):
     truth_sections: ClassVar[tuple[str, ...]] = ("gallery", "ground_truth")
 
     track: Literal["retrieval"]
-    gallery: Annotated[
-        Annotated[MapGallery, Tag("<map>")] | Annotated[ImageGallery, Tag("<images>")],
-        Discriminator(_kind),
-    ]
+    gallery: Annotated[Annotated[MapGallery, _MAP] | Annotated[ImageGallery, _IMAGES], _KINDS]
     ground_truth: Annotated[
-        Annotated[GeometricRules, Tag("<map>")] | Annotated[StatedRules, Tag("<images>")],
-        Discriminator(_kind),
+        Annotated[GeometricRules, _MAP] | Annotated[StatedRules, _IMAGES], _KINDS
     ]
-    scores: Annotated[
-        Annotated[TileScores, Tag("<map>")] | Annotated[ImageScores, Tag("<images>")],
-        Discriminator(_kind),
-    ]
+    scores: Annotated[Annotated[TileScores, _MAP] | Annotated[ImageScores, _IMAGES], _KINDS]
 
     def map_rules(self) -> tuple[MapGallery, GeometricRules]:
         """Return how the map is cut into tiles, and which of them answer."""

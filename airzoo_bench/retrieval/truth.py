@@ -257,11 +257,10 @@ def _read_positives(path: Path, n_queries: int, n_tiles: int) -> Positives:
             file.read(name).astype(np.int64, casting="safe") for name in ("offsets", "tiles")
         )
         counts: Ints = np.diff(offsets)
-        if offsets.shape != (n_queries + 1,) or offsets[0] != 0 or (counts < 0).any():
-            raise ValueError("offsets")
         pairs = np.repeat(np.arange(n_queries), counts) * n_tiles + tiles
-        if not ((tiles >= 0) & (tiles < n_tiles)).all() or (np.diff(pairs) <= 0).any():
-            raise ValueError("tiles")
+        fits = offsets.shape == (n_queries + 1,) and (offsets[0], offsets[-1]) == (0, len(tiles))
+        if not (fits and ((tiles >= 0) & (tiles < n_tiles)).all() and (np.diff(pairs) > 0).all()):
+            raise ValueError("queries or tiles that the scene lacks, or out of order")
     except (PredictionError, LookupError, TypeError, ValueError) as error:
         raise BenchmarkError(
             f"the positives are damaged, or those of other queries and tiles: {error}",

@@ -16,12 +16,14 @@ from scipy.stats import hypergeom
 
 from airzoo_bench.core.errors import ProtocolError
 from airzoo_bench.core.validation import validated
+from airzoo_bench.datasets.published.image_pairs import pairs_of_labels
+from airzoo_bench.datasets.scenes import ImageScene
+from airzoo_bench.datasets.truths import build_stated_truth
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.prepare import build_stated_truth, pairs_of_labels
 from airzoo_bench.retrieval.ranking import Ranking, rank_scene
 from airzoo_bench.retrieval.settings import RetrievalProtocol, TileScores
 from airzoo_bench.retrieval.track import list_scores, score_scene
@@ -50,7 +52,8 @@ def made_truth(
         if positions is not None:
             table[list(POSITION_COLUMNS[not degrees])] = positions[which]
         sets.append(table)
-    return build_stated_truth("s", *sets, pairs_of_labels(*labels), UNIVERSITY.ground_truth)
+    scene = ImageScene("s", *sets, Path(), Path(), pairs_of_labels(*labels))
+    return build_stated_truth(scene, UNIVERSITY.ground_truth)
 
 
 def score_images(
@@ -248,9 +251,9 @@ def test_chance_of_recall_is_that_of_scipy_for_each_query() -> None:
         np.testing.assert_allclose(found[f"recall@{k}"], expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("n_positives", [1, 2, 5])
-def test_chance_of_images_is_the_mean_over_all_orders(n_positives: int) -> None:
-    n_tiles, settings = 5, UNIVERSITY.scores
+@pytest.mark.parametrize(("n_tiles", "n_positives"), [(5, 1), (5, 2), (5, 5), (2, 2)])
+def test_chance_of_images_is_the_mean_over_all_orders(n_tiles: int, n_positives: int) -> None:
+    settings = UNIVERSITY.scores.model_copy(update={"ranks_kept": 3})  # whole lists are scored
     orders = list(permutations(range(n_tiles)))
     labels = ["1"] * n_positives + ["2"] * (n_tiles - n_positives)
     truth = made_truth((["1"] * len(orders), labels))

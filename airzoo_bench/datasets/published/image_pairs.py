@@ -27,7 +27,6 @@ from airzoo_bench.datasets.published.places import find_home, folders_in, missin
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text
-from airzoo_bench.retrieval.prepare import pairs_of_labels
 from airzoo_bench.retrieval.truth import POSITION_COLUMNS
 
 _DIRECTIONS = ("drone-to-satellite", "satellite-to-drone")
@@ -142,6 +141,13 @@ def _image_table(
         places = [positions.get(image.label, nowhere) for image in images]
         table[list(POSITION_COLUMNS[0])] = np.array(places, np.float64)
     return table
+
+
+def pairs_of_labels(queries: Sequence[str], gallery: Sequence[str]) -> pd.DataFrame:
+    """Pair each query with all images of its class."""
+    photos = pd.DataFrame({"label": [*map(str, queries)]}).reset_index(names="query")
+    images = pd.DataFrame({"label": [*map(str, gallery)]}).reset_index(names="tile")
+    return photos.merge(images, on="label").assign(positive=True)
 
 
 class _University1652(ClassFolders):
