@@ -142,7 +142,7 @@ def build_stated_truth(scene: ImageScene, rules: StatedRules) -> RetrievalTruth:
     pairs = scene.pairs
     photos, tiles = (one.sort_values("id", kind="stable") for one in (scene.queries, scene.gallery))
     query, tile = (
-        table.index.get_indexer(pairs[name]).astype(np.int64)
+        table.index.get_indexer(pd.Index(pairs[name])).astype(np.int64)
         for table, name in ((photos, "query"), (tiles, "tile"))
     )
     photos, tiles = photos.reset_index(drop=True), tiles.reset_index(drop=True)

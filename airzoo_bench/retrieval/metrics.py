@@ -119,7 +119,7 @@ def _sum_over_hits(hits: Bools, term: Callable[[Ints, Ints], Floats]) -> Floats:
     counts = np.bincount(query, minlength=len(hits))
     before = np.cumsum(counts) - counts
     ordinal = np.arange(1, len(query) + 1) - before[query]
-    return np.bincount(query, term(ordinal, column + 1), minlength=len(hits))
+    return np.asarray(np.bincount(query, term(ordinal, column + 1), len(hits)), np.float64)
 
 
 def trapezoid_precision(hits: Bools, n_positives: Ints) -> Floats:

@@ -52,8 +52,10 @@ def cast_footprints(
     Longitudes are unwrapped about `about_lon`; see `crs.unwrap`.
     """
     rays = rays_to_world(poses, back_project(cameras, anchor_pixels(cameras, inset)))
-    intersect = intersect_heightfield if isinstance(ground, HeightField) else intersect_plane
-    hits = intersect(poses.centres, rays, ground, max_range_m)
+    if isinstance(ground, HeightField):
+        hits = intersect_heightfield(poses.centres, rays, ground, max_range_m)
+    else:
+        hits = intersect_plane(poses.centres, rays, ground, max_range_m)
     xy, count = hits.points[..., :2], hits.valid.sum(axis=1)[:, None]
     total = np.where(hits.valid[..., None], xy, 0.0).sum(axis=1)
     middle = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)

@@ -171,8 +171,8 @@ def rank_by_ids(
         # Positives that are left out are not found, whatever the order of the tie.
         is_mixed = len(others) > 0 or not np.isin(tiles[start:], answers).all()
         left_out[one] = start < scored and is_mixed and not np.isin(answers, tiles).all()
-    columns = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    found = _order_pairs(*columns, right, depths)
+    query, tile, group = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    found = _order_pairs(query, tile, group, right, depths)
     found.tie_dependent[left_out] = True
     found.clear_tied(np.flatnonzero((last == 0) & (length > 1)), right, n_tiles)
     ranking.tiles[some], ranking.tie_dependent[some] = found

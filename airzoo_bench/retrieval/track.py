@@ -305,8 +305,8 @@ def _image_distances(
     metres = apart = _distances(queries, images, tiles, measure)
     if settings.sdm_unit == "degree":
         # DenseUAV's: of longitude and latitude alike, from float32.
-        single = (one.astype(np.float32).astype(np.float64) for one in (queries, images))
-        apart = _distances(*single, tiles, _planar_distance)
+        asked, given = (one.astype(np.float32).astype(np.float64) for one in (queries, images))
+        apart = _distances(asked, given, tiles, _planar_distance)
     worst = measure(queries[:, None], images[None]).max(axis=1)
     return {
         **{f"sdm@{k}": metrics.sdm_at(apart, k, settings.sdm_scale) for k in settings.sdm_at},
