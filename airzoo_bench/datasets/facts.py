@@ -187,7 +187,7 @@ def _with_prior(photos: pd.DataFrame) -> Bools:
 def _nearest_missed(truth: RetrievalTruth | None) -> float:
     if truth is None or truth.has_images:
         return math.nan
-    centres, queries = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2, truth.footprint_centres
+    centres, queries = truth.tile_centres, truth.footprint_centres
     rows = np.flatnonzero(np.isfinite(queries).all(axis=1))
     scale = (np.cos(np.radians(centres[:, 1].mean())), 1.0)
     nearest = cKDTree(centres * scale).query(queries[rows] * scale)[1]

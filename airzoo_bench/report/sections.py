@@ -26,7 +26,7 @@ from airzoo_bench.report.figures import Sheet, new_canvas
 from airzoo_bench.results.comparable import check_same_queries, choose_scores, same_in_all
 from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, method_names, read_result, result_paths
-from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, scene_truth
+from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, boxes_of, scene_truth
 from airzoo_bench.tables.breakdown import condition_names
 
 if TYPE_CHECKING:
@@ -219,7 +219,7 @@ def _retrieval(benchmark: Benchmark, scene: str) -> Place:
         benchmark.resolve(entry.gallery) if entry.gallery else dom.path,
         _on_map(dom, anchors.reshape(-1, 4, 2)),
         _on_map(dom, truth.footprint_centres),
-        _on_map(dom, truth.boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]),
+        _on_map(dom, boxes_of(truth.tiles)[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]),
     )
 
 

@@ -20,7 +20,6 @@ from airzoo_bench.geometry.arrays import Floats
 Texts = NDArray[np.str_]
 
 _CELLS = 1 << 20  # ranks at a time
-_COLUMNS = ("protocol", "query_ids", "ranked_ids", "scores")  # of a table
 _EXPECTED = "query_ids with ranked_ids, or with gallery_descriptors, gallery_ids, query_descriptors"
 _FAULTS_OF_LISTS = (  # field, what, expected
     ("ranked_ids", "an empty id before a tile", "empty ids only at the end of a shorter list"),
@@ -59,11 +58,6 @@ RetrievalPredictions = QueryPredictions[RankedIds | Descriptors]
 """A prediction file of the retrieval track, as read."""
 
 
-def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
-    """Read a prediction file of the retrieval track."""
-    return read_fields(open_arrays(path, limit_bytes, _COLUMNS), _FORMS, _EXPECTED)
-
-
 def _read_ranked(arrays: Arrays, query_ids: Texts) -> RankedIds | Descriptors:
     ids = texts(arrays, "ranked_ids", 2)
     check_length(arrays, "ranked_ids", ids, len(query_ids))
@@ -85,11 +79,15 @@ def _read_descriptors(arrays: Arrays, query_ids: Texts) -> RankedIds | Descripto
     return Descriptors(queries, gallery_ids, gallery)
 
 
-_DESCRIBED = ("query_descriptors", "gallery_ids", "gallery_descriptors")
-_FORMS = (
-    Fields("ranked_ids", ("ranked_ids",), ("scores",), _read_ranked),
-    Fields("query_descriptors", _DESCRIBED, (), _read_descriptors),
-)
+def read_retrieval(path: Path, limit_bytes: int) -> RetrievalPredictions:
+    """Read a prediction file of the retrieval track."""
+    described = ("query_descriptors", "gallery_ids", "gallery_descriptors")
+    forms = (
+        Fields("ranked_ids", ("ranked_ids",), ("scores",), _read_ranked),
+        Fields("query_descriptors", described, (), _read_descriptors),
+    )
+    columns = ("protocol", "query_ids", "ranked_ids", "scores")  # of a table
+    return read_fields(open_arrays(path, limit_bytes, columns), forms, _EXPECTED)
 
 
 def check_predictions(predictions: RetrievalPredictions) -> None:

@@ -118,17 +118,18 @@ def _order_pairs(
     positive = positives.holds(query, tile, depths.n_tiles)
     order = np.lexsort((tile, positive, group, query))
     query, tile, group, positive = query[order], tile[order], group[order], positive[order]
-    place, counts = np.arange(len(order)), np.bincount(query, minlength=positives.n_queries)
+    n_queries, place = len(positives.counts), np.arange(len(order))
+    counts = np.bincount(query, minlength=n_queries)
     rank = place - offsets_of(counts)[query]
     tied = (np.diff(query) == 0) & (np.diff(group) == 0)
     opens = np.concatenate([[True], ~tied])[: len(order)]
     begins = rank - (place - np.maximum.accumulate(np.where(opens, place, 0)))
     mixed = tied & ~positive[:-1] & positive[1:] & (begins[1:] < depths.scored)
-    ranking = Ranking.blank(positives.n_queries, depths.k)
+    ranking = Ranking.blank(n_queries, depths.k)
     ranking.tie_dependent[query[1:][mixed]] = True
     first = rank < depths.k
     ranking.tiles[query[first], rank[first]] = tile[first]
-    groups = np.bincount(query[opens], minlength=positives.n_queries)
+    groups = np.bincount(query[opens], minlength=n_queries)
     all_tied = np.flatnonzero((counts == depths.n_tiles) & (groups == 1))
     ranking.clear_tied(all_tied, positives, depths.n_tiles)
     return ranking

@@ -147,21 +147,19 @@ class RetrievalTrack(Track):
     ) -> None:
         """Write random lists, or random descriptors."""
         random = np.random.default_rng(seed)
-        ids = {
-            name: [getattr(truth, name)["id"].to_numpy(str) for truth in truths]
-            for name in ("queries", "tiles")
-        }
-        arrays: dict[str, Any] = {"query_ids": np.concatenate(ids["queries"])}
+        queries = [truth.queries["id"].to_numpy(str) for truth in truths]
+        galleries = [truth.tiles["id"].to_numpy(str) for truth in truths]
+        arrays: dict[str, Any] = {"query_ids": np.concatenate(queries)}
         if kind == "ranked-ids":
-            longest = min(protocol.scores.ranks_kept, max(map(len, ids["tiles"])))
+            longest = min(protocol.scores.ranks_kept, max(map(len, galleries)))
             lists = [
                 [*random.permutation(tiles)[:longest], *[""] * longest][:longest]
-                for queries, tiles in zip(*ids.values(), strict=True)
-                for _ in queries
+                for asked, tiles in zip(queries, galleries, strict=True)
+                for _ in asked
             ]
             arrays["ranked_ids"] = np.array(lists, dtype=str)
         else:
-            arrays["gallery_ids"] = np.concatenate(ids["tiles"])
+            arrays["gallery_ids"] = np.concatenate(galleries)
             for name in ("query", "gallery"):
                 shape = len(arrays[f"{name}_ids"]), _DIMENSIONS
                 arrays[f"{name}_descriptors"] = random.standard_normal(shape, np.float32)
@@ -170,7 +168,7 @@ class RetrievalTrack(Track):
 
 def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
     """Return the scores that a protocol asks for, the paper's first."""
-    share = ScoreColumn.share
+    share, error = ScoreColumn.share, ScoreColumn.error
     scores = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
     if isinstance(settings, TileScores):
         variants = dict.fromkeys((settings.ap, *get_args(ApVariant)))  # the protocol's own first
@@ -180,7 +178,7 @@ def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
             *(share(n, n.replace("ap", "AP"), headline=n == names[0]) for n in names),
             *(share("map", "mAP"), share("mrr", "MRR")),
             *(share(f"ndcg@{k}", f"nDCG@{k}") for k in settings.ndcg_at),
-            ScoreColumn.error("distance_m", "Distance", "m", "median"),
+            error("distance_m", "Distance", "m", "median"),
             *(share(f"distance<{m:g}m", f"D<{m:g}m") for m in settings.distance_below_m),
             *(share(f"sdm@{k}", f"SDM@{k}") for k in settings.sdm_at),
             *(share(f"pdm@{k}", f"PDM@{k}") for k in settings.pdm_at),
@@ -191,12 +189,9 @@ def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
     scores.append(share(recall, recall.replace("recall", "R"), headline=True))
     scores.append(share(own[0], "AP", headline=True))
     if distances is not None:
-        of_distance = ScoreColumn.error
         scores += [share(f"sdm@{k}", f"SDM@{k}", headline=True) for k in distances.sdm_at]
-        scores += [
-            of_distance(f"dis@{k}", f"Dis@{k}", "m", "mean", headline=True)
-            for k in distances.dis_at
-        ]
+        for k in distances.dis_at:
+            scores.append(error(f"dis@{k}", f"Dis@{k}", "m", "mean", headline=True))
         scores += [share(f"ma@{m:g}m", f"MA@{m:g}m") for m in distances.ma_below_m]
     return [*scores, share(*other), share("mrr", "MRR")]
 
@@ -233,9 +228,10 @@ def _score_block(
     right, tiles, n_tiles = truth.positives.take(rows), ranking.tiles, len(truth.tiles)
     hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, n_tiles)
     kept, length = tiles[:, : settings.ranks_kept], (tiles >= 0).sum(axis=1)
-    whole = n_tiles
+    whole, aps, ndcg_at = n_tiles, dict[int, Any](), tuple[int, ...]()
     if isinstance(settings, TileScores):
-        whole = min(n_tiles, settings.ranks_kept)
+        whole, ndcg_at = min(n_tiles, settings.ranks_kept), settings.ndcg_at
+        aps = {settings.ap_at: get_args(ApVariant)}
     columns: dict[str, Any] = {
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": metrics.first_hit_rank(hits[:, : settings.ranks_kept]),
@@ -246,11 +242,9 @@ def _score_block(
     for k in range(max(settings.recall_at)):
         ranked = tiles[:, k] if k < tiles.shape[1] else np.full(len(rows), -1)
         columns[f"{RANKED_TILE}{k + 1}"] = ids.take(ranked)
+    columns |= hit_columns(hits, right.counts, settings.recall_at, aps, ndcg_at)
     if isinstance(settings, TileScores):
-        aps = {settings.ap_at: get_args(ApVariant)}
-        columns |= hit_columns(hits, right.counts, settings.recall_at, aps, settings.ndcg_at)
         return pd.DataFrame(columns | _tile_distances(truth, rows, tiles, settings, jobs))
-    columns |= hit_columns(hits, right.counts, settings.recall_at, {}, ())
     last = metrics.rank_of_share(n_tiles, settings.recall_at_share)
     columns[share_name(settings.recall_at_share)] = metrics.recall_at(hits, last)
     columns["ap/trapezoid"] = metrics.trapezoid_precision(hits, right.counts)
@@ -282,7 +276,7 @@ def _tile_distances(
     """Score the metres from the footprint's centre to the centres of the first tiles."""
     tiles = ranked[:, : max(1, *settings.sdm_at, *settings.pdm_at)]
     measure = partial(geodesic_distance_m, jobs=jobs)
-    centres = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2
+    centres = truth.tile_centres
     metres = _distances(truth.footprint_centres[rows], centres, tiles, measure)
     sizes = np.where(tiles >= 0, truth.tiles["size_m"].to_numpy(np.float64)[tiles], 1.0)
     first, sdm_scale = metres[:, 0], settings.sdm_scale_per_m

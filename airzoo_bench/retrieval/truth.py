@@ -48,11 +48,6 @@ class Positives:
     overlap: Floats | None = None  # (P,) overlap ratio of footprint and tile, where it is known
 
     @property
-    def n_queries(self) -> int:
-        """Number of queries."""
-        return len(self.offsets) - 1
-
-    @property
     def counts(self) -> Ints:
         """Number of positives of each query, (Q,)."""
         return np.diff(self.offsets)
@@ -60,7 +55,7 @@ class Positives:
     @property
     def queries(self) -> Ints:
         """Query of each pair, (P,)."""
-        return np.repeat(np.arange(self.n_queries), self.counts)
+        return np.repeat(np.arange(len(self.counts)), self.counts)
 
     def tiles_of(self, query: int) -> NDArray[np.int32]:
         """Return the positive tiles of one query."""
@@ -81,7 +76,7 @@ class Positives:
 
     def where(self, kept: Bools) -> Positives:
         """Return some of the pairs, of the same queries."""
-        counts = np.bincount(self.queries[kept], minlength=self.n_queries)
+        counts = np.bincount(self.queries[kept], minlength=len(self.counts))
         overlap = None if self.overlap is None else self.overlap[kept]
         return Positives(offsets_of(counts), self.tiles[kept], overlap)
 
@@ -121,9 +116,10 @@ class RetrievalTruth:
         return queries, tiles
 
     @property
-    def boxes(self) -> Floats:
-        """Tile boxes (G, 4): lon_min, lat_min, lon_max, lat_max in degrees."""
-        return boxes_of(self.tiles)
+    def tile_centres(self) -> Floats:
+        """Centres of the tiles' boxes (G, 2): lon, lat in degrees."""
+        boxes = boxes_of(self.tiles)
+        return (boxes[:, :2] + boxes[:, 2:]) / 2
 
     @property
     def footprint_centres(self) -> Floats:
@@ -146,7 +142,8 @@ class RetrievalTruth:
             digest.update("\n".join(ids.to_numpy(object)).encode() + b"\0")
         geometry: tuple[Floats, ...] = self.positions
         if not self.has_images:
-            geometry = self.boxes, self.tiles["size_m"].to_numpy(float), self.footprint_centres
+            sizes = self.tiles["size_m"].to_numpy(float)
+            geometry = boxes_of(self.tiles), sizes, self.footprint_centres
         for array in geometry:
             digest.update(array.astype("<f8").tobytes())
         for indices in (self.positives.offsets, self.positives.tiles):
@@ -185,7 +182,8 @@ def scene_truth(benchmark: Benchmark, scene: str) -> RetrievalTruth:
         rules = benchmark.file.tracks["retrieval"]["ground_truth"]
         return read_truth(folder, scene, exclude_unanswered=rules["without_positive"] == "exclude")
     excluded = read_excluded(benchmark, scene, "retrieval")
-    queries, tiles, dropped = _read_tables(folder, excluded)
+    queries, tiles = read_queries(folder, excluded), read_tiles(folder / "retrieval")
+    dropped = read_table(folder / "retrieval" / "dropped_tiles.csv", ("id",))
     unknown = dict.fromkeys((*FOOTPRINT_COLUMNS, *position_columns(tiles)), np.nan)
     positives = Positives(np.zeros(len(queries) + 1, np.int64), np.zeros(0, np.int32))
     footprints = queries[["id"]].assign(**unknown)
@@ -199,7 +197,8 @@ def read_truth(folder: Path, scene: str, *, exclude_unanswered: bool = False) ->
     """
     home = folder / "retrieval"
     excluded = read_table(home / "excluded.csv", ("id", "image", "reason"))
-    queries, tiles, dropped = _read_tables(folder, excluded)
+    queries, tiles = read_queries(folder, excluded), read_tiles(home)
+    dropped = read_table(home / "dropped_tiles.csv", ("id",))
     positions = position_columns(tiles)
     needed = positions if "image" in tiles.columns else FOOTPRINT_COLUMNS
     footprints = read_table(home / "footprints.csv", ("id", *needed), complete=positions)
@@ -220,13 +219,6 @@ def read_truth(folder: Path, scene: str, *, exclude_unanswered: bool = False) ->
             fix=f"{_AGAIN} with other photos, or leave the scene out of the protocol",
         )
     return RetrievalTruth(scene, queries, footprints, tiles, positives, excluded, dropped)
-
-
-def _read_tables(folder: Path, excluded: pd.DataFrame) -> tuple[pd.DataFrame, ...]:
-    """Read the tables of queries, tiles and dropped tiles of a scene."""
-    home = folder / "retrieval"
-    dropped = read_table(home / "dropped_tiles.csv", ("id",))
-    return read_queries(folder, excluded), read_tiles(home), dropped
 
 
 def read_tiles(home: Path) -> pd.DataFrame:

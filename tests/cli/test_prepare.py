@@ -94,8 +94,7 @@ def test_every_photo_of_the_real_scene_sees_its_own_place_and_its_true_cloud_is_
     with np.load(home / "retrieval" / "overlaps.npz") as overlaps:
         offsets, tiles, ratios = overlaps["offsets"], overlaps["tiles"], overlaps["overlap"]
     best = [tiles[start + ratios[start:stop].argmax()] for start, stop in pairwise(offsets)]
-    middles = (truth.boxes[best, :2] + truth.boxes[best, 2:]) / 2
-    assert geodesic_distance_m(truth.footprint_centres, middles).max() < 20
+    assert geodesic_distance_m(truth.footprint_centres, truth.tile_centres[best]).max() < 20
     cloud.symlink_to(brighton / "model.laz")
     named = ("--protocol", "brighton-reconstruction", "--data", out.parent)
     assert run_main("eval", "reconstruction", cloud, *named, "--out", tmp_path / "out") == 0
