@@ -11,47 +11,24 @@ import pytest
 
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.retrieval.predictions import (
-    Descriptors,
-    RankedIds,
-    check_predictions,
-    read_retrieval,
-)
+from airzoo_bench.retrieval.predictions import Descriptors, check_predictions, read_retrieval
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
-LIMIT = 1 << 24
-IDS = np.array(["e/a", "e/b"])
-RANKED = {"query_ids": IDS, "ranked_ids": np.array([["e/t1", "e/t2"], ["e/t2", ""]])}
-SCORES = np.array([[2, 1], [3, np.nan]], np.float16)  # NaN beside an empty id is nobody's score
-DESCRIBED = {
-    "query_ids": np.char.encode(IDS, "utf-8"),
-    "query_descriptors": np.eye(2),
-    "gallery_ids": ["e/1", "e/2", "e/3"],
-    "gallery_descriptors": np.asfortranarray(np.arange(6, dtype=">f4").reshape(3, 2)),
-}
 
-
-def saved(folder: Path, **arrays: Any) -> Path:
-    np.savez(folder / "p.npz", **arrays)
-    return folder / "p.npz"
-
-
-def test_both_forms_of_npz_and_parquet(tmp_path: Path) -> None:
-    scores = np.nan_to_num(SCORES.astype(float))  # tables have a number in every place
-    table = {name: values.tolist() for name, values in (RANKED | {"scores": scores}).items()}
-    pd.DataFrame(table).assign(protocol="p").to_parquet(tmp_path / "p.parquet")
-    arrays = saved(tmp_path, protocol="p", scores=SCORES, **RANKED)
-    for path, expected in ((arrays, SCORES), (tmp_path / "p.parquet", scores)):
-        read = read_retrieval(path, LIMIT)
-        assert isinstance(read.content, RankedIds)
-        assert (read.protocol, read.query_ids.tolist()) == ("p", IDS.tolist())
-        assert read.content.ids.tolist() == RANKED["ranked_ids"].tolist()
-        np.testing.assert_array_equal(read.content.scores, expected)
+def test_ids_of_bytes_numbers_of_another_order_and_no_score_beside_an_empty_id(
+    tmp_path: Path,
+) -> None:
+    arrays: dict[str, Any] = {"query_ids": np.array([b"e/a", b"e/b"]), "protocol": "p"}
+    lists = {"ranked_ids": [["e/1", "e/2"], ["e/2", ""]], "scores": [[2, 1], [3, np.nan]]}
+    gallery = np.asfortranarray(np.arange(6, dtype=">f4").reshape(3, 2))
+    described = {"query_descriptors": np.eye(2), "gallery_descriptors": gallery}
+    for fields in (lists, described | {"gallery_ids": ["e/1", "e/2", "e/3"]}):
+        np.savez(tmp_path / "p.npz", **arrays, **fields)
+        read = read_retrieval(tmp_path / "p.npz", 1 << 24)
         check_predictions(read)
-    read = read_retrieval(saved(tmp_path, **DESCRIBED), LIMIT)
+        assert (read.protocol, read.query_ids.tolist()) == ("p", ["e/a", "e/b"])
     assert isinstance(read.content, Descriptors)
-    assert (read.protocol, read.query_ids.tolist()) == (None, IDS.tolist())
-    np.testing.assert_array_equal(read.content.gallery, DESCRIBED["gallery_descriptors"])
+    np.testing.assert_array_equal(read.content.gallery, gallery)
 
 
 # --- scored ---

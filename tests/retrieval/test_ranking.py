@@ -30,8 +30,8 @@ def random_positives(rng, n_queries, n_tiles, most=4):
 
 
 def similarities(queries, gallery, metric):
-    """Float64, the plain way; a query of zeros is alike to all."""
-    queries, gallery = queries.astype(float), gallery.astype(float)
+    """The plain way, in more digits; a query of zeros is alike to all."""
+    queries, gallery = (np.asarray(one, np.longdouble) for one in (queries, gallery))
     if metric == "l2":
         return -((queries[:, None] - gallery) ** 2).sum(axis=2) * queries.any(axis=1)[:, None]
     if metric == "cosine":
@@ -64,12 +64,16 @@ def assert_is(ranking, expected):
 
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize(("length", "scale"), [(3, 1), (64, 1e-12), (64, 1e15), (4_100, 1)])
-def test_no_ties(metric, length, scale):
+@pytest.mark.parametrize("memory_bytes", [1 << 30, 1 << 13])
+def test_no_ties_above_and_below_the_resolution_of_float32(metric, length, scale, memory_bytes):
     rng = np.random.default_rng(2)
-    queries, gallery = (scale * rng.standard_normal((n, length)) for n in (6, 200))
+    queries, far, base = (rng.standard_normal((n, length)) for n in (6, 200, 1))
+    close = base + 1e-8 * rng.standard_normal((200, length))
     positives = random_positives(rng, 6, 200)
-    found = rank(queries, gallery, metric, 30, 5, positives)
-    assert_is(found, naive(similarities(queries, gallery, metric), positives, 30, 5))
+    for gallery in (far, close):
+        found = rank(scale * queries, scale * gallery, metric, 30, 5, positives, Run(memory_bytes))
+        scores = similarities(queries, gallery, metric)
+        assert_is(found, naive(scores, positives, 30, 5))
 
 
 @pytest.mark.parametrize("metric", METRICS)
@@ -111,17 +115,6 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
     others = [np.setdiff1d(np.arange(1, n_tiles, 2), positives.tiles_of(q))[:10] for q in range(3)]
     assert found.tiles.tolist() == [tiles.tolist() for tiles in others]
     assert found.tie_dependent.all()
-
-
-@pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize(("n_tiles", "memory_bytes"), [(80, 1 << 30), (300, 1 << 13)])
-def test_order_below_the_resolution_of_float32(metric, n_tiles, memory_bytes):
-    rng = np.random.default_rng(4)
-    gallery = rng.standard_normal(40) + 1e-8 * rng.standard_normal((n_tiles, 40))
-    queries = rng.standard_normal((5, 40))
-    found = rank(queries, gallery, metric, 20, run=Run(memory_bytes))
-    scores = similarities(queries.astype(np.longdouble), gallery, metric)
-    assert found.tiles.tolist() == np.argsort(-scores, axis=1)[:, :20].tolist()
 
 
 @pytest.mark.parametrize("metric", METRICS)

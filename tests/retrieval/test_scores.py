@@ -77,18 +77,19 @@ class Made:
         draw = random.choice(CLASSES, IMAGES - CLASSES, p=shares)
         self.of_images = np.concatenate([np.arange(CLASSES), draw])
         self.of_queries = random.integers(0, CLASSES, QUERIES)
+        self.labels = self.of_queries.astype(str), self.of_images.astype(str)
         means = random.standard_normal((CLASSES, 16))
         self.images, self.queries = (
             (means[of] + 1.5 * random.standard_normal((len(of), 16))).astype(np.float32)
             for of in (self.of_images, self.of_queries)
         )
-        self.labels = self.of_queries.astype(str), self.of_images.astype(str)
         # Rows of the images for each query, the greatest inner product first.
         products = self.queries.astype(np.float64) @ self.images.astype(np.float64).T
-        self.orders = [np.argsort(-row) for row in products]
+        self.orders = np.argsort(-products, axis=1)
 
-    def content(self, truth: RetrievalTruth) -> Descriptors:
-        return Descriptors(self.queries, truth.tiles["id"].to_numpy(str), self.images)
+    def score(self, truth: RetrievalTruth, settings: Any, rows: Any = slice(None)) -> pd.DataFrame:
+        content = Descriptors(self.queries, truth.tiles["id"].to_numpy(str), self.images)
+        return score_images(truth, settings, content, rows)
 
 
 def curve_area(right: np.ndarray[Any, Any]) -> float:
@@ -105,12 +106,11 @@ def curve_area(right: np.ndarray[Any, Any]) -> float:
 @pytest.mark.parametrize("seed", range(2))
 def test_university_1652_scores(seed: int) -> None:
     made, settings = Made(seed), UNIVERSITY.scores
-    truth = made_truth(made.labels)
-    records = score_images(truth, settings, made.content(truth))
-    hits = [made.of_images[o] == c for o, c in zip(made.orders, made.of_queries, strict=True)]
+    records = made.score(made_truth(made.labels), settings)
+    hits = made.of_images[made.orders] == made.of_queries[:, None]
     # Their code looks at place round(330 * 0.01) = 3 of a curve that counts from 0.
     for column, place in (("recall@1", 0), ("recall@5", 4), ("recall@10", 9), ("recall@1%", 3)):
-        expected = np.mean([hit[: place + 1].any() for hit in hits])
+        expected = hits[:, : place + 1].any(axis=1).mean()
         assert records[column].mean() == pytest.approx(expected, abs=1e-12), column
     areas = [curve_area(hit) for hit in hits]
     np.testing.assert_allclose(records["ap/trapezoid"], areas, atol=1e-12)
@@ -127,28 +127,29 @@ def haversine(one: Floats, other: Floats) -> float:
     return 2 * math.asin(math.sqrt(half)) * 6_378_137
 
 
+def sdm(apart: Floats, k: int, scale: float) -> Floats:
+    weight = np.arange(k, 0, -1)
+    return np.asarray((weight / np.exp(scale * apart[:, :k])).sum(axis=1) / weight.sum())
+
+
 def test_denseuav_scores() -> None:
     made, settings = Made(0), shipped("denseuav").scores
     # DenseUAV's place: metres are some 1e-5 degrees, and float32 has 7.6e-6 at 120.
     places = np.array([120.385, 30.318]) + np.random.default_rng(0).uniform(0, 0.004, (CLASSES, 2))
     asked, given = places[made.of_queries], places[made.of_images]
     truth = made_truth(made.labels, (asked, given), degrees=True)
-    records = score_images(truth, settings, made.content(truth))
-    single = [one.astype(np.float32) for one in (asked, given)]
+    records = made.score(truth, settings)
+    steps = given.astype(np.float32)[made.orders] - asked.astype(np.float32)[:, None]
+    apart = np.sqrt((steps.astype(np.float64) ** 2).sum(axis=2))
     for k in (1, 3, 5, 10):
-        weight, expected = 1 - np.arange(k) / k, []
-        for order, query in zip(made.orders, single[0], strict=True):
-            step = single[1][order[:k]] - query
-            apart = np.sqrt((step.astype(np.float64) ** 2).sum(axis=1))
-            expected.append((weight / np.exp(5000 * apart)).sum() / weight.sum())
-        np.testing.assert_allclose(records[f"sdm@{k}"], expected, atol=1e-9)
+        np.testing.assert_allclose(records[f"sdm@{k}"], sdm(apart, k, 5000), atol=1e-9)
     firsts = [haversine(a, given[order[0]]) for a, order in zip(asked, made.orders, strict=True)]
     np.testing.assert_allclose(records["dis@1"], firsts, rtol=1e-6, atol=1e-6)
     for limit in (5, 10, 20, 50):
         assert records[f"ma@{limit}m"].mean() == np.mean(np.array(firsts) < limit)
     assert 0 < records["sdm@10"].mean() < 1
     # Of every second query the predictions lack, nothing is found, the farthest image is taken.
-    half = score_images(truth, settings, made.content(truth), slice(None, None, 2))
+    half = made.score(truth, settings, slice(None, None, 2))
     nothing = half.iloc[1::2][["recall@10", "recall@1%", "map", "sdm@10", "ma@50m"]]
     assert not nothing.to_numpy().any()
     farthest = [max(haversine(one, place) for place in given) for one in asked[1::2]]
@@ -160,20 +161,15 @@ def test_gta_uav_scores() -> None:
     made, settings = Made(1), shipped("gta-uav-cross-area").scores
     random = np.random.default_rng(1)
     places = random.uniform(0, 9000, (QUERIES, 2)), random.uniform(0, 9000, (IMAGES, 2))
-    truth = made_truth(made.labels, places)
-    records = score_images(truth, settings, made.content(truth))
+    records = made.score(made_truth(made.labels, places), settings)
+    metres = np.linalg.norm(places[1][made.orders] - places[0][:, None], axis=2)
     for k in (1, 3, 5):
-        pairs = zip(places[0], made.orders, strict=True)
-        metres = np.array([[math.dist(a, places[1][t]) for t in order[:k]] for a, order in pairs])
-        weight = np.arange(k, 0, -1)
-        sdm = (weight * np.exp(-0.001 * metres)).sum(axis=1) / weight.sum()
-        np.testing.assert_allclose(records[f"sdm@{k}"], sdm, rtol=1e-12)
-        np.testing.assert_allclose(records[f"dis@{k}"], metres.mean(axis=1), rtol=1e-12)
-    titles = [score.title for score in list_scores(settings) if score.headline]
+        np.testing.assert_allclose(records[f"sdm@{k}"], sdm(metres, k, 0.001), rtol=1e-12)
+        np.testing.assert_allclose(records[f"dis@{k}"], metres[:, :k].mean(axis=1), rtol=1e-12)
+    scores = {score.title: score for score in list_scores(settings) if score.headline}
     near = [f"{name}@{k}" for name in ("SDM", "Dis") for k in (1, 3, 5)]
-    assert titles == ["R@1", "R@5", "R@10", "R@1%", "AP", *near]
-    [ap] = [score.key for score in list_scores(settings) if score.title == "AP"]
-    assert ap == "map"  # scikit-learn's, not the trapezoids'
+    assert [*scores] == ["R@1", "R@5", "R@10", "R@1%", "AP", *near]
+    assert scores["AP"].key == "map"  # scikit-learn's, not the trapezoids'
 
 
 def test_positives_that_are_not_ranked_are_never_found() -> None:
