@@ -207,7 +207,7 @@ def score_scene(
     blocks = [(rows, _score_block(truth, rows, found, settings, jobs)) for rows, found in ranked]
     order = np.concatenate([rows for rows, _ in blocks])
     scores = pd.concat([table for _, table in blocks], ignore_index=True)
-    if (np.diff(order) < 0).any():  # queries without an answer come last
+    if (np.diff(order) < 0).any():  # those that are not searched come last
         scores = scores.iloc[np.argsort(order)].reset_index(drop=True)
     first = {
         "scene": truth.scene,
