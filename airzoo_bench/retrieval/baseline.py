@@ -47,7 +47,6 @@ def predict(
     note: Callable[[str], None],
 ) -> None:
     """Describe every query and tile of a benchmark and write a prediction file."""
-    del note
     check_npz(out)
     parts: dict[str, list[NDArray[Any]]] = {}
     for scene in protocol.scenes:
@@ -82,8 +81,7 @@ def _readers(
 
 
 def _grey_tile(gallery: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
-    grey: NDArray[np.float64] = np.round(read_tile(gallery, tile) @ _GREY)
-    return grey.astype(np.uint8)
+    return np.asarray(np.round(read_tile(gallery, tile) @ _GREY), np.uint8)
 
 
 def describe(
@@ -96,7 +94,7 @@ def describe(
     """Describe images, a row each; `label` names them for progress."""
     words = np.load(_WORDS, allow_pickle=False).astype(np.float32)
     found = engine.map(
-        _features_of,
+        _root_sift,
         list(enumerate(images, 1)),
         shared=settings,
         stage=label,
@@ -105,13 +103,10 @@ def describe(
     return np.stack([vlad(one, words) for one in progress(found, label, len(images))])
 
 
-def _features_of(settings: VladSettings, numbered: tuple[int, Reader]) -> Floats:
-    return root_sift(numbered[1](), settings.max_features, doubled=settings.doubled)
-
-
-def root_sift(image: NDArray[np.uint8], max_features: int, *, doubled: bool) -> Floats:
-    """Extract RootSIFT descriptors (n, 128), each of unit length, from a grey image."""
-    _, descriptors = extract(image, max_features, _PEAK_THRESHOLD, doubled=doubled)
+def _root_sift(settings: VladSettings, numbered: tuple[int, Reader]) -> Floats:
+    """Extract RootSIFT descriptors (n, 128), each of unit length, from a numbered image."""
+    image, most = numbered[1](), settings.max_features
+    _, descriptors = extract(image, most, _PEAK_THRESHOLD, doubled=settings.doubled)
     lengths = np.linalg.norm(descriptors, axis=1, keepdims=True)
     unit: Floats = descriptors / np.maximum(lengths, np.finfo(np.float32).tiny)
     return unit

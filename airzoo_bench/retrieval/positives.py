@@ -73,9 +73,9 @@ def find_positives(points: Floats, boxes: Floats, iou_above: float | None) -> Po
 
 def find_overlaps(polygons: Floats, boxes: Floats) -> Positives:
     """Find every footprint (Q, 4, 2) and tile (G, 4) that overlap, with intersection over union."""
-    near = _search_trees(polygons.min(axis=1), polygons.max(axis=1), boxes)
-    near = with_overlap(polygons, boxes, near)
-    return near.where(np.asarray(near.overlap) > 0)
+    met = _search_trees(polygons.min(axis=1), polygons.max(axis=1), boxes)
+    pairs = with_overlap(polygons, boxes, met)
+    return pairs.where(np.asarray(pairs.overlap) > 0)
 
 
 def with_overlap(polygons: Floats, boxes: Floats, pairs: Positives) -> Positives:

@@ -17,8 +17,6 @@ from airzoo_bench.evaluation.predictions import Fields, QueryPredictions, read_f
 from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Floats
 
-Texts = NDArray[np.str_]
-
 _CELLS = 1 << 20  # ranks at a time
 _EXPECTED = "query_ids with ranked_ids, or with gallery_descriptors, gallery_ids, query_descriptors"
 _FAULTS_OF_LISTS = (  # field, what, expected
@@ -39,7 +37,7 @@ class RankedIds:
 
     kind: ClassVar[str] = "ranked_ids"
 
-    ids: Texts  # (Q, K), empty where a list is shorter than K
+    ids: NDArray[np.str_]  # (Q, K), empty where a list is shorter than K
     scores: Floats | None  # (Q, K), similarities or distances; equal ones are ties
 
 
@@ -50,7 +48,7 @@ class Descriptors:
     kind: ClassVar[str] = "descriptors"
 
     queries: NDArray[np.floating[Any]]
-    gallery_ids: Texts
+    gallery_ids: NDArray[np.str_]
     gallery: NDArray[Any]  # may be mapped
 
 
@@ -58,7 +56,7 @@ RetrievalPredictions = QueryPredictions[RankedIds | Descriptors]
 """A prediction file of the retrieval track, as read."""
 
 
-def _read_ranked(arrays: Arrays, query_ids: Texts) -> RankedIds | Descriptors:
+def _read_ranked(arrays: Arrays, query_ids: NDArray[np.str_]) -> RankedIds | Descriptors:
     ids = texts(arrays, "ranked_ids", 2)
     check_length(arrays, "ranked_ids", ids, len(query_ids))
     if not ids.shape[1]:
@@ -70,7 +68,7 @@ def _read_ranked(arrays: Arrays, query_ids: Texts) -> RankedIds | Descriptors:
     return RankedIds(ids, scores)
 
 
-def _read_descriptors(arrays: Arrays, query_ids: Texts) -> RankedIds | Descriptors:
+def _read_descriptors(arrays: Arrays, query_ids: NDArray[np.str_]) -> RankedIds | Descriptors:
     gallery_ids = texts(arrays, "gallery_ids", 1)
     queries = numbers(arrays, "query_descriptors", (None, None))
     gallery = numbers(arrays, "gallery_descriptors", (None, None), mapped=True)

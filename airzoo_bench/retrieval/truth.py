@@ -153,8 +153,8 @@ class RetrievalTruth:
 
 def position_columns(images: pd.DataFrame) -> list[str]:
     """Return the columns of `POSITION_COLUMNS` that a table of images has; none of other tables."""
-    found = [list(names) for names in POSITION_COLUMNS if {"image", *names} <= {*images.columns}]
-    return found[0] if found else []
+    found = (list(names) for names in POSITION_COLUMNS if {"image", *names} <= {*images.columns})
+    return next(found, [])
 
 
 def boxes_of(tiles: pd.DataFrame) -> Floats:
