@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 _HOMES = {
     "api.benchmark": "BlindBenchmark load_benchmark",
     "api.geometry": "align_cameras cloud_scores pose_errors pose_scores solve_pose",
-    "api.results": "Check Comparison Result bootstrap_ci check compare evaluate load_result",
+    "api.results": "Comparison Result bootstrap_ci check compare evaluate load_result",
     "api.retrieval": "average_precision chance_level recall_at_k retrieval_scores",
     "api.arguments": "Scores",
     "api.writer": "PredictionWriter",
     "core.errors": "ArgumentError UserError",
     "core.version": "__version__",
+    "evaluation.evaluate": "Check",
     "matching.metrics": "PoseErrors",
     "matching.solving": "PoseEstimate",
 }
@@ -60,7 +61,6 @@ if TYPE_CHECKING:
         solve_pose,
     )
     from airzoo_bench.api.results import (
-        Check,
         Comparison,
         Result,
         bootstrap_ci,
@@ -78,6 +78,7 @@ if TYPE_CHECKING:
     from airzoo_bench.api.writer import PredictionWriter
     from airzoo_bench.core.errors import ArgumentError, UserError
     from airzoo_bench.core.version import __version__
+    from airzoo_bench.evaluation.evaluate import Check
     from airzoo_bench.matching.metrics import PoseErrors
     from airzoo_bench.matching.solving import PoseEstimate
 else:

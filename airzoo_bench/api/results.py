@@ -18,10 +18,10 @@ from airzoo_bench.api.arguments import Scores
 from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.evaluation import evaluate as scoring
-from airzoo_bench.evaluation.predictions import ReaderOptions
+from airzoo_bench.evaluation.predictions import Reading
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results import comparison
-from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
+from airzoo_bench.results.comparison import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.records import Method, check_records, read_methods, write_csv
 from airzoo_bench.results.result import write_result
 from airzoo_bench.statistics.intervals import Interval, sample_intervals
@@ -142,29 +142,16 @@ def evaluate(
     jobs, max_memory : int
         Threads, and bytes for the predictions; the numbers do not depend on them.
     """
-    read_by = ReaderOptions(reader, None if names is None else Path(names))
+    reading = Reading(reader, None if names is None else Path(names))
     run = Run(memory_bytes=max_memory, jobs=jobs)
     with _as_path(predictions) as path:
         named: Any = {"protocol": protocol, "method": method, "data": data_here(data)}
-        done = scoring.evaluate(path, run=run, read_by=read_by, **named)
+        done = scoring.evaluate(path, run=run, reading=reading, **named)
     result, records = done.result, done.records
     if "query" not in records:
         records = records.assign(query=records["scene"])
     name = result.predictions.method
     return Result(name, result, check_records(records, result, name))
-
-
-class Check(scoring.Checked):
-    """The faults of predictions: `errors` is a list of `UserError`, `notes` is a list of texts."""
-
-    @property
-    def ok(self) -> bool:
-        """Whether nothing is wrong."""
-        return not self.errors
-
-    def __repr__(self) -> str:
-        lines = [*map(str, self.errors), *(f"note: {note}" for note in self.notes)]
-        return "\n".join(lines) or "nothing wrong was found"
 
 
 def check(
@@ -174,16 +161,15 @@ def check(
     data: str | Path | None = None,
     reader: str | None = None,
     names: str | Path | None = None,
-) -> Check:
+) -> scoring.Check:
     """Find errors of predictions, the first in each file or scene, without scoring them.
 
     Parameters are as in `evaluate`; the truth of the benchmark may be sealed. Raises a `UserError`
     where there is nothing to check: no such file, or no known protocol.
     """
-    read_by = ReaderOptions(reader, None if names is None else Path(names))
+    reading = Reading(reader, None if names is None else Path(names))
     with _as_path(predictions) as path:
-        found = scoring.check(path, data=data_here(data), protocol=protocol, read_by=read_by)
-    return Check(**vars(found))
+        return scoring.check(path, data=data_here(data), protocol=protocol, reading=reading)
 
 
 @contextmanager

@@ -61,6 +61,8 @@ class PredictionWriter:
         As `load_benchmark` returns it; by default the protocol's, from the data root.
     """
 
+    _closed = False
+
     def __init__(
         self, path: str | Path, protocol: str, benchmark: BlindBenchmark | None = None
     ) -> None:
@@ -119,8 +121,9 @@ class PredictionWriter:
             raise PredictionError(what, expected=forms)
         [(kinds, needed)] = fitting
         self._check_id(name, *kinds)
-        if name in self._answers:
-            raise PredictionError("was added before", expected="each id once")
+        if name in self._answers or self._closed:
+            what = "was added before, or after the file was written"
+            raise PredictionError(what, expected="each id once")
         answer: Answer = {}
         for key, values in fields.items():
             if key == "ranked_ids":
@@ -153,6 +156,7 @@ class PredictionWriter:
             self._write_scenes()
         else:
             write_predictions(self._path, self._protocol.name, self._query_arrays())
+        self._closed = True
         found = find_errors(self._path, data=self._data, protocol=self._protocol.name)
         if found.errors:
             raise found.errors[0]

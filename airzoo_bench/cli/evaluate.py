@@ -59,7 +59,7 @@ def evaluate(
     """
     from airzoo_bench.evaluation.evaluate import check_run_folder, save
     from airzoo_bench.evaluation.evaluate import evaluate as score
-    from airzoo_bench.evaluation.predictions import ReaderOptions
+    from airzoo_bench.evaluation.predictions import Reading
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -88,11 +88,11 @@ def evaluate(
             protocol=protocol,
             method=method,
             run=run,
-            read_by=ReaderOptions(reader, names, image_size),
+            reading=Reading(reader, names, image_size),
             unfinished=unfinished,
         )
         if evaluation.opened.reader is not None:
-            cli.say(f"read by reader {evaluation.opened.reader.name} (see `airzoo-bench check`)")
+            cli.say(f"read by reader {evaluation.opened.reader} (see `airzoo-bench check`)")
         draw = partial(resolve(info.figures), evaluation, run) if figures else None
         written = [] if out is None else save(evaluation, out, draw)
     if form is cli.Format.JSON:
@@ -139,7 +139,7 @@ def check(
     Example: airzoo-bench check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval
     """
     from airzoo_bench.evaluation.evaluate import check as find_errors
-    from airzoo_bench.evaluation.predictions import ReaderOptions
+    from airzoo_bench.evaluation.predictions import Reading
     from airzoo_bench.evaluation.track import Run
 
     memory = cli.memory_bytes(max_memory)
@@ -148,7 +148,7 @@ def check(
         data=cli.resolve_data(data),
         protocol=protocol,
         run=Run(memory, limits=_limits(memory, untrusted)),
-        read_by=ReaderOptions(reader, names, image_size),
+        reading=Reading(reader, names, image_size),
     )
     for line in checked.described:
         if checked.errors:

@@ -70,7 +70,7 @@ def breakdown(
 
     Example: airzoo-bench breakdown results/*/result.json --by altitude_m --bins 50,100 --score R@1
     """
-    from airzoo_bench.results.comparable import check_same_queries, choose_scores, score_keys
+    from airzoo_bench.results.comparison import check_same_queries, choose_scores, score_keys
     from airzoo_bench.results.records import read_methods, read_records
     from airzoo_bench.results.result import read_result, result_paths
     from airzoo_bench.statistics.samples import ResamplingConfig

@@ -96,7 +96,7 @@ def table(
     Example: airzoo-bench table uav-visloc-retrieval --published --layout scenes
     """
     asked = SimpleNamespace(**locals())
-    from airzoo_bench.results.comparable import check_score, scores_by_name
+    from airzoo_bench.results.comparison import check_score, scores_by_name
     from airzoo_bench.tables import layouts, marks
 
     parts = _read_parts(results, published, every or bool(scores))
@@ -177,7 +177,7 @@ def _read_parts(given: Sequence[str], published: bool, every: bool) -> list[_Par
 
 def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:
     """Add intervals, published rows and floors, where they are asked for."""
-    from airzoo_bench.results.comparable import find_scene
+    from airzoo_bench.results.comparison import find_scene
     from airzoo_bench.results.records import Method, read_records
     from airzoo_bench.statistics.samples import ResamplingConfig
     from airzoo_bench.tables.comparison import with_intervals

@@ -28,7 +28,6 @@ from airzoo_bench.core.errors import (
     first_of,
     readable,
 )
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.facts import SceneFacts, measure_facts, measure_heights
 from airzoo_bench.datasets.scenes import ImageScene, NativeScene
@@ -40,6 +39,7 @@ from airzoo_bench.datasets.truths import (
 )
 from airzoo_bench.formats.clouds.cloud import open_cloud
 from airzoo_bench.formats.clouds.las import open_shards, shards_in
+from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.crs import (

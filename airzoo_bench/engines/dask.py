@@ -9,7 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from multiprocessing import active_children
 from typing import Any
@@ -22,6 +22,7 @@ from distributed.comm import CommClosedError, get_address_host_port
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UserError
+from airzoo_bench.core.shared import load_shared, write_shared
 from airzoo_bench.engines.engine import MORE_MEMORY, Engine, read_ahead, without_ctrl_c
 
 CONNECT_S = 10.0
@@ -32,6 +33,9 @@ _DEATHS = 3
 _SETTINGS = {
     "distributed.admin.large-graph-warning-threshold": "1TB",
     "distributed.scheduler.allowed-failures": _DEATHS - 1,
+    # Dask has small ones, and workers would return and clear the same pages over and over.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 28,
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 1 << 25,
     "logging": {"distributed": "critical", "tornado": "critical"},
 }
 _loaded: dict[str, Any] = {}
@@ -44,20 +48,25 @@ class DaskEngine(Engine):
 
     distributed = True
 
-    def __init__(self, client: Client, place: str) -> None:
+    def __init__(self, client: Client, place: str, *, maps: bool = False) -> None:
         super().__init__()
-        self.client, self.place = client, place
+        self.client, self.place, self._maps = client, place, maps  # whether workers read our files
 
     def _results(
         self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
     ) -> Generator[Any, None, None]:
-        # The result of a task, not scattered: that would be lost with the workers that hold it.
-        # Bytes, since arrays that Dask sends may lie at odd addresses, where sums round otherwise.
-        data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)
         try:
-            held = self.client.submit(np.asarray, data, pure=False)
-            workers = max(1, sum(self.client.nthreads().values()))
-            yield from read_ahead(partial(self._submit, held), items, workers)
+            with ExitStack() as stack:
+                if self._maps:
+                    key, held = stack.enter_context(write_shared((work, shared))), None
+                else:
+                    # A task's result, not scattered: that would be lost with those that hold it. As
+                    # bytes: Dask may put arrays at odd addresses, where sums round otherwise.
+                    data = np.frombuffer(pickle.dumps((work, shared)), np.uint8)
+                    held = self.client.submit(np.asarray, data, pure=False)
+                    key = held.key
+                workers = max(1, sum(self.client.nthreads().values()))
+                yield from read_ahead(partial(self._submit, key, held), items, workers)
         except KilledWorker as error:
             what = f"{_DEATHS} workers died of a block, perhaps for want of memory"
             raise UserError(what, where=stage, fix=MORE_MEMORY) from error
@@ -66,9 +75,9 @@ class DaskEngine(Engine):
             fix = "start it again, then the command; `eval --resume` keeps what is scored"
             raise UserError(what, where=self.place, fix=fix) from error
 
-    def _submit(self, held: Future, item: Any) -> Callable[[], Any]:
-        task = held.key, held, pickle.dumps(item)
-        return partial(self._wait, self.client.submit(_work_on, *task, pure=False))
+    def _submit(self, key: str, held: Future | None, item: Any) -> Callable[[], Any]:
+        task = self.client.submit(_work_on, key, held, pickle.dumps(item), pure=False)
+        return partial(self._wait, task)
 
     def _wait(self, future: Future) -> Any:
         """Wait for a block, but not for ever if no worker could do it."""
@@ -81,22 +90,14 @@ class DaskEngine(Engine):
             workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
             if any(worker["status"] == "running" for worker in workers):
                 alive = time.monotonic()
-        raise self.no_workers()
-
-    def no_workers(self) -> UserError:
-        """Make the error of a cluster where nobody can work."""
-        return UserError(
-            "there are no workers, or all are paused for want of memory",
-            where=self.place,
-            expected=f"one that is ready within {PATIENCE_S:.0f} s",
-            fix=f"start others: dask worker {self.client.scheduler.address}; or {MORE_MEMORY}",
-        )
+        what = "there are no workers, or all are paused for want of memory"
+        raise UserError(what, where=self.place, fix=f"start more workers; or {MORE_MEMORY}")
 
 
-def _work_on(key: str, held: NDArray[np.uint8], data: bytes) -> bytes:
+def _work_on(key: str, held: NDArray[np.uint8] | None, data: bytes) -> bytes:
     if key not in _loaded:
         _loaded.clear()
-        _loaded[key] = pickle.loads(held.data)  # noqa: S301 - of this run
+        _loaded[key] = load_shared(key) if held is None else pickle.loads(held.data)  # noqa: S301
     work, shared = _loaded[key]
     return pickle.dumps(work(shared, pickle.loads(data)))  # noqa: S301 - of this run
 
@@ -115,7 +116,7 @@ def local_cluster(workers: int) -> Iterator[DaskEngine]:
             )
             client = Client(cluster)
         try:
-            yield DaskEngine(client, "--engine dask")
+            yield DaskEngine(client, "--engine dask", maps=True)
         finally:
             # Workers asked to close would finish their blocks first, and nannies wait for them.
             for nanny in cluster.workers.values():
@@ -131,27 +132,21 @@ def local_cluster(workers: int) -> Iterator[DaskEngine]:
 def connect(address: str) -> Iterator[DaskEngine]:
     """Use the cluster of a scheduler; it stays when the block ends."""
     place = f"--engine {address}"
-    with dask.config.set(_SETTINGS):
+    with dask.config.set(_SETTINGS), ExitStack() as stack:
         try:
             if not address.startswith("tls"):  # Dask would wait for a dashboard's port for ever
                 with socket.create_connection(get_address_host_port(address), CONNECT_S) as stream:
                     stream.recv(1)
             with warnings.catch_warnings(action="ignore"):  # versions are compared below
-                client = Client(address, timeout=CONNECT_S)
+                client = stack.enter_context(Client(address, timeout=CONNECT_S))
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+            with warnings.catch_warnings(action="error"):  # those of other versions round otherwise
+                client.get_versions(check=True, packages=["airzoo-bench"])
+        except UserWarning as error:
+            fix = "start scheduler and workers from one environment with airzoo-bench[dask]"
+            raise UserError(str(error), where=place, fix=fix) from None
         except (OSError, RuntimeError, TypeError, ValueError) as error:
-            what = f"no scheduler of Dask answers there ({type(error).__name__})"
+            what = f"no scheduler of Dask, or no worker, answers there ({type(error).__name__})"
             expected = "local, dask, tcp://HOST:PORT or tls://HOST:PORT (not the dashboard's)"
             raise UserError(what, where=place, expected=expected) from None
-        with client:
-            engine = DaskEngine(client, place)
-            try:
-                client.wait_for_workers(1, timeout=PATIENCE_S)
-            except TimeoutError:
-                raise engine.no_workers() from None
-            try:  # workers of other versions round sums otherwise
-                with warnings.catch_warnings(action="error"):
-                    client.get_versions(check=True, packages=["airzoo-bench"])
-            except UserWarning as error:
-                fix = "start scheduler and workers from one environment with airzoo-bench[dask]"
-                raise UserError(str(error), where=place, fix=fix) from None
-            yield engine
+        yield DaskEngine(client, place)

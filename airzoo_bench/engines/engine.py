@@ -14,9 +14,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from functools import lru_cache, partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from functools import partial
 from threading import Thread
 from typing import Any, TypeVar
 
@@ -120,10 +118,8 @@ class Processes(Engine):
         if not self.distributed or len(items) < 2:
             yield from super()._results(work, items, shared, stage)
             return
-        # joblib takes 50 ms to import, which commands that start no process do without.
-        with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-            file = str(Path(folder, "shared"))
-            resolve("joblib:dump")((work, shared), file)
+        # NumPy and loky take time to import, which commands that start no process do without.
+        with resolve("airzoo_bench.core.shared:write_shared")((work, shared)) as file:
             try:
                 yield from read_ahead(partial(self._submit, file), items, self._jobs)
             except BaseException as error:
@@ -168,13 +164,8 @@ def _start_worker() -> None:
     Thread(target=watch, daemon=True).start()
 
 
-@lru_cache(maxsize=1)
-def _load_shared(file: str) -> Any:
-    return resolve("joblib:load")(file, mmap_mode="r")  # written by this run for its own processes
-
-
 def _work_on(file: str, item: T) -> Any:
-    work, shared = _load_shared(file)
+    work, shared = resolve("airzoo_bench.core.shared:load_shared")(file)
     return work(shared, item)
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
+from airzoo_bench.core import files
 from airzoo_bench.core.errors import (
     CameraError,
     PredictionError,
@@ -19,38 +20,21 @@ from airzoo_bench.core.errors import (
     UsageError,
     UserError,
 )
-from airzoo_bench.core.files import (
-    PART,
-    atomic_entries,
-    atomic_write,
-    check_output_folder,
-    fingerprint,
-    sha256_of,
-    sha256_of_tree,
-)
 from airzoo_bench.core.registry import READERS, TRACKS, load_track, resolve
 from airzoo_bench.core.version import versions
 from airzoo_bench.evaluation.predictions import (
     AS_FOUND,
     HERE,
-    OpenedPredictions,
-    ReaderOptions,
+    Reading,
+    ReadPredictions,
     check_npz,
     open_predictions,
     read_truths,
 )
-from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Truth
+from airzoo_bench.evaluation.track import Assignment, Run, SceneScores
 from airzoo_bench.protocol.model import find_protocol, protocol_of_track
-from airzoo_bench.results.records import write_csv
-from airzoo_bench.results.result import (
-    PredictionsUsed,
-    ProtocolUsed,
-    Result,
-    ScoreColumn,
-    TruthUsed,
-    summarise,
-    write_result,
-)
+from airzoo_bench.results import result as results
+from airzoo_bench.results.records import join_records, write_csv
 
 _RESULT = "result.json"
 _SCENE = ".scene"
@@ -60,17 +44,12 @@ _SCENE = ".scene"
 class Evaluation:
     """A result, the records it was made from, and what figures need: truths, and scored scenes."""
 
-    result: Result
+    result: results.Result
     records: pd.DataFrame
-    opened: OpenedPredictions
+    opened: ReadPredictions
     benchmark: Benchmark
     truths: list[Any]
     scored: dict[str, SceneScores]
-
-    @property
-    def protocol(self) -> Any:
-        """The protocol, of its track's own class."""
-        return self.opened.protocol
 
 
 def evaluate(
@@ -81,113 +60,124 @@ def evaluate(
     protocol: str | None = None,
     method: str | None = None,
     run: Run = HERE,
-    read_by: ReaderOptions = AS_FOUND,
+    reading: Reading = AS_FOUND,
     unfinished: Path | None = None,
 ) -> Evaluation:
     """Score predictions; scenes are kept in a folder `unfinished` until all are scored."""
     opened = open_predictions(
-        path, data=data, track=track, protocol=protocol, run=run, read_by=read_by
+        path, data=data, track=track, protocol=protocol, run=run, reading=reading
     )
     chosen, known = opened.protocol, opened.truths
     benchmark, truths = known if known and not known[0].is_sealed else read_truths(chosen, data)
     assignment = opened.track.assign(opened.predictions, truths, chosen)
     for error in assignment.errors:
         raise error
-    sha256, of_truths = sha256_of_tree(path), truth_fingerprint(truths)
-    store = None
-    if unfinished is not None:  # versions too, but not code that is being changed
-        reader = None if opened.reader is None else opened.reader.model_dump(mode="json")
-        names = None if read_by.names is None else sha256_of(read_by.names)
-        inputs = [sha256, reader, names, chosen.fingerprint, of_truths, versions()]
-        store = SceneStore(unfinished, fingerprint([*inputs, run.memory_bytes]))
+    sha256, of_truths = files.sha256_of_tree(path), truth_fingerprint(truths)
+    used = None
+    if opened.reader is not None:
+        used = results.ReaderUsed(name=opened.reader, conventions=opened.conventions)
+    inputs = [sha256, opened.reader, opened.conventions, chosen.fingerprint, of_truths, versions()]
     scored: dict[str, SceneScores] = {}
     parts = zip(truths, assignment.parts, strict=True)
     for truth, part in run.progress(parts, "scenes", len(truths)):
-        scene = None if store is None else store.load(truth.scene)
-        if scene is None:
-            scene = opened.track.score(part, truth, chosen, run)
-            if store is not None:
-                store.save(truth.scene, scene)
-        scored[truth.scene] = scene
-    scores, records = _join_records([*scored.values()], opened.track.scores(chosen))
-    result = Result(
+        score = partial(opened.track.score, part, truth, chosen, run)
+        if unfinished is not None:
+            score = partial(keep_scene, unfinished, [*inputs, truth.scene], score)
+        scored[truth.scene] = score()
+    scores = opened.track.scores(chosen)
+    scores, records = join_records([scene.records for scene in scored.values()], scores)
+    result = results.Result(
         track=chosen.track,
-        protocol=ProtocolUsed(
+        protocol=results.ProtocolUsed(
             name=chosen.name,
             version=chosen.version,
             fingerprint=chosen.fingerprint,
             settings=chosen.settings(),
         ),
-        truth=TruthUsed(
+        truth=results.TruthUsed(
             benchmark=benchmark.name,
             version=benchmark.file.version,
             fingerprint=of_truths,
             scene_titles={scene.id: scene.title for scene in chosen.scenes},
         ),
-        predictions=PredictionsUsed(
+        predictions=results.PredictionsUsed(
             file=path.name,
             sha256=sha256,
             kind=", ".join(sorted({scene.kind for scene in scored.values() if scene.kind})),
             method=method or (path.name if path.is_dir() else path.stem),
-            reader=opened.reader,
+            reader=used,
         ),
         versions=dict(versions()),
         columns=tuple(scores),
         counts={name: scene.counts for name, scene in scored.items()},
-        extra_queries=assignment.strange,
-        notes=tuple(_list_notes(opened, truths, assignment, [*scored.values()])),
-        **asdict(summarise(records, scores, [scene.id for scene in chosen.scenes])),
+        extra_queries=assignment.extra_queries,
+        notes=tuple(_list_notes(opened, truths, assignment, scored)),
+        **asdict(results.summarise(records, scores, [scene.id for scene in chosen.scenes])),
         references=dict(opened.track.references(chosen, truths)),
     )
-    if store is not None:
-        store.remove()
+    if unfinished is not None:
+        for file in unfinished.glob(f"*{_SCENE}"):
+            file.unlink()
+        with suppress(OSError):  # a user's own files are in it
+            unfinished.rmdir()
     return Evaluation(result.with_checksum(), records, opened, benchmark, truths, scored)
 
 
+def keep_scene(folder: Path, run: Sequence[Any], score: Callable[[], SceneScores]) -> SceneScores:
+    """Return what a folder has kept of a scene of this run, or score it and keep that."""
+    file = folder / (files.fingerprint(run)[:32] + _SCENE)
+    with suppress(OSError, ValueError, KeyError, TypeError):  # there is none, or it is damaged
+        records = pd.read_parquet(file)
+        rest: Any = records.attrs
+        records.attrs = {}
+        return SceneScores(records, **rest)
+    scored = score()
+    records = scored.records.copy(deep=False)
+    records.attrs = {name: getattr(scored, name) for name in ("counts", "kind", "notes", "facts")}
+    with files.atomic_write(file) as stream:
+        records.to_parquet(stream)
+    return scored
+
+
 def _list_notes(
-    opened: OpenedPredictions,
-    truths: Sequence[Truth],
+    opened: ReadPredictions,
+    truths: Sequence[Any],
     assignment: Assignment,
-    scored: Sequence[SceneScores],
+    scored: Mapping[str, SceneScores],
 ) -> list[str]:
-    """Return the notes on files, scenes and all together, for a reader of the scores."""
+    """Return notes on files and scenes, and on all together where no scene is lacking."""
     counts = [
-        f"scene {scene.title} has {one.counts['queries']:,} queries here, "
-        f"{scene.queries:,} in the paper"
-        for scene, one in zip(opened.protocol.scenes, scored, strict=True)
-        if scene.queries not in (None, one.counts.get("queries", scene.queries))
+        f"scene {scene.title} has {here:,} queries here, {scene.queries:,} in the paper"
+        for scene in opened.protocol.scenes
+        if scene.id in scored and scene.queries is not None
+        if (here := scored[scene.id].counts.get("queries", scene.queries)) != scene.queries
     ]
-    of_scenes = [note for scene in scored for note in scene.notes]
-    of_track = opened.track.notes(opened.predictions, truths, opened.protocol, scored)
-    return [*counts, *opened.notes, *assignment.notes, *of_scenes, *of_track]
+    notes = [note for scene in scored.values() for note in scene.notes]
+    if len(scored) == len(truths):
+        scenes = [*scored.values()]
+        notes += opened.track.notes(opened.predictions, truths, opened.protocol, scenes)
+    return [*counts, *opened.notes, *assignment.notes, *notes]
 
 
-def _join_records(
-    scored: Sequence[SceneScores], scores: list[ScoreColumn]
-) -> tuple[list[ScoreColumn], pd.DataFrame]:
-    """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
-    records = pd.concat([scene.records for scene in scored], ignore_index=True)
-    scores = [score for score in scores if score.headline or score.key in records]
-    lacking = {
-        score.key: 0.0 if score.higher_is_better else np.inf
-        for score in scores
-        if not all(score.key in scene.records for scene in scored)
-    }
-    return scores, records.fillna(lacking) if lacking else records
-
-
-def truth_fingerprint(truths: Sequence[Truth]) -> str:
+def truth_fingerprint(truths: Sequence[Any]) -> str:
     """Return the SHA-256 over all that scores of some scenes depend on."""
-    return fingerprint({truth.scene: truth.fingerprint for truth in truths})
+    return files.fingerprint({truth.scene: truth.fingerprint for truth in truths})
 
 
-@dataclass(frozen=True)
-class Checked:
-    """The errors that `evaluate` would raise, notes, and a description of the predictions."""
+@dataclass(eq=False, repr=False)
+class Check:
+    """The faults of predictions: `errors` is a list of `UserError`, `notes` is a list of texts.
 
-    errors: list[UserError]
+    `described` is a list of texts too: of what kind they are, and how much they answer.
+    """
+
+    errors: list[UserError] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     described: list[str] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        lines = [*map(str, self.errors), *(f"note: {note}" for note in self.notes)]
+        return "\n".join(lines) or "nothing wrong was found"
 
 
 def check(
@@ -196,46 +186,43 @@ def check(
     data: Path,
     protocol: str | None = None,
     run: Run = HERE,
-    read_by: ReaderOptions = AS_FOUND,
-) -> Checked:
+    reading: Reading = AS_FOUND,
+) -> Check:
     """Find errors of predictions, the first in each file or scene, without scoring them.
 
     The benchmark folder may be one whose truth is sealed.
     """
-    described: list[str] = []
-    notes: list[str] = []
+    found, scored = Check(), {}
     try:
-        opened = open_predictions(path, data=data, protocol=protocol, run=run, read_by=read_by)
-        described, notes = _describe(opened), [*opened.notes]
+        opened = open_predictions(path, data=data, protocol=protocol, run=run, reading=reading)
+        found.described, found.notes = _describe(opened), [*opened.notes]
         _, truths = opened.truths or read_truths(opened.protocol, data, sealed=True)
         assignment = opened.track.assign(opened.predictions, truths, opened.protocol)
     except UnreadableError:
         raise
     except (PredictionError, CameraError) as error:
-        return Checked([error], notes, described)
-    errors: list[UserError] = [*assignment.errors]
-    scored = []
+        found.errors.append(error)
+        return found
+    found.errors += assignment.errors
     for part, truth in zip(assignment.parts, truths, strict=True):
         try:  # errors of a scene hide no others
             if part is not None:
-                scored.append(opened.track.check(part, truth, opened.protocol, run))
+                scored[truth.scene] = opened.track.check(part, truth, opened.protocol, run)
         except (PredictionError, CameraError) as error:
-            errors.append(error)
-    described.append(f"answers {assignment.covered}")
-    if not errors:
-        return Checked([], _list_notes(opened, truths, assignment, scored), described)
-    notes += [*assignment.notes, *(note for one in scored for note in one.notes)]
-    return Checked(errors, notes, described)
+            found.errors.append(error)
+    found.described.append(f"answers {assignment.covered}")
+    found.notes = _list_notes(opened, truths, assignment, scored)
+    return found
 
 
-def _describe(opened: OpenedPredictions) -> list[str]:
+def _describe(opened: ReadPredictions) -> list[str]:
     what = f"{opened.protocol.track} predictions for {opened.protocol.name}"
     if opened.reader is None:
         return [what]
-    reader = READERS.get(opened.reader.name)
+    reader = READERS.get(opened.reader)
     writers = f" ({', '.join(reader.methods)})" if reader.methods else ""
-    what = f"{reader.title}{writers}: {what}, read by --reader {opened.reader.name}"
-    return [what, *(f"taken to be so: {convention}" for convention in opened.reader.conventions)]
+    what = f"{reader.title}{writers}: {what}, read by --reader {opened.reader}"
+    return [what, *(f"taken to be so: {convention}" for convention in opened.conventions)]
 
 
 def run_baseline(
@@ -259,14 +246,13 @@ def run_baseline(
 
 
 def write_template(
-    protocol: str, *, data: Path, out: Path | None = None, kind: str | None = None, seed: int = 0
+    protocol: str, *, data: Path, out: Path | None = None, kind: str | None = None
 ) -> tuple[Path, str]:
     """Write an example prediction for a protocol, at random; return where, and what takes it."""
     chosen = find_protocol(protocol, data)
     info = TRACKS.get(chosen.track)
     if kind is not None and kind not in info.templates:
-        expected = " or ".join(info.templates) or "no --kind"
-        raise UsageError(f"templates of {info.name} have no kind {kind!r}", expected=expected)
+        raise UsageError(f"templates of the {info.name} track have no kind {kind!r}")
     target = out or Path("template" if info.folders else "template.npz")
     if not info.folders:
         check_npz(target)
@@ -274,8 +260,7 @@ def write_template(
         what = "is there already, and could be a prediction"
         raise UsageError(what, where=target, fix="name another place with --out")
     benchmark, truths = read_truths(chosen, data, sealed=True)
-    kind = kind or (*info.templates, "")[0]
-    load_track(info.name).template(target, truths, chosen, kind, seed)
+    load_track(info.name).template(target, truths, chosen, kind or (*info.templates, "")[0])
     return target, "check" if benchmark.is_sealed else f"eval {info.name}"
 
 
@@ -288,18 +273,16 @@ def check_run_folder(out: Path, predictions: str | Path) -> list[str]:
     Return the names of the entries that runs of any track leave, the folder of figures last.
     """
     tracks = [TRACKS.get(name) for name in TRACKS.names()]
-    files = [_RESULT, "records.csv", *(name for info in tracks for name in info.files)]
-    check_output_folder(out, files)
+    names = [_RESULT, "records.csv", *(name for info in tracks for name in info.files)]
+    files.check_output_folder(out, names)
     source, is_run = Path(predictions).resolve(), (out / _RESULT).exists()
-    for name in (*files, "figures"):
+    for name in (*names, "figures"):
         is_own = name == "figures" and (out / name).exists() and not is_run
         if is_own or source.is_relative_to(out.resolve() / name):
-            raise UsageError(
-                f"the run would replace {name}, which no run wrote",
-                where=out / name,
-                fix="move it elsewhere, or name another --out",
-            )
-    return [*files, "figures"]
+            what = f"the run would replace {name}, which no run wrote"
+            fix = "move it elsewhere, or name another --out"
+            raise UsageError(what, where=out / name, fix=fix)
+    return [*names, "figures"]
 
 
 def save(
@@ -307,48 +290,12 @@ def save(
 ) -> list[Path]:
     """Write the files of a run into a folder, in place of an earlier run's."""
     names = check_run_folder(folder, evaluation.opened.predictions.path)
-    with atomic_entries(folder, names) as staged:
+    with files.atomic_entries(folder, names) as staged:
         checksum = write_csv(evaluation.records, staged / "records.csv")
         result = evaluation.result.with_records(checksum)
-        write_result(staged / _RESULT, result)
+        results.write_result(staged / _RESULT, result)
         for name, write in TRACKS.get(result.track).files.items():
             resolve(write)(evaluation, staged / name)
         if draw is not None:
             draw(staged)
         return [folder / name for name in names[:-1] if (staged / name).exists()]
-
-
-@dataclass(frozen=True)
-class SceneStore:
-    """Keeps the scores of scenes in a folder, under the fingerprint of their run."""
-
-    folder: Path
-    run: str
-
-    def load(self, scene: str) -> SceneScores | None:
-        """Return what this run has kept of a scene, if it is there and whole."""
-        try:
-            records = pd.read_parquet(self._place(scene))
-            rest, records.attrs = records.attrs, {}
-            return SceneScores(records, **(rest | {"notes": tuple(rest["notes"])}))
-        except (OSError, ValueError, KeyError, TypeError):  # there is none, or it is damaged
-            return None
-
-    def save(self, scene: str, scored: SceneScores) -> None:
-        """Keep the scores of a scene, without what figures show of it."""
-        records = scored.records.copy(deep=False)
-        names = ("counts", "kind", "notes", "facts")
-        records.attrs = {name: getattr(scored, name) for name in names}
-        with atomic_write(self._place(scene)) as stream:
-            records.to_parquet(stream)
-
-    def remove(self) -> None:
-        """Remove what is kept, and nothing else."""
-        with suppress(OSError):  # there is none, or something else is in it
-            for path in self.folder.iterdir():
-                if path.name.endswith((_SCENE, PART)):
-                    path.unlink()
-            self.folder.rmdir()
-
-    def _place(self, scene: str) -> Path:
-        return self.folder / (fingerprint([self.run, scene])[:32] + _SCENE)

@@ -11,10 +11,8 @@ from typing import Any, Literal
 class Baseline:
     """A plain method that needs no weights.
 
-    `settings`, and `demo` for the demonstration, are dataclasses; the command line changes the
-    fields max_features, long_side_px and doubled. `predict` is a ``module:function``: it takes
-    protocol, benchmark, settings, the path to write to, `Run`, and a callable for notes. The rest
-    is for tables and the help.
+    `predict` is a ``module:function`` of protocol, benchmark, settings, the path to write to, `Run`
+    and a callable for notes. `settings`, and `demo` for the demonstration, are dataclasses.
     """
 
     method: str
@@ -39,11 +37,9 @@ class TrackInfo:
     folders: bool = False  # whether predictions can be a folder, as templates then are
     fields: tuple[str, ...] = ()  # fields of an ``.npz`` that no other track has
     jobs: int = 2  # threads that ``eval`` takes by default
-    # What ``eval --figures`` does: a ``module:function`` that takes the `evaluate.Evaluation`,
-    # `Run` and the output folder, and writes into ``figures`` there.
+    # A ``module:function`` of the `Evaluation`, `Run` and output folder: draws ``eval --figures``.
     figures: str = ""
     baseline: Baseline | None = None
-    # What a run writes beside result.json and records.csv: by its name the ``module:function`` to
-    # call with the `evaluate.Evaluation` and the path.
+    # More files of a run, by name: a ``module:function`` of the `Evaluation` and the path.
     files: Mapping[str, str] = field(default_factory=dict)
     templates: tuple[str, ...] = ()  # what they can hold, the default first; () without a choice

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import partial
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.benchmark.queries import conditions_of
+from airzoo_bench.core import files
 from airzoo_bench.core.errors import (
     BenchmarkError,
     PredictionError,
@@ -28,34 +28,13 @@ from airzoo_bench.core.errors import (
     counted,
     first_of,
 )
-from airzoo_bench.core.files import (
-    atomic_write,
-    npz_fields,
-    sha256_of,
-    temporary_folder,
-    write_npz,
-)
-from airzoo_bench.core.ids import rows_among
 from airzoo_bench.core.registry import READERS, TRACKS, load_track
 from airzoo_bench.core.sandbox import call_limited
 from airzoo_bench.core.validation import nearest
-from airzoo_bench.evaluation.track import (
-    Assignment,
-    Predictions,
-    Run,
-    ScenePredictions,
-    Track,
-    Truth,
-)
-from airzoo_bench.formats.arrays import Arrays, check_fields, protocol_name, texts
+from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, Track
+from airzoo_bench.formats.arrays import Arrays, check_fields, protocol_name, rows_among, texts
 from airzoo_bench.formats.npz import NpzFile
-from airzoo_bench.protocol.model import (
-    Protocol,
-    find_protocol,
-    prepared_protocols,
-    protocol_files,
-)
-from airzoo_bench.results.result import ReaderUsed
+from airzoo_bench.protocol import model as protocols
 
 C = TypeVar("C")
 
@@ -64,7 +43,6 @@ SURE = 0.5
 
 _SURE_OF_TRACK = 0.25  # the same where its track is the one that is asked for
 _SHOWN = 3
-_SHOWN_LETTERS = 80
 
 
 # --- predictions with a row a query, of all scenes in one file ---
@@ -88,7 +66,7 @@ class QueryPart(NamedTuple):
 
 
 def assign_queries(
-    predictions: QueryPredictions[Any], truths: Sequence[Any], protocol: Protocol
+    predictions: QueryPredictions[Any], truths: Sequence[Any], protocol: protocols.Protocol
 ) -> Assignment:
     """Find the row that answers each query."""
     ids, notes = predictions.query_ids, []
@@ -102,21 +80,18 @@ def assign_queries(
             expected=f"ids such as {asked[0]}: scenes as the protocol has them, no file's ending",
             fix="name the right protocol with --protocol; `airzoo-bench template` writes the ids",
         )
-    missing, strange = asked[found < 0], np.delete(ids, found[found >= 0])
+    missing, extra = asked[found < 0], np.delete(ids, found[found >= 0])
     ends = np.cumsum([len(some) for some in wanted])[:-1]
     parts = [QueryPart(predictions, rows) for rows in np.split(found, ends)]
     if missing.size:
         named = first_of(missing, len(asked), _SHOWN)
         notes.append(f"queries that the predictions lack, scored at their worst: {named}")
-    if strange.size:
-        shown = [
-            repr(name[:_SHOWN_LETTERS]) + nearest(name, missing.tolist(), 1)
-            for name in strange[:_SHOWN].tolist()
-        ]
-        named = first_of([*shown, *strange[_SHOWN:]], shown=_SHOWN)
+    if extra.size:
+        meant = [repr(x[:80]) + nearest(x, missing.tolist(), 1) for x in extra[:_SHOWN].tolist()]
+        named = first_of([*meant, *extra[_SHOWN:]], shown=_SHOWN)
         notes.append(f"ids of the predictions that are no queries, left aside: {named}")
     covered = f"{len(asked) - len(missing):,} of {counted(len(asked), 'query')}"
-    return Assignment(parts, covered, notes, len(strange))
+    return Assignment(parts, covered, notes, len(extra))
 
 
 class Fields(NamedTuple, Generic[C]):
@@ -153,8 +128,8 @@ def check_npz(out: Path) -> None:
 
 def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write the arrays of predictions and the name of their protocol as one ``.npz``."""
-    with atomic_write(out) as stream:
-        write_npz(stream, {"protocol": np.array(protocol), **arrays})
+    with files.atomic_write(out) as stream:
+        files.write_npz(stream, {"protocol": np.array(protocol), **arrays})
 
 
 # --- readers of the files that methods write ---
@@ -162,37 +137,49 @@ def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The input of a reader besides the path.
+    """How a method's own files are to be read, and all that their reader knows beside the path.
 
-    `truths` are those of the protocol's scenes, perhaps sealed: readers take names of queries,
-    tiles and photos from them, and nothing else. `names` is a list of image names, a line each, in
-    the order in which the method saw them; `image_size` that of the pictures that a matcher was
-    given, for files that do not state it. Predictions may name any folder of the computer: only
-    what lies in `folders`, or below the predictions, may be listed for them. `scenes` are those of
-    the benchmark, also without the protocol: a path that names one of them is of no other.
+    People may give the name of a `reader`, else it is found from the files; `names`, a list of
+    images, a line each, in the order in which the method saw them; and `image_size`, such as
+    "640x480", of the pictures that a matcher was given, for files that do not state it.
+    From `truths`, in the protocol's order and perhaps sealed, readers take names of queries, tiles
+    and photos, and nothing else. Predictions may name any folder of the computer: only files in
+    `folders`, or below the predictions, may be listed for them. `scenes` are all of the benchmark:
+    a path that names one of them is of no other.
     """
 
-    protocol: Protocol
-    truths: Sequence[Any]
-    names: Path | None
-    memory_bytes: int
+    reader: str | None = None
+    names: Path | None = None
+    image_size: str | None = None
+    protocol: Any = None
+    truths: Sequence[Any] = ()
+    memory_bytes: int = 0
     folders: tuple[Path, ...] = ()
     scenes: tuple[str, ...] = ()
-    image_size: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class ReadPredictions:
-    """Predictions as a reader has read them.
+    """Predictions as a reader has read them, or as their track has opened them.
 
     `conventions` say for the result what was taken to be so: pixel centres, axes, quaternions.
-    `beside` are the files read besides the path; the result states their checksums.
+    `beside` are the files read besides the path; the result states their checksums. The rest is set
+    by `open_predictions`; `truths`, with their benchmark, are those that a reader was given.
     """
 
-    predictions: Predictions
-    conventions: tuple[str, ...]
+    predictions: Any
+    conventions: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     beside: tuple[Path, ...] = ()
+    reader: str | None = None
+    protocol: Any = None
+    truths: tuple[Benchmark, list[Any]] | None = None
+
+    @property
+    def track(self) -> Track:
+        """The track of the protocol."""
+        track: Track = load_track(self.protocol.track)
+        return track
 
 
 class Reader(ABC):
@@ -229,59 +216,23 @@ def reader_named(name: str) -> Reader:
 def find_reader(path: Path, track: str | None = None) -> str | None:
     """Return the name of the reader that recognises a path, if one does."""
     readers = {name: reader_named(name) for name in READERS.names()}
-    of_track = [name for name, one in readers.items() if one.track == track]
-    most: list[str] = []
-    for names, least in ((of_track, _SURE_OF_TRACK), (readers, SURE)):
-        if not most:
-            sure = {name: readers[name].recognise(path) for name in names}
-            best = max([least, *sure.values()])
-            most = [name for name, value in sure.items() if value == best]
-    if len(most) > 1:
-        raise UnreadableError(
-            f"could be {' or '.join(readers[name].title for name in most)}",
-            where=path,
-            fix=f"say which: {' or '.join(f'--reader {name}' for name in most)}",
-        )
-    return most[0] if most else None
+    of_track = {name: one for name, one in readers.items() if one.track == track}
+    for some, least in ((of_track, _SURE_OF_TRACK), (readers, SURE)):
+        sure = {name: one.recognise(path) for name, one in some.items()}
+        best = max([least, *sure.values()])
+        most = [name for name, value in sure.items() if value == best]
+        if len(most) > 1:
+            what = f"could be {' or '.join(readers[name].title for name in most)}"
+            fix = f"say which: {' or '.join(f'--reader {name}' for name in most)}"
+            raise UnreadableError(what, where=path, fix=fix)
+        if most:
+            return most[0]
+    return None
 
 
 # --- opening ---
 
-
-@dataclass(frozen=True)
-class ReaderOptions:
-    """How predictions in a method's own files are to be read: see `Reading`.
-
-    The reader is found from the files where none is named; `image_size` is such as "640x480".
-    """
-
-    reader: str | None = None
-    names: Path | None = None
-    image_size: str | None = None
-
-
-HERE, AS_FOUND = Run(), ReaderOptions()
-
-
-@dataclass(frozen=True, eq=False)
-class OpenedPredictions:
-    """Predictions, opened, with their protocol.
-
-    `reader` read a method's own files, and has `notes`; `truths` are the benchmark and its truths,
-    where the reader was given them.
-    """
-
-    predictions: Predictions
-    protocol: Protocol
-    reader: ReaderUsed | None = None
-    notes: tuple[str, ...] = ()
-    truths: tuple[Benchmark, list[Truth]] | None = None
-
-    @property
-    def track(self) -> Track:
-        """The track of the protocol."""
-        track: Track = load_track(self.protocol.track)
-        return track
+HERE, AS_FOUND = Run(), Reading()
 
 
 def open_predictions(
@@ -291,35 +242,49 @@ def open_predictions(
     track: str | None = None,
     protocol: str | None = None,
     run: Run = HERE,
-    read_by: ReaderOptions = AS_FOUND,
-) -> OpenedPredictions:
+    reading: Reading = AS_FOUND,
+) -> ReadPredictions:
     """Open predictions in this process, or in a child under limits where `run` has some."""
     if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
         raise UnreadableError("no such prediction file or folder", where=path, **_example())
     if run.limits is not None:
-        return _open_limited(path, data, protocol, run, track=track, read_by=read_by)
-    fields, stated, chosen = npz_fields(path), None, None
+        return _open_limited(path, data, protocol, run, track=track, reading=reading)
+    fields, stated, chosen = files.npz_fields(path), None, None
     if path.suffix == ".npz":  # other fields may be a method's own, which its reader opens
         stated = protocol_name(NpzFile(path, run.memory_bytes, fields - {"protocol"}))
     if protocol is not None or stated is not None:
         chosen = _choose_protocol(path, protocol, stated, track, data)
         track = chosen.track
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
-    name = read_by.reader or (None if is_own else find_reader(path, track))
-    if name is not None:
-        reader = reader_named(name)
-        if track not in (None, reader.track):
-            what = f"is {reader.title}, predictions of the {reader.track} track, not of {track}"
-            fix = f"those are scored by `airzoo-bench eval {reader.track} {path}`"
-            raise UnreadableError(what, where=path, fix=fix)
-        chosen = chosen or _choose_protocol(path, None, None, reader.track, data)
-        return _read_native(path, name, data, chosen, run, read_by)
-    track = track or _track_by_kind(path, fields)
-    predictions: Predictions = load_track(track).open(path, run.memory_bytes)
-    stated = predictions.protocol
-    return OpenedPredictions(
-        predictions, chosen or _choose_protocol(path, None, stated, track, data)
-    )
+    name = reading.reader or (None if is_own else find_reader(path, track))
+    if name is None:
+        track = track or _track_by_kind(path, fields)
+        predictions = load_track(track).open(path, run.memory_bytes)
+        chosen = chosen or _choose_protocol(path, None, predictions.protocol, track, data)
+        return ReadPredictions(predictions, protocol=chosen)
+    reader = reader_named(name)
+    if track not in (None, reader.track):
+        what = f"is {reader.title}, predictions of the {reader.track} track, not of {track}"
+        fix = f"those are scored by `airzoo-bench eval {reader.track} {path}`"
+        raise UnreadableError(what, where=path, fix=fix)
+    chosen = chosen or _choose_protocol(path, None, None, reader.track, data)
+    asked = replace(reading, reader=name, protocol=chosen, memory_bytes=run.memory_bytes)
+    return _read_native(path, reader, asked, data)
+
+
+def _read_native(path: Path, reader: Reader, asked: Reading, data: Path) -> ReadPredictions:
+    """Read what a method wrote."""
+    benchmark, truths = read_truths(asked.protocol, data, sealed=True)
+    scenes = tuple(scene.id for scene in benchmark.file.scenes)
+    reading = replace(asked, truths=truths, folders=benchmark.image_folders, scenes=scenes)
+    try:
+        read = reader.read(path, reading)
+    except IsADirectoryError as error:
+        raise UnreadableError(f"a folder, and so not {reader.title}", where=path) from error
+    beside = [*read.beside, *([asked.names] if asked.names else [])]
+    also = (f"read too: {one.name}, SHA-256 {files.sha256_of(one)}" for one in beside)
+    used: Any = {"reader": asked.reader, "protocol": asked.protocol, "truths": (benchmark, truths)}
+    return replace(read, conventions=(*read.conventions, *also), **used)
 
 
 def _example() -> dict[str, str]:
@@ -329,10 +294,10 @@ def _example() -> dict[str, str]:
 
 def _choose_protocol(
     path: Path, named: str | None, stated: str | None, track: str | None, data: Path
-) -> Protocol:
+) -> protocols.Protocol:
     """Return the protocol that was named, else the one that predictions state."""
     if named is None and stated is None:
-        there = " or ".join(prepared_protocols(str(track), data)[:3])
+        there = " or ".join(protocols.prepared_protocols(str(track), data)[:3])
         raise ProtocolError(
             "does not say which protocol it is for",
             where=path,
@@ -340,11 +305,9 @@ def _choose_protocol(
             fix=f"add --protocol {there}" if there else "`airzoo-bench protocols` lists them",
         )
     try:
-        chosen = find_protocol(named or str(stated), data)
+        chosen = protocols.find_protocol(named or str(stated), data)
     except ProtocolError as error:
-        if named is not None:
-            raise
-        raise error.inside(f"{path}, field 'protocol'") from error
+        raise error if named else error.inside(f"{path}, field 'protocol'") from None
     if track not in (None, chosen.track):
         what = f"protocol {chosen.name} is of the {chosen.track} track, not of the {track} track"
         raise PredictionError(what, where=path, fix=f"airzoo-bench eval {chosen.track} {path}")
@@ -362,8 +325,8 @@ def _track_by_kind(path: Path, fields: frozenset[str]) -> str:
 
 
 def read_truths(
-    protocol: Protocol, data: Path, *, sealed: bool = False
-) -> tuple[Benchmark, list[Truth]]:
+    protocol: protocols.Protocol, data: Path, *, sealed: bool = False
+) -> tuple[Benchmark, list[Any]]:
     """Find the benchmark of a protocol, and read the truth of its scenes, in its order."""
     benchmark = find_benchmark(protocol.benchmark, data, sealed=sealed)
     benchmark.check_fits(protocol)
@@ -371,10 +334,10 @@ def read_truths(
         return benchmark, [read_truth(benchmark, protocol, one.id) for one in protocol.scenes]
 
 
-def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
+def read_truth(benchmark: Benchmark, protocol: protocols.Protocol, scene: str) -> Any:
     """Read the truth of a scene, and refuse conditions that have the name of another column."""
     track = load_track(protocol.track)
-    truth: Truth = track.truth(benchmark, scene)
+    truth = track.truth(benchmark, scene)
     taken = {*track.recorded, *(score.key for score in track.scores(protocol))}
     for name in conditions_of(truth.queries).columns if hasattr(truth, "queries") else ():
         if any(fnmatchcase(name, one) for one in taken):
@@ -386,92 +349,47 @@ def read_truth(benchmark: Benchmark, protocol: Protocol, scene: str) -> Truth:
     return truth
 
 
-def _read_native(
-    path: Path, name: str, data: Path, chosen: Protocol, run: Run, read_by: ReaderOptions
-) -> OpenedPredictions:
-    """Read what a method wrote."""
-    reader, size = reader_named(name), None
-    if read_by.image_size is not None:
-        size = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", read_by.image_size)
-        if size is None:
-            what = f"{read_by.image_size[:40]!r} is no size of a picture"
-            expected = "width and height, as 640x480"
-            raise UsageError(what, where="--image-size", expected=expected)
-    benchmark, truths = read_truths(chosen, data, sealed=True)
-    reading = Reading(
-        chosen,
-        truths,
-        read_by.names,
-        run.memory_bytes,
-        folders=benchmark.image_folders,
-        scenes=tuple(scene.id for scene in benchmark.file.scenes),
-        image_size=None if size is None else (float(size[1]), float(size[2])),
-    )
-    try:
-        read = reader.read(path, reading)
-    except IsADirectoryError as error:
-        raise UnreadableError(f"a folder, and so not {reader.title}", where=path) from error
-    beside = [*read.beside, *([read_by.names] if read_by.names else [])]
-    also = (f"read too: {one.name}, SHA-256 {sha256_of(one)}" for one in beside)
-    used = ReaderUsed(name=name, conventions=(*read.conventions, *also))
-    return OpenedPredictions(read.predictions, chosen, used, read.notes, (benchmark, truths))
-
-
 # --- predictions of strangers, which a child reads ---
 
 
 def _open_limited(
     path: Path, data: Path, protocol: str | None, run: Run, **asked: Any
-) -> OpenedPredictions:
+) -> ReadPredictions:
     # In a container the child does not see the folder of benchmarks, which has their truth.
-    stated = protocol_files(data).get(protocol or "", protocol)
+    stated = protocols.protocol_files(data).get(protocol or "", protocol)
     request = {"path": path, "data": data, "protocol": stated, **asked}
-    request["memory_bytes"] = run.memory_bytes
-    predictions, reader, notes = _open_in_child(request, path, run)
-    if isinstance(predictions, ScenePredictions):
-        opened = partial(_open_scene_limited, request, path, run)
-        entries = {scene: partial(opened, scene) for scene in predictions.entries}
-        predictions = replace(predictions, entries=entries)
-    chosen = find_protocol(protocol or predictions.protocol, data)
-    used = None if reader is None else ReaderUsed.model_validate(reader)
-    return OpenedPredictions(predictions, chosen, used, tuple(notes))
+    call = partial(_call_child, request, path, run)
+    with call() as opened:
+        found = opened.predictions
+    if isinstance(found, ScenePredictions):  # others open each scene
+        found = replace(found, entries={scene: partial(call, scene) for scene in found.entries})
+    chosen = protocols.find_protocol(protocol or opened.protocol, data)
+    return replace(opened, predictions=found, protocol=chosen)  # type: ignore[no-any-return]
 
 
-def _open_scene_limited(
-    request: Mapping[str, Any], path: Path, run: Run, scene: str, limit_bytes: int, sampling: Any
-) -> AbstractContextManager[Any]:
-    how = {"scene": scene, "limit_bytes": limit_bytes, "sampling": sampling}
-    return nullcontext(_open_in_child({**request, **how}, path, run))
-
-
-def _open_in_child(request: Mapping[str, Any], path: Path, run: Run) -> Any:
-    """Call `open_here` in a child; its files stay for as long as the predictions."""
+def _call_child(request: Mapping[str, Any], path: Path, run: Run, *scene: Any) -> Any:
+    """Call `open_in_child` in a child; its files stay for as long as the predictions."""
+    arguments = {"memory_bytes": run.memory_bytes, "scene": scene, **request}
     assert run.limits is not None
     with ExitStack() as stack:
         parent = Path(tempfile.gettempdir())
-        folder = stack.enter_context(temporary_folder(parent, "airzoo-bench"))
-        place = f"{__name__}:open_here"
-        found = call_limited(place, request, where=path, limits=run.limits, folder=folder)
-        owner = found[0] if isinstance(found, list) else found
+        folder = stack.enter_context(files.temporary_folder(parent, "airzoo-bench"))
+        place = f"{__name__}:open_in_child"
+        found = call_limited(place, arguments, where=path, limits=run.limits, folder=folder)
+        owner = found.predictions if isinstance(found, ReadPredictions) else found
         weakref.finalize(owner, stack.pop_all().close)
-        return found
+        return nullcontext(found)
 
 
-def open_here(
-    memory_bytes: int,
-    protocol: Path | str | None,
-    scene: str | None = None,
-    limit_bytes: int = 0,
-    sampling: Any = None,
-    **request: Any,
+def open_in_child(
+    memory_bytes: int, scene: Sequence[Any], protocol: Path | str | None, **request: Any
 ) -> Any:
-    """Open predictions, in the child: one scene, or all, with their reader and its notes."""
+    """Open all predictions, whose scenes are only listed, or one scene, its limit and sampling."""
     named = None if protocol is None else str(protocol)
     opened = open_predictions(run=Run(memory_bytes), protocol=named, **request)
     found: Any = opened.predictions
-    if scene is not None:
-        return found.entries[scene](limit_bytes, sampling)
-    if isinstance(found, ScenePredictions):  # the parent has others open each scene
-        listed: Any = dict.fromkeys(found.entries)
-        found = replace(found, entries=listed)
-    return [found, opened.reader and opened.reader.model_dump(mode="json"), list(opened.notes)]
+    if scene:
+        return found.entries[scene[0]](*scene[1:])
+    if isinstance(found, ScenePredictions):
+        found = replace(found, entries=dict.fromkeys(found.entries))  # type: ignore[arg-type]
+    return replace(opened, predictions=found, protocol=opened.protocol.name, truths=None)

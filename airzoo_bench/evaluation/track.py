@@ -1,15 +1,8 @@
 """The contract of tracks: how predictions are opened, matched to the truth and scored.
 
 A track is a folder of the package with an ``info.py`` (a `TrackInfo`, which the registry names and
-the help shows) and a ``track.py`` (a `Track`, imported when something is scored). Scoring goes
-
-    predictions = track.open(path, memory_bytes)
-    truths = [track.truth(benchmark, scene) for scene in scenes]
-    assignment = track.assign(predictions, truths, protocol)
-    scored = [track.score(part, truth, protocol, run) for part, truth in zip(assignment.parts, ...)]
-    notes = track.notes(predictions, truths, protocol, scored)
-
-and `evaluate.evaluate` makes a result of it; its numbers all come from `SceneScores.records`.
+the help shows) and a ``track.py`` (a `Track`, imported when something is scored). `evaluate`
+calls open, truth, assign, score and notes, in this order, and makes a result of their records.
 """
 
 from __future__ import annotations
@@ -32,32 +25,19 @@ from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Reference, ScoreColumn
 
-Predictions = Any
-"""A prediction file or folder, opened: its `path`, and the `protocol` that it names, or None.
-
-A child process that reads what strangers wrote hands it to its parent by its fields, so it is a
-dataclass of texts, numbers, arrays, paths, and dataclasses of these; or `ScenePredictions`.
-"""
-
-Truth = Any
-"""The truth of a `scene`, and the `fingerprint` over all that scores depend on, by SHA-256.
-
-Of a track with queries it has `queries`, a table with their ids.
-"""
-
 
 @dataclass(frozen=True)
 class ScenePredictions:
     """Predictions that are listed when they are opened, and read a scene at a time.
 
     An entry opens a scene for as long as it is used; it takes the bytes that the scene may hold,
-    and how meshes become points. It opens a dataclass, as of `Predictions`; what is not in memory
+    and how meshes become points. It opens a dataclass, as `Track.open` does; what is not in memory
     has a method ``stored(folder)``, which writes it to files and returns it as read from there.
     """
 
     path: Path
     entries: Mapping[str, Callable[[int, Any], AbstractContextManager[Any]]]
-    unknown_files: tuple[str, ...] = ()  # of no scene
+    extra_files: tuple[str, ...] = ()  # of no scene
     protocol: str | None = None  # that they name
 
 
@@ -65,15 +45,15 @@ class ScenePredictions:
 class Assignment:
     """Which part of the predictions is for which scene.
 
-    `parts` are given to `Track.score`, in the order of the scenes; one is None where its scene is
-    refused, and `errors` say why. `covered` says how much is answered, such as ``15 of 18
-    queries``, `notes` what is missing or ignored, `strange` how many ids the benchmark lacks.
+    `parts` are in the order of the scenes; one is None where its scene is refused, and `errors` say
+    why. `covered` says how much is answered, such as ``15 of 18 queries``, `notes` what is missing
+    or ignored, `extra_queries` how many ids, or scenes, the benchmark lacks.
     """
 
     parts: list[Any] = field(default_factory=list)
     covered: str = ""
     notes: list[str] = field(default_factory=list)
-    strange: int = 0
+    extra_queries: int = 0
     errors: list[PredictionError] = field(default_factory=list)
 
 
@@ -81,16 +61,15 @@ class Assignment:
 class SceneScores:
     """The scores of a scene; ``eval --resume`` keeps all of it but `details`.
 
-    `records` have a row a query or cloud. `counts` and `kind`, what the predictions hold, stand in
-    the result. `notes` are for readers of the scores; `facts` are plain values, as JSON has them,
-    for `Track.notes` and `TrackInfo.files`. Figures show `details`, which are None unless
-    `Run.keep`.
+    `records` have a row a query or cloud; `counts` and `kind`, what the predictions hold, are part
+    of the result. `facts` are plain values for `Track.notes` and `TrackInfo.files`. `details` are
+    for figures, None unless `Run.keep`.
     """
 
     records: pd.DataFrame = field(default_factory=pd.DataFrame)
     counts: dict[str, int] = field(default_factory=dict)
     kind: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
     facts: dict[str, Any] = field(default_factory=dict)
     details: Any = None
 
@@ -99,9 +78,9 @@ class SceneScores:
 class Run:
     """Memory, processes and options of a run; no number depends on them.
 
-    `memory_bytes` is the most that a prediction file may take, `jobs` the number of threads or
-    processes (on a cluster, of threads of each worker). With `keep`, scenes keep what figures show.
-    `limits` are those of the child that reads predictions of strangers; None reads them here.
+    `memory_bytes` is the most that a prediction file may take, `jobs` the number of threads (on a
+    cluster, of each worker). With `keep`, scenes keep what figures show. `limits` are those of the
+    child that reads predictions of strangers; None reads them here.
     """
 
     memory_bytes: int = 2 << 30
@@ -121,10 +100,8 @@ class Run:
 class Track(ABC):
     """A track; ``Any`` marks types of its own.
 
-    Methods take what others return: `predictions` of `open`, `truths` of all scenes in the
-    protocol's order, a `part` of `Assignment.parts`, and what was `scored` by `score` or `check`.
-    `memory_bytes` is the most that reading may hold. Patterns (as of `fnmatch`) of `recorded` name
-    the columns of records that are neither scores nor conditions of the queries.
+    A `part` is one of `Assignment.parts`; truths are in the protocol's order. Patterns (as of
+    `fnmatch`) of `recorded` name the columns of records that are neither scores nor conditions.
     """
 
     info: ClassVar[TrackInfo]
@@ -133,18 +110,23 @@ class Track(ABC):
 
     @abstractmethod
     def open(self, path: Path, memory_bytes: int) -> Any:
-        """Open predictions in the suite's own layout; anything else raises PredictionError."""
+        """Open predictions in the suite's own layout; anything else raises PredictionError.
+
+        They have a `path`, and the `protocol` that they name, or None. They are `ScenePredictions`,
+        or a dataclass of texts, numbers, arrays, paths, and dataclasses of these, as the child that
+        reads what strangers wrote hands it to its parent.
+        """
 
     @abstractmethod
     def truth(self, benchmark: Benchmark, scene: str) -> Any:
-        """Read the truth of a scene from a benchmark folder, sealed or not."""
+        """Read the truth of a scene from a benchmark folder, sealed or not.
+
+        It has `scene`, `fingerprint`, of all that scores depend on, and `queries`, a table, if any.
+        """
 
     @abstractmethod
     def assign(self, predictions: Any, truths: Sequence[Any], protocol: Any) -> Assignment:
-        """Assign predictions to scenes, and find the errors that are found quickly.
-
-        Predictions for another benchmark raise PredictionError.
-        """
+        """Assign predictions to scenes; those for another benchmark raise PredictionError."""
 
     @abstractmethod
     def score(self, part: Any, truth: Any, protocol: Any, run: Run) -> SceneScores:
@@ -152,16 +134,10 @@ class Track(ABC):
 
     @abstractmethod
     def scores(self, protocol: Any) -> list[ScoreColumn]:
-        """Return the scores that are columns of the records.
-
-        Records may lack some, but no headline; a scene without a column of others is worst there.
-        """
+        """Return the columns of scores; where a scene lacks one that others have, it is worst."""
 
     def check(self, part: Any, truth: Any, protocol: Any, run: Run) -> SceneScores:
-        """Look for errors of a scene without scoring it.
-
-        Records may be empty; counts, notes and facts are as of `score`. `truth` may be sealed.
-        """
+        """Find errors of a scene, whose truth may be sealed; records may be empty."""
         return self.score(part, truth, protocol, run)
 
     def notes(
@@ -174,8 +150,6 @@ class Track(ABC):
         """Return scores that need no method, such as chance, by the name that tables print."""
         return {}
 
-    def template(
-        self, out: Path, truths: Sequence[Any], protocol: Any, kind: str, seed: int
-    ) -> None:
+    def template(self, out: Path, truths: Sequence[Any], protocol: Any, kind: str) -> None:
         """Write an example prediction at random, of one of the kinds of `TrackInfo.templates`."""
         raise UsageError(f"the {self.info.name} track has no template")

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
@@ -47,12 +49,9 @@ def open_arrays(path: Path, limit_bytes: int, columns: tuple[str, ...] = ()) -> 
     if path.suffix == ".parquet" and columns and not path.is_dir():
         opened: Arrays = resolve(_PARQUET)(path, limit_bytes, columns)
         return opened
-    raise UnreadableError(
-        "a folder" if path.is_dir() else f"unknown kind of prediction file {path.suffix!r}",
-        where=path,
-        expected=".npz or .parquet" if columns else ".npz",
-        fix=_TEMPLATE,
-    )
+    what = "a folder" if path.is_dir() else f"unknown kind of prediction file {path.suffix!r}"
+    expected = ".npz or .parquet" if columns else ".npz"
+    raise UnreadableError(what, where=path, expected=expected, fix=_TEMPLATE)
 
 
 def check_fields(
@@ -66,14 +65,10 @@ def check_fields(
         fields = "field" if len(missing) == 1 else "fields"
         what = f"lacks the {fields} {', '.join(missing)} (it has: {there})"
         raise PredictionError(what, where=arrays.path, expected=expected, fix=_TEMPLATE)
-    unknown = {name for name in names if name not in allowed}
-    if unknown:
-        raise PredictionError(
-            f"has fields that are not read here: {_list_names(unknown, allowed)}",
-            where=arrays.path,
-            expected="only " + ", ".join(allowed),
-            fix="rename or leave them out; a misspelt field would otherwise be passed over",
-        )
+    if unknown := names - set(allowed):  # a misspelt one would otherwise be passed over
+        what = f"has fields that are not read here: {_list_names(unknown, allowed)}"
+        expected = "only " + ", ".join(allowed)
+        raise PredictionError(what, where=arrays.path, expected=expected, fix="leave them out")
 
 
 def _list_names(names: Collection[str], known: Collection[str]) -> str:
@@ -88,12 +83,9 @@ def protocol_name(arrays: Arrays) -> str | None:
     name = str(value.reshape(-1)[0]) if value.dtype.kind == "U" and value.size == 1 else "/"
     if len(name) > _LONGEST_NAME or {"/", "\\"} & set(name) or name.endswith(".toml"):
         # A file from a stranger must not choose which file of this computer is read.
-        raise PredictionError(
-            f"field 'protocol' is {str(value)[:80]!r}, which is no protocol's name",
-            where=arrays.path,
-            expected="one text, such as protocol='uav-visloc-retrieval'",
-            fix="name a protocol's file with --protocol",
-        )
+        what = f"field 'protocol' is {str(value)[:80]!r}, which is no protocol's name"
+        fix = "np.array('uav-visloc-retrieval'), or name a protocol's file with --protocol"
+        raise PredictionError(what, where=arrays.path, fix=fix)
     return name
 
 
@@ -173,12 +165,8 @@ def check_length(arrays: Arrays, name: str, values: NDArray[Any], rows: int) -> 
     """Refuse a field that does not have a row for each id."""
     if len(values) != rows:
         ids = "gallery_ids" if name.startswith("gallery") else "query_ids"
-        raise PredictionError(
-            f"field '{name}' has {counted(len(values), 'row')}, '{ids}' has {rows:,}",
-            where=arrays.path,
-            expected="a row an id, in the same order",
-            fix="write the rows and their ids together",
-        )
+        what = f"field '{name}' has {counted(len(values), 'row')}, '{ids}' has {rows:,}"
+        raise PredictionError(what, where=arrays.path, expected="a row an id, in the same order")
 
 
 def row_blocks(
@@ -220,3 +208,34 @@ def gather(places: Sequence[object], read: Callable[[int], NDArray[Any]]) -> NDA
             raise PredictionError(what, where=place, expected=expected)
         whole[row] = one
     return whole
+
+
+# --- ids of queries and tiles: scene/name ---
+
+
+def check_ids(ids: NDArray[np.str_], where: str) -> None:
+    """Refuse ids without a scene or a name, repeated ids, and none."""
+    place = np.char.find(ids, "/")
+    unscened = ids[(place <= 0) | (place == np.char.str_len(ids) - 1)]
+    unique, counts = np.unique(ids, return_counts=True)
+    faults = {"without a scene or a name": unscened, "more than once": unique[counts > 1]}
+    for fault, wrong in faults.items():
+        if wrong.size or not ids.size:
+            listed = first_of(map(repr, wrong.tolist()), len(ids))
+            what = f"ids {fault}: {listed}" if ids.size else "holds no id"
+            expected = "scene/name, such as city/DJI_0001, each once"
+            raise PredictionError(what, where=where, expected=expected)
+
+
+def rows_among(names: NDArray[np.str_], known: NDArray[np.str_]) -> NDArray[np.intp]:
+    """Return the row of each name among known ones, -1 for the others."""
+    letters = max(1, *(texts.dtype.itemsize // 4 for texts in (names, known)))
+
+    def as_bytes(texts: NDArray[np.str_]) -> Any:
+        # A text in NumPy ends in as many NUL as it is shorter: values of one width are compared.
+        filled = np.ascontiguousarray(texts, f"<U{letters}")
+        parts = [None, pa.py_buffer(filled)]
+        return pa.FixedSizeBinaryArray.from_buffers(pa.binary(letters * 4), len(filled), parts)
+
+    found = pc.index_in(as_bytes(names), value_set=as_bytes(known))
+    return np.asarray(pc.fill_null(found, -1).to_numpy(), np.intp)

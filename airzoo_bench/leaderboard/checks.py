@@ -19,7 +19,7 @@ from airzoo_bench.core.errors import (
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
-from airzoo_bench.evaluation.predictions import ReaderOptions
+from airzoo_bench.evaluation.predictions import Reading
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
@@ -59,8 +59,8 @@ class CheckedSubmission:
         if given is None or self.predictions is None:
             raise BenchmarkError("the predictions are not here; add --fetch", where=self.folder)
         names: Any = {"protocol": given.protocol, "method": given.method}
-        read_by = ReaderOptions(given.predictions.reader)
-        scored = evaluate(self.predictions, data=data, **names, run=run, read_by=read_by)
+        reading = Reading(given.predictions.reader)
+        scored = evaluate(self.predictions, data=data, **names, run=run, reading=reading)
         check_pipeline(given, scored.result)
         return scored
 
@@ -90,8 +90,8 @@ def check_submission(
         _check_place(place, given, board, data)
         found.predictions = _find_predictions(folder, given, board.limits, data, seconds)
         if (path := found.predictions) is not None:
-            read_by = ReaderOptions(given.predictions.reader)
-            checked = check(path, data=data, protocol=given.protocol, run=run, read_by=read_by)
+            reading = Reading(given.predictions.reader)
+            checked = check(path, data=data, protocol=given.protocol, run=run, reading=reading)
             found.errors += checked.errors
             found.warnings += checked.notes
     except BenchmarkError as error:

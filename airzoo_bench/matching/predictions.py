@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.ids import PHOTO_SUFFIXES, check_ids
 from airzoo_bench.evaluation.predictions import Fields, QueryPredictions, read_fields
-from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays
+from airzoo_bench.formats.arrays import Arrays, check_ids, check_length, numbers, open_arrays
+from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.geometry.precision import COARSEST_M, centre_errors_m, narrow_type, pose_errors_m

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import as_floating, check_fields, gather, temporary_array, texts
 from airzoo_bench.formats.foreign_arrays import Hdf5File, dataset_names, mat_names, read_mat
 from airzoo_bench.formats.npz import NpzFile, map_numbers
+from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 from airzoo_bench.readers.names import ImageNames, folders_of, names_in, query_names, scene_finder
 from airzoo_bench.retrieval.predictions import Descriptors, RetrievalPredictions
 from airzoo_bench.retrieval.truth import RetrievalTruth
@@ -129,7 +129,7 @@ def join(
 
 def describe_metric(reading: Reading) -> str:
     """Say how descriptors are compared."""
-    metric = str(reading.protocol.scores.descriptor_metric)  # type: ignore[attr-defined]
+    metric = str(reading.protocol.scores.descriptor_metric)
     return f"descriptors are compared by {metric.replace('_', ' ')}, as the protocol says"
 
 

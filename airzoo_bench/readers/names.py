@@ -20,8 +20,8 @@ import pandas as pd
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.evaluation.predictions import Reading
+from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 
 _LIMIT_BYTES = 256 << 20
 _ENDINGS = {suffix.removeprefix(".") for suffix in (*PHOTO_SUFFIXES, ".npy", ".txt")}

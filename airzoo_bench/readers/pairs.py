@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -10,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from airzoo_bench.core.errors import PredictionError, counted
+from airzoo_bench.core.errors import PredictionError, UsageError, counted
 from airzoo_bench.core.files import first_bytes, npz_fields
 from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
 from airzoo_bench.formats.arrays import Arrays, numbers
@@ -93,7 +94,7 @@ class PairFiles(Reader):
         predictions = rows.predictions(left, pictures)
         notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
         size = reading.image_size
-        said = () if size is None else (f"pictures were {size[0]:g}x{size[1]:g} px: --image-size",)
+        said = () if size is None else (f"pictures were {size} px: --image-size",)
         return ReadPredictions(predictions, (*self.conventions, *said), notes)
 
 
@@ -145,7 +146,11 @@ def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
             ", or give --image-size WxH for files that do not state it",
         )
     if reading.image_size is not None:
-        return reading.image_size
+        size = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", reading.image_size)
+        if size is None:
+            what = f"{reading.image_size[:40]!r} is no size of a picture"
+            raise UsageError(what, where="--image-size", expected="such as 640x480")
+        return float(size[1]), float(size[2])
     values: Any = arrays.read(name)
     if values.dtype.kind not in "iu" or values.size != 2 or values.min() < 1:
         what = f"field {name!r} is {values.reshape(-1)[:4].tolist()}"

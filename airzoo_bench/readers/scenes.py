@@ -18,17 +18,19 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
-from airzoo_bench.core.ids import IMAGE_SUFFIXES
 from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.arrays import gather, texts
 from airzoo_bench.formats.npz import Budget, NpzFile
+from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.names import ImageNames, names_in, read_names
 from airzoo_bench.reconstruction.predictions import ScenePrediction, read_maps
 from airzoo_bench.reconstruction.truth import ReconstructionTruth
 
 _LOOKED_AT = 256
+_OTHERS = ".webp .bmp .gif .heic .heif .avif .jp2 .dng .ppm .pgm .exr"
+_IMAGES = (*PHOTO_SUFFIXES, *_OTHERS.split())
 _BY_NAME = "the scene's photos in the order of their names, which poses must fit"
 _IN_ORDER = "list the photos in the order in which the method was given them, a line each"
 CENTRES_AND_SIZE = (
@@ -56,7 +58,7 @@ class SceneOutput:
             names = self.photos(self.names_of_scene(read_names(listed)))
             return ViewNames(names, f"named by {listed.name}, in its order")
         names = [] if beside is None else [one.name for one in _children(beside)]
-        found = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
+        found = [name for name in names if name.lower().endswith(_IMAGES)]
         if beside is None or not found:
             return None
         said = f"named by the images in {beside.name}/, sorted by name"

@@ -15,9 +15,8 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
-from airzoo_bench.core.ids import rows_among
 from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
-from airzoo_bench.formats.arrays import row_blocks
+from airzoo_bench.formats.arrays import row_blocks, rows_among
 from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.readers.descriptors import (
     NamedRows,

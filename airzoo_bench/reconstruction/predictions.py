@@ -129,7 +129,7 @@ def open_reconstruction(path: Path) -> ScenePredictions:
         bundle = Bundle(path.parent, (member,))
         return ScenePredictions(path, {path.stem: partial(_open_entry, bundle, member, None)})
     bundle = open_bundle(path, _UNPACKED_BYTES)
-    wrapper, protocol, unknown_files = _outer_folder(bundle.members), None, []
+    wrapper, protocol, extra_files = _outer_folder(bundle.members), None, []
     found: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
@@ -137,19 +137,19 @@ def open_reconstruction(path: Path) -> ScenePredictions:
         if name == _PROTOCOL:
             protocol = _protocol_name(bundle, member)
         elif not kind:
-            unknown_files.append(name)
+            extra_files.append(name)
         elif found[kind].setdefault(scene, member) is not member:
             both = f"{found[kind][scene].name} and {member.name}"
             raise PredictionError(f"scene {scene!r} has two entries: {both}", where=path)
     geometry, cameras = found.values()
-    unknown_files += [one.name for scene, one in cameras.items() if scene not in geometry]
+    extra_files += [one.name for scene, one in cameras.items() if scene not in geometry]
     if not geometry:
         expected = f"an entry a scene, such as school.ply or school/cloud.ply; endings {KINDS}"
-        others = f", but {first_of(unknown_files, noun='other file')}" if unknown_files else ""
+        others = f", but {first_of(extra_files, noun='other file')}" if extra_files else ""
         raise UnreadableError(f"holds no cloud, mesh or npz{others}", where=path, expected=expected)
     pairs = {scene: (one, cameras.get(scene)) for scene, one in geometry.items()}
     entries = {scene: partial(_open_entry, bundle, *pair) for scene, pair in pairs.items()}
-    return ScenePredictions(path, entries, tuple(unknown_files), protocol)
+    return ScenePredictions(path, entries, tuple(extra_files), protocol)
 
 
 def _outer_folder(members: tuple[Member, ...]) -> str:

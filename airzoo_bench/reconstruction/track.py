@@ -350,7 +350,7 @@ class ReconstructionTrack(Track):
                 expected=f"files or folders named by scenes: {first_of(known)}",
             )
         others = [name + nearest(name, missing, 1) for name in strange]
-        unknown = [name[:80] for name in predictions.unknown_files]
+        unknown = [name[:80] for name in predictions.extra_files]
         left_out = {
             "scenes that the predictions lack, scored at their worst": missing,
             "scenes that the protocol lacks, left aside": others,
@@ -405,12 +405,11 @@ class ReconstructionTrack(Track):
         truths: Sequence[ReconstructionTruth],
         protocol: ReconstructionProtocol,
         kind: str,
-        seed: int,
     ) -> None:
         """Write a folder with random depth maps of each scene."""
         for number, truth in enumerate(truths):
             with atomic_write(out / f"{truth.scene}.npz") as stream:
-                write_npz(stream, _random_views(truth, np.random.default_rng(seed + number)))
+                write_npz(stream, _random_views(truth, np.random.default_rng(number)))
         with atomic_write(out / "protocol.txt", "w") as text:
             text.write(protocol.name + "\n")
 

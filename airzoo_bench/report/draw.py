@@ -29,7 +29,7 @@ from airzoo_bench.report.matching import draw_arrows, draw_matches
 from airzoo_bench.report.reconstruction import draw_clouds
 from airzoo_bench.report.retrieval import draw_hits, draw_tiles
 from airzoo_bench.report.sections import find_places, read_sections
-from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
+from airzoo_bench.results.comparison import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.records import Method, read_methods
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.samples import ResamplingConfig

@@ -94,7 +94,7 @@ def gather_matches(
 def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
     """Keep matches and estimated places, and draw these on the map of each scene."""
     del run
-    half_px = 0.5 if evaluation.protocol.lift.map_pixel_centres == "integer" else 0.0
+    half_px = 0.5 if evaluation.opened.protocol.lift.map_pixel_centres == "integer" else 0.0
     parts = []
     for truth in evaluation.truths:
         content, poses, inliers = evaluation.scored[truth.scene].details

@@ -23,7 +23,7 @@ from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, read_rgb
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.report.figures import Sheet, new_canvas
-from airzoo_bench.results.comparable import check_same_queries, choose_scores, same_in_all
+from airzoo_bench.results.comparison import check_same_queries, choose_scores, same_in_all
 from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, method_names, read_result, result_paths
 from airzoo_bench.retrieval.truth import ANCHOR_COLUMNS, boxes_of, scene_truth

@@ -26,6 +26,7 @@ from airzoo_bench.core.files import sha256_of
 from airzoo_bench.results.result import (
     SHARE_SLACK,
     Result,
+    ScoreColumn,
     method_names,
     read_result,
     records_path,
@@ -180,3 +181,17 @@ def _writable(column: pd.Series[Any]) -> Any:
     except (pa.ArrowTypeError, pa.ArrowInvalid):
         values = pa.Array.from_pandas(column.where(column.isna(), column.astype(str)))
     return pc.if_else(values, "True", "False") if pa.types.is_boolean(values.type) else values
+
+
+def join_records(
+    parts: Sequence[pd.DataFrame], scores: Sequence[ScoreColumn]
+) -> tuple[list[ScoreColumn], pd.DataFrame]:
+    """Return the scores that any scene has, and all records: the worst where a scene lacks one."""
+    records = pd.concat(parts, ignore_index=True)
+    found = [score for score in scores if score.headline or score.key in records]
+    lacking = {
+        score.key: 0.0 if score.higher_is_better else np.inf
+        for score in found
+        if not all(score.key in part for part in parts)
+    }
+    return found, records.fillna(lacking) if lacking else records

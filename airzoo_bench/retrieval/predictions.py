@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.ids import check_ids
 from airzoo_bench.engines.engine import split
 from airzoo_bench.evaluation.predictions import Fields, QueryPredictions, read_fields
-from airzoo_bench.formats.arrays import Arrays, check_length, numbers, open_arrays, texts
+from airzoo_bench.formats.arrays import Arrays, check_ids, check_length, numbers, open_arrays, texts
 from airzoo_bench.geometry.arrays import Floats
 
 _CELLS = 1 << 20  # ranks at a time

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, first_of
-from airzoo_bench.core.ids import rows_among
 from airzoo_bench.engines.engine import split
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.formats.arrays import release_pages, row_blocks, temporary_array
+from airzoo_bench.formats.arrays import release_pages, row_blocks, rows_among, temporary_array
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.settings import ImageScores, Metric, TileScores

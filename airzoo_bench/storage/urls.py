@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote
-from uuid import uuid4
 
 from platformdirs import user_cache_path
 
@@ -27,7 +26,6 @@ T = TypeVar("T")
 SCHEMES = ("s3", "gs", "hf", "https", "http")
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 _CONNECT_S, _READ_S = 5, 60
-_CLIENTS = ("aiohttp", "botocore", "gcsfs", "google", "httpx", "huggingface_hub", "s3fs")
 UP_TO_DATE: set[Path] = set()
 """Copies that this run has compared with their URLs."""
 
@@ -46,9 +44,10 @@ def url_of(location: str | Path) -> str | None:
     is_odd = {"", ".", ".."} & set(names) or {"\\", "\0"} & set(rest) or "?versionId=" in rest
     if scheme not in SCHEMES or is_odd or "@" in names[0]:
         expected = f"{', '.join(f'{one}://' for one in SCHEMES)}, then a bucket or host and names"
-        fix = "put names and passwords into ~/.netrc" if "@" in names[0] else None
-        what = "is no URL that is read here"
-        raise UsageError(what, where=f"{scheme}://…", expected=expected, fix=fix)
+        fix = "names and passwords belong into ~/.netrc"
+        raise UsageError(
+            "no URL as they are read", where=f"{scheme}://…", expected=expected, fix=fix
+        )
     return f"{scheme}://{rest}"
 
 
@@ -97,10 +96,9 @@ def client_of(url: str) -> Iterator[Any]:
         what = f"{scheme}:// needs packages that are not installed ({error})"
         fix = "pip install 'airzoo-bench[storage,download]'"
         raise UsageError(what, where=where, fix=fix) from error
-    except Exception as error:
-        is_client = isinstance(error, OSError) or type(error).__module__.startswith(_CLIENTS)
-        if isinstance(error, UserError) or not is_client:
-            raise
+    except UserError:
+        raise
+    except Exception as error:  # of many libraries
         status = _status_of(error)
         if status == 404 or (status is None and isinstance(error, FileNotFoundError)):
             fix = "check bucket, name, and the endpoint if any"
@@ -131,16 +129,11 @@ def fetch(url: str) -> Path:
     """Copy a file where its version is another than the copy's; return the path of the copy."""
     path = path_of(url)
     stamp = cache_folder() / "versions" / path.relative_to(cache_folder())
-    part = path.with_name(f".{uuid4().hex[:12]}.partial")
     with client_of(url) as client:
         version = repr(client.info(url))
         if not (path.is_file() and stamp.is_file() and stamp.read_text("utf-8") == version):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                client.get_file(url, str(part))
-                part.replace(path)
-            finally:
-                part.unlink(missing_ok=True)
+            with atomic_write(path) as stream:
+                client.get_file(url, stream.name)
             with atomic_write(stamp, "w") as stream:
                 stream.write(version)
     UP_TO_DATE.add(path)

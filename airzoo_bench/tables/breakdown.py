@@ -16,8 +16,7 @@ from airzoo_bench.core.errors import UsageError, plural
 from airzoo_bench.core.registry import TRACKS, load_track
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.results.comparable import check_same_column
-from airzoo_bench.results.comparison import pooled_sample
+from airzoo_bench.results.comparison import check_same_column, pooled_sample
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import FEWEST, Interval, sample_intervals

@@ -14,7 +14,6 @@ from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 _SPECIAL = {
     "\\": r"\textbackslash{}",
-    **{c: f"\\{c}" for c in "&%$#_{}"},
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     "<": r"\textless{}",
@@ -38,7 +37,8 @@ _LIGATURE = re.compile(r"([-,'])(?=\1)")
 def escape(text: str) -> str:
     """Return a text as LaTeX source of one line, in which two hyphens are no dash."""
     apart = _LIGATURE.sub("\\1\0", " ".join(text.split()))
-    return "".join(_SPECIAL.get(c, c) for c in apart).replace("\0", "{}")
+    source = "".join(_SPECIAL.get(c, f"\\{c}" if c in "&%$#_{}" else c) for c in apart)
+    return source.replace("\0", "{}")
 
 
 def _escape_number(text: str) -> str:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from airzoo_bench.protocol.model import Protocol, load_protocol, shipped_protocols
-from airzoo_bench.results.comparable import check_comparable, find_scene
-from airzoo_bench.results.comparison import FLOOR_MARK, floor_note
+from airzoo_bench.results.comparison import FLOOR_MARK, check_comparable, find_scene, floor_note
 from airzoo_bench.results.result import Reference, Result, ScoreColumn, method_names
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.tables.model import Cell, Column, Row, Table

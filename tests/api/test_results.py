@@ -41,14 +41,13 @@ def test_predictions_score_as_on_the_command_line(
 
 def test_a_check(data: Path, perfect: dict[str, Any]) -> None:
     found = ab.check(perfect, protocol=PROTOCOL)
-    assert (found.ok, repr(found)) == (True, "nothing wrong was found")
+    assert (found.errors, repr(found)) == ([], "nothing wrong was found")
     noted = ab.check({name: some[:-1] for name, some in perfect.items()}, protocol=PROTOCOL)
-    assert noted.ok
+    assert noted.errors == []
     assert "west/q00003" in noted.notes[0]
     twice = {**perfect, "query_ids": [perfect["query_ids"][0], *perfect["query_ids"][:-1]]}
     refused = ab.check(twice, protocol=PROTOCOL)
-    assert not refused.ok
-    assert "more than once" in repr(refused)
+    assert "more than once" in str(refused.errors[0])
     with pytest.raises(ab.UserError, match="more than once"):
         ab.evaluate(twice, protocol=PROTOCOL)
 

@@ -61,6 +61,23 @@ def test_sums_are_the_same_bytes(engine: Engine) -> None:
     assert list(engine.map(work.total, items, shared=shared, stage="sums", name=str)) == expected
 
 
+def test_large_arrays_are_mapped_and_those_of_files_never_copied(
+    engine: Engine, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "a.npy", np.arange(900_000).reshape(3, -1))
+    mapped = np.load(tmp_path / "a.npy", mmap_mode="r")
+    shared = mapped[1:], mapped[:, 7:], np.asfortranarray(mapped), np.arange(9)
+    found = engine.map(work.places, range(2), shared=shared, stage="s", name=str)
+    for (own, *_), (spaced, *_), (new, how, _), small in found:
+        assert own == mapped.filename
+        if engine.distributed:
+            assert (spaced, how, small[:2]) == (None, "r", (None, ""))
+            assert new not in (own, None)
+    expected = [int(one.sum()) for one in shared]
+    again = engine.map(work.places, range(2), shared=shared, stage="s", name=str)
+    assert [[total for *_, total in one] for one in again] == [expected] * 2
+
+
 @pytest.mark.parametrize(
     ("how", "kind", "where"),
     [

@@ -9,14 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.engines.engine import Processes, open_engine
-from airzoo_bench.evaluation.evaluate import SceneStore, evaluate, save
+from airzoo_bench.evaluation.evaluate import evaluate, keep_scene, save, write_template
 from airzoo_bench.evaluation.track import Run, SceneScores
-from airzoo_bench.formats.clouds.cloud import open_cloud
-from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
-from airzoo_bench.retrieval.truth import read_truth
 from tests.support import run_main
 
 ALONE = Run()
@@ -27,30 +23,13 @@ MATCHES = "submissions/airzoo-demo/matching/sift/sift-matches.npz"
 
 @pytest.fixture(scope="module")
 def predictions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Return a prediction of each track that makes it work: descriptors, matches, clouds."""
+    """Return predictions of each track that make it work: descriptors, matches, depth maps."""
     home = tmp_path_factory.mktemp("predictions")
-    benchmark = find_benchmark("airzoo-demo", Path())
-    return {
-        "retrieval": descriptors(benchmark, home / "descriptors.npz"),
-        "matching": few_matches(home / "matches.npz"),
-        "reconstruction": noisy_clouds(benchmark, home / "clouds"),
-    }
-
-
-def noisy_clouds(benchmark: Benchmark, folder: Path) -> Path:
-    """Take a share of the true points and move them."""
-    random = np.random.default_rng(1)
-    folder.mkdir()
-    (folder / "protocol.txt").write_text(f"{benchmark.file.name}-reconstruction")
-    for scene in (one.id for one in benchmark.file.scenes):
-        truth = read_reconstruction(benchmark, scene)
-        cloud = open_cloud(truth.cloud, limit_bytes=1 << 30, sampling=None)
-        points = np.concatenate([piece.points for piece in cloud.pieces(1 << 20)])[::50]
-        np.save(folder / f"{scene}.npy", points + random.normal(0, 0.5, points.shape))
-        poses, names = truth.poses, truth.photos["image"].to_numpy(str)
-        extrinsics = np.concatenate([poses.rotation, poses.translation[..., None]], axis=2)
-        np.savez(folder / f"{scene}.cameras.npz", image_names=names, extrinsics=extrinsics)
-    return folder
+    found = {"matching": few_matches(home / "matches.npz")}
+    for track, name, kind in (("retrieval", "a.npz", "descriptors"), ("reconstruction", "b", None)):
+        protocol = f"airzoo-demo-{track}"
+        found[track], _ = write_template(protocol, data=Path(), out=home / name, kind=kind)
+    return found
 
 
 def few_matches(path: Path) -> Path:
@@ -60,20 +39,6 @@ def few_matches(path: Path) -> Path:
     arrays["query_ids"], arrays["offsets"] = arrays["query_ids"][:10], arrays["offsets"][:11]
     for name in ("query_xy", "map_xy"):
         arrays[name] = arrays[name][: arrays["offsets"][-1]]
-    np.savez(path, **arrays)
-    return path
-
-
-def descriptors(benchmark: Benchmark, path: Path) -> Path:
-    random = np.random.default_rng(3)
-    truths = [read_truth(benchmark.scene_folder(one.id), one.id) for one in benchmark.file.scenes]
-    arrays = {"protocol": np.array(f"{benchmark.file.name}-retrieval")}
-    for kind in ("query", "gallery"):
-        tables = [truth.queries if kind == "query" else truth.tiles for truth in truths]
-        arrays[f"{kind}_ids"] = np.concatenate([table["id"].to_numpy(str) for table in tables])
-        size = (len(arrays[f"{kind}_ids"]), 16)
-        # Few values, so that there are ties.
-        arrays[f"{kind}_descriptors"] = random.integers(-2, 3, size).astype(np.float32)
     np.savez(path, **arrays)
     return path
 
@@ -131,7 +96,7 @@ def test_resume_goes_on_from_scored_scenes(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as stopping:
-        stopping.setattr("airzoo_bench.evaluation.evaluate.PredictionsUsed", stop)
+        stopping.setattr("airzoo_bench.results.result.PredictionsUsed", stop)
         assert run_main(*ask) == 130
     assert list(kept.glob("*.scene"))
     assert not (out / "result.json").exists()
@@ -143,21 +108,26 @@ def test_resume_goes_on_from_scored_scenes(
 
 
 def test_scenes_of_another_run_and_damaged_ones_are_not_used(tmp_path: Path) -> None:
-    store = SceneStore(tmp_path / "kept", "one run")
     records = pd.DataFrame({"scene": ["park"], "error_m": [0.1], "points": [3]})
-    scored = SceneScores(records.astype({"points": "Int64"}), {"queries": 1}, "poses", ("a note",))
-    assert store.load("park") is None
-    store.save("park", scored)
-    kept = store.load("park")
-    assert kept is not None
-    pd.testing.assert_frame_equal(kept.records, scored.records)
-    assert (kept.counts, kept.kind, kept.notes) == ({"queries": 1}, "poses", ("a note",))
-    assert SceneStore(store.folder, "another run").load("park") is None
-    (path,) = store.folder.glob("*.scene")
+    scored = SceneScores(records.astype({"points": "Int64"}), {"queries": 1}, "poses", ["a note"])
+    lacking = RuntimeError("it is scored again")
+
+    def kept(run: str) -> SceneScores:
+        def score() -> SceneScores:
+            raise lacking
+
+        return keep_scene(tmp_path, [run], score)
+
+    assert keep_scene(tmp_path, ["one run"], lambda: scored) is scored
+    found = kept("one run")
+    pd.testing.assert_frame_equal(found.records, scored.records)
+    assert (found.counts, found.kind, found.notes) == ({"queries": 1}, "poses", ["a note"])
+    with pytest.raises(RuntimeError):
+        kept("another run")
+    (path,) = tmp_path.glob("*.scene")
     path.write_bytes(path.read_bytes()[:-30])
-    assert store.load("park") is None
-    store.remove()
-    assert not (tmp_path / "kept").exists()
+    with pytest.raises(RuntimeError):
+        kept("one run")
 
 
 def test_resume_needs_a_folder(

@@ -6,19 +6,15 @@ import os
 import pickle
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.engines.engine import Engine, split
-
-S = TypeVar("S")
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 def named(item: object) -> str:
@@ -41,6 +37,11 @@ def meet(folder: Path, number: int) -> int:
 def total(shared: tuple[bytes, NDArray[np.float64]], weights: NDArray[np.float64]) -> str:
     """Return a sum that rounds otherwise where arrays lie at odd addresses."""
     return float((shared[1][::3] * weights[::3]).sum()).hex()
+
+
+def places(shared: Sequence[NDArray[Any]], _: int) -> list[tuple[Any, ...]]:
+    """Return of each array its file, whether it is mapped for reading, and its sum."""
+    return [(getattr(a, "filename", None), getattr(a, "mode", ""), a.sum()) for a in shared]
 
 
 def dying_once(flags: Path, number: int) -> int:
@@ -100,24 +101,16 @@ class Scattered(Engine):
     def cut(self, count: int, size: int) -> list[slice]:
         return split(count, self._size or size)
 
-    def map(
-        self,
-        work: Callable[[S, T], R],
-        items: Sequence[T],
-        *,
-        shared: S,
-        stage: str,
-        name: Callable[[T], str],
-    ) -> Iterator[R]:
-        assert all(name(item) for item in items)
+    def _results(
+        self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
+    ) -> Generator[Any, None, None]:
         self.stages[stage] = self.stages.get(stage, 0) + len(items)
         tasks = [pickle.dumps((work, shared, item)) for item in items]
         results: dict[int, bytes] = {}
         for number in np.random.default_rng(0).permutation(len(tasks)).tolist():
             results[number] = _run(tasks[number])
-            assert _run(tasks[number]) == results[number], f"{name(items[number])} done twice"
-        for number in range(len(tasks)):
-            yield pickle.loads(results[number])  # noqa: S301 - its own
+            assert _run(tasks[number]) == results[number], f"{stage} {number} done twice"
+        yield from (pickle.loads(results[number]) for number in range(len(tasks)))  # noqa: S301
 
 
 def _run(task: bytes) -> bytes:

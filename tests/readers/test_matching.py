@@ -51,7 +51,12 @@ def test_folders_name_the_scene_of_their_pairs(named: str, worlds: Worlds, tmp_p
     crops = world.truth.crops[:2]
     other = replace(world.truth, scene="town", queries=asked, crops=crops, excluded=left_out)
     scenes = ("hills", "town", "coast")
-    reading = Reading(world.protocol, [world.truth, other], None, 1 << 26, scenes=scenes)
+    reading = Reading(
+        protocol=world.protocol,
+        truths=[world.truth, other],
+        memory_bytes=1 << 26,
+        scenes=scenes,
+    )
     read = READERS.get("loftr").read(home, reading)
     assert set(read.predictions.query_ids) == {*world.ids, *asked["id"]}
     assert read.notes == ("8 files of other pictures left out",)

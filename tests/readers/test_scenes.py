@@ -48,7 +48,8 @@ def outputs(path: Path, *scenes: str, names: Path | None = None) -> Any:
         left_out = pd.DataFrame({"id": [f"{scene}/8"], "image": ["8.JPG"]})
         truths.append(SimpleNamespace(scene=scene, photos=photos, excluded=left_out))
     protocol: Any = SimpleNamespace(scenes=[SimpleNamespace(id=scene) for scene in scenes])
-    reading = Reading(protocol, truths, names, 1 << 20, scenes=(*scenes, "dock"))
+    more: Any = {"memory_bytes": 1 << 20, "scenes": (*scenes, "dock")}
+    reading = Reading(None, names, protocol=protocol, truths=truths, **more)
     found, others = find_outputs(path, reading, lambda one: (one / "out.txt").is_file())
     return {output.scene: output for output in found.values()}, others
 

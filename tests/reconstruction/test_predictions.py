@@ -85,7 +85,7 @@ def test_folders_and_archives(packed: str | None, folder: Path) -> None:
     found = open_reconstruction(path)
     assert found.protocol == "made-reconstruction"
     assert set(found.entries) == {"park.v2", "plaza", "school", "substation"}
-    assert found.unknown_files == ("notes.md",)
+    assert found.extra_files == ("notes.md",)
     for scene, cameras in (("park.v2", False), ("school", True), ("substation", True)):
         with found.entries[scene](LIMIT, SAMPLING) as given:
             assert isinstance(given.geometry, FileCloud)

@@ -10,11 +10,13 @@ import pytest
 from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.report.numbers import find, notes_by_method, summary_panes
 from airzoo_bench.report.sections import Section
-from airzoo_bench.results.comparable import check_same_queries, choose_scores, find_scene
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
     MethodComparison,
+    check_same_queries,
+    choose_scores,
     compare,
+    find_scene,
     floor_note,
     score_intervals,
     tied_with_best,

@@ -9,8 +9,7 @@ import pytest
 
 from airzoo_bench.core.registry import load_track
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.results.comparable import choose_scores
-from airzoo_bench.results.comparison import Pair, compare, is_hit
+from airzoo_bench.results.comparison import Pair, choose_scores, compare, is_hit
 from airzoo_bench.results.records import Method
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig

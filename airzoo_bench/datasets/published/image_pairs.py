@@ -19,7 +19,6 @@ import pandas as pd
 
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.files import read_text
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
@@ -27,6 +26,7 @@ from airzoo_bench.datasets.published.places import find_home, folders_in, missin
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.datasets.settings import SourceOptions
 from airzoo_bench.datasets.tables import read_native_text
+from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 from airzoo_bench.retrieval.truth import POSITION_COLUMNS
 
 _DIRECTIONS = ("drone-to-satellite", "satellite-to-drone")

@@ -18,10 +18,10 @@ from pyproj import CRS
 from airzoo_bench.benchmark.images import photo_size
 from airzoo_bench.core.errors import BenchmarkError, CameraError, RasterError, first_of, readable
 from airzoo_bench.core.files import fingerprint, temporary_folder
-from airzoo_bench.core.ids import PHOTO_SUFFIXES
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.scenes import PosedPhotos
 from airzoo_bench.datasets.tables import Table, read_lines
+from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import height_type, read_heights, small_cache
