@@ -53,14 +53,12 @@ def make_field(root: Path, *options: object) -> Path:
     ground = _map()
     rotation, centres = true_poses()
     matrix = [[FOCAL, 0, PHOTO_SIZE[0] / 2], [0, FOCAL, PHOTO_SIZE[1] / 2], [0, 0, 1]]
-    for row, name in enumerate(NAMES):
+    images = {}
+    for name, R, C in zip(NAMES, rotation, centres, strict=True):
         (sources / "photos" / name).parent.mkdir(parents=True, exist_ok=True)
-        seen = _photo(ground, np.array(matrix), rotation[row], centres[row])
+        seen = _photo(ground, np.array(matrix), R, C)
         Image.fromarray(seen).save(sources / "photos" / name)
-    images = {
-        name: {"R_w2c": rotation[row].tolist(), "center": centres[row].tolist()}
-        for row, name in enumerate(NAMES)
-    }
+        images[name] = {"R_w2c": R.tolist(), "center": C.tolist()}
     poses = {"crs": PLACE_CRS, "K": matrix, "images": images}
     (sources / "poses.json").write_text(json.dumps(poses))
     corner = Affine(MAP_GSD, 0, NORTH_WEST[0], 0, -MAP_GSD, NORTH_WEST[1])

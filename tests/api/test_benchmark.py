@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import runpy
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import pytest
 import rasterio
 from PIL import Image
 
-from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
+from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import POSE_COLUMNS
 from airzoo_bench.core.errors import BenchmarkError
@@ -27,6 +26,7 @@ from tests.api.place import NAME, NAMES, PHOTO_SIZE, PRIOR_OFF_M, scored, true_p
 from tests.support import make_place, run_main, write_predictions
 
 IDS = [f"{NAME}/{Path(name).with_suffix('').as_posix()}" for name in NAMES]
+TRACKS = ("retrieval", "matching", "reconstruction")
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 # North-west corners of tiles that hold an anchor of each photo by more than 10 m.
 SURE = {"park/a": (0, 0), "park/b": (128, 0), "park/c": (0, 128), "park/sub/d": (128, 128)}
@@ -52,7 +52,7 @@ def numbers_in(one: Any) -> list[float]:
     return array.astype(float).ravel().tolist() if array.dtype.kind in "fiu" else []
 
 
-def test_no_number_of_the_truth_is_given_to_a_method(root: Path, field: BlindBenchmark) -> None:
+def test_no_number_of_the_truth_is_given_to_a_method(root, field):
     (retrieval, matching), scene = truths(root), field.scene(NAME)
     secret = [
         matching.queries[[*POSE_COLUMNS, "altitude_m", "pitch_deg"]].to_numpy(),
@@ -71,7 +71,7 @@ def test_no_number_of_the_truth_is_given_to_a_method(root: Path, field: BlindBen
     assert scene.photos()[0].conditions == {}
 
 
-def test_photos(field: BlindBenchmark) -> None:
+def test_photos(field):
     photos = field.scene(NAME).photos()
     assert [photo.id for photo in photos] == sorted(IDS)
     assert [photo.id for photo in field.scene(NAME).queries()] == sorted(IDS)
@@ -89,7 +89,7 @@ def test_photos(field: BlindBenchmark) -> None:
     assert (third.camera.scaled(32, 24).width, third.camera.scaled(32, 24).K[0, 0]) == (32, 32.0)
 
 
-def test_tiles(root: Path, field: BlindBenchmark) -> None:
+def test_tiles(root, field):
     truth, _ = truths(root)
     tiles = field.scene(NAME).tiles()
     assert [tile.id for tile in tiles] == truth.tiles["id"].tolist()
@@ -100,7 +100,7 @@ def test_tiles(root: Path, field: BlindBenchmark) -> None:
     assert tile.image.shape == (window[3], window[2], 3)
 
 
-def test_crops(root: Path, field: BlindBenchmark) -> None:
+def test_crops(root, field):
     _, truth = truths(root)
     crops = field.scene(NAME).crops()
     assert [crop.query.id for crop in crops] == truth.queries["id"].tolist()
@@ -115,7 +115,7 @@ def test_crops(root: Path, field: BlindBenchmark) -> None:
     assert crop.to_map([[5.5, 3.0]]).tolist() == [[x + 5.5, y + 3.0]]
 
 
-def test_points_of_a_crop_are_where_the_photo_shows_them(field: BlindBenchmark) -> None:
+def test_points_of_a_crop_are_where_the_photo_shows_them(field):
     """A pixel of a crop, lifted and seen from the true pose, has the colour of the photo there."""
     crop = next(crop for crop in field.scene(NAME).crops() if crop.query.name == "e.png")
     rotation, centres = true_poses()
@@ -131,24 +131,19 @@ def test_points_of_a_crop_are_where_the_photo_shows_them(field: BlindBenchmark) 
     assert np.abs(shown - on_map).max() < 30
 
 
-def test_a_folder_is_opened_by_name_and_path_and_held_to_its_checksums(
-    root: Path, data: Path, tmp_path: Path
-) -> None:
-    folder = shutil.copytree(root / "data" / NAME, tmp_path / NAME)
-    assert load_benchmark(folder).tracks == ("retrieval", "matching", "reconstruction")
-    assert load_benchmark(NAME, tmp_path).scene(NAME).id == NAME
+def test_a_folder_is_opened_by_name_and_path(root, data, tmp_path):
+    assert load_benchmark(root / "data" / NAME).tracks == TRACKS
+    assert load_benchmark(NAME, root / "data").scene(NAME).id == NAME
     made = load_benchmark("made").scenes[0]
     assert len(made.queries()) == 6
-    for call in (lambda: load_benchmark("nowhere"), lambda: load_benchmark(tmp_path)):
-        with pytest.raises(BenchmarkError):
+    for call, named in (
+        (lambda: load_benchmark("nowhere"), "nowhere"),
+        (lambda: load_benchmark(tmp_path), str(tmp_path)),
+        (made.crops, "matching"),
+        (made.photos, "reconstruction"),
+    ):
+        with pytest.raises(BenchmarkError, match=named):
             call()
-    for call, track in ((made.crops, "matching"), (made.photos, "reconstruction")):
-        with pytest.raises(BenchmarkError, match=track):
-            call()
-    queries = folder / "scenes" / NAME / "queries.csv"
-    queries.write_text(queries.read_text().replace("a.png", "z.png"))
-    with pytest.raises(BenchmarkError, match="was changed"):
-        load_benchmark(folder)
 
 
 @pytest.mark.parametrize(
@@ -159,24 +154,14 @@ def test_a_folder_is_opened_by_name_and_path_and_held_to_its_checksums(
         ("reconstruction_flat", "reconstruction", "F1@1m", 99),  # the ground is level
     ],
 )
-def test_example_methods(
-    root: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    name: str,
-    track: str,
-    column: str,
-    least: float,
-) -> None:
+def test_example_methods(root, tmp_path, capsys, name, track, column, least):
     out = tmp_path / ("mine" if track == "reconstruction" else "mine.npz")
     runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](NAME, f"{NAME}-{track}", str(out))
     assert float(scored(track, out, root / "data", capsys)[column]) >= least
 
 
 @pytest.mark.slow
-def test_the_example_of_a_tile_that_answers_at_another_height(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_example_of_a_tile_that_answers_at_another_height(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     assert run_main(*make_place(tmp_path / "sources").arguments()) == 0
     tiles = read_retrieval_truth(tmp_path / "data" / "park" / "scenes" / "park", "park").tiles

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from airzoo_bench.api.benchmark import BlindBenchmark, load_benchmark
+from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.api.writer import PredictionWriter
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import sha256_of, sha256_of_tree
 from tests.api.place import MATCHING, NAME, RECONSTRUCTION, RETRIEVAL, TILES, A, B, scored
 from tests.matching import world as matching_world
 from tests.reconstruction import world as reconstruction_world
-from tests.support import MadeScene, files_below
+from tests.support import files_below
 
 XY = np.array([[10.0, 20.0], [30.0, 40.0]])
 TURN = np.diag((1.0, -1.0, -1.0))
@@ -24,22 +23,15 @@ K = np.array([[32.0, 0, 16], [0, 32.0, 12], [0, 0, 1]])
 VIEW = POSE | {"intrinsics": K, "depth": np.ones((24, 32))}
 
 
-def ranked(scene: MadeScene, number: int) -> list[str]:
-    """Return the tiles that answer a query, and then others."""
-    rest = [t for t in range(scene.n_tiles) if t not in scene.positives[number]]
-    return [scene.tile(t) for t in [*scene.positives[number], *rest]]
-
-
-def test_ranked_ids(
-    data: Path, scenes: list[MadeScene], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ranked_ids(data, scenes, tmp_path, capsys):
     sums = []
     for way, order in ((None, 1), (None, -1), (-1.0, 1)):
         path = tmp_path / f"{len(sums)}.npz"
         with PredictionWriter(path, "made-retrieval") as writer:
             for scene in scenes[::order]:
-                for number in range(len(scene.positives))[::order]:
-                    best = ranked(scene, number)[: 3 + number]
+                for number, found in list(enumerate(scene.positives))[::order]:
+                    rest = [tile for tile in range(scene.n_tiles) if tile not in found]
+                    best = [scene.tile(tile) for tile in [*found, *rest][: 3 + number]]
                     scores = None if way is None else way * np.arange(len(best))
                     writer.add(scene.query(number), ranked_ids=best, scores=scores)
         sums.append(sha256_of(path))
@@ -49,9 +41,7 @@ def test_ranked_ids(
         assert [averages[f"R@{k}"] for k in (1, 3, 5)] == ["100.00"] * 3
 
 
-def test_descriptors(
-    data: Path, scenes: list[MadeScene], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_descriptors(data, scenes, tmp_path, capsys):
     """Query q is described as the tile q, its first positive, and lies nearest to it and q + 1."""
     path, row = tmp_path / "mine.npz", np.ones(2, np.float32)
     with PredictionWriter(path, "made-retrieval", load_benchmark("made")) as writer:
@@ -69,7 +59,7 @@ def test_descriptors(
     assert scored("retrieval", path, data, capsys)["R@1"] == "79.17"
 
 
-def test_matching(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_matching(tmp_path, capsys):
     world, path = matching_world.make_world(tmp_path), tmp_path / "mine.npz"
     benchmark, poses = load_benchmark(world.folder), world.truth.poses
     matches = {"query_xy": world.query_xy}
@@ -85,7 +75,7 @@ def test_matching(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert (averages["Median"], averages["@1m,1°"]) == ("0.00", "100.00")
 
 
-def test_reconstruction(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reconstruction(tmp_path, capsys):
     world = reconstruction_world.make_world(tmp_path)
     benchmark, matrix = load_benchmark(world.folder), reconstruction_world.matrix_of_maps()
     for ending, most_m in (("npz", 0.3), ("ply", 0.005)):
@@ -132,13 +122,8 @@ MASKED = np.ma.masked_equal([1.0, 2], 2)
     ],
 )
 def test_an_answer_that_cannot_be_meant_is_refused_at_once(
-    field: BlindBenchmark,
-    tmp_path: Path,
-    protocol: str,
-    name: str,
-    fields: dict[str, Any],
-    named: str,
-) -> None:
+    field, tmp_path, protocol, name, fields, named
+):
     writer = PredictionWriter(tmp_path / "mine.npz", protocol, field)
     if name == B:
         first = {RETRIEVAL: RANKED, RECONSTRUCTION: VIEW}[protocol]
@@ -161,9 +146,7 @@ def test_an_answer_that_cannot_be_meant_is_refused_at_once(
         (RECONSTRUCTION, VIEW | {"rotation": TURN * 2}),
     ],
 )
-def test_the_reader_checks_the_file_and_the_answers_are_not_lost(
-    field: BlindBenchmark, tmp_path: Path, protocol: str, fields: dict[str, Any]
-) -> None:
+def test_the_reader_checks_the_file_and_the_answers_are_not_lost(field, tmp_path, protocol, fields):
     out = tmp_path / ("mine" if protocol == RECONSTRUCTION else "mine.npz")
     writer = PredictionWriter(out, protocol, field)
     writer.add(A, **fields)
@@ -172,7 +155,7 @@ def test_the_reader_checks_the_file_and_the_answers_are_not_lost(
     assert out.name in files_below(tmp_path)
 
 
-def test_an_exception_leaves_what_was_there(field: BlindBenchmark, tmp_path: Path) -> None:
+def test_an_exception_leaves_what_was_there(field, tmp_path):
     def predict(given: Any, error: type[BaseException] | None = None) -> None:
         out, protocol, name, fields = given
         with PredictionWriter(out, protocol, field) as writer:
@@ -196,7 +179,7 @@ def test_an_exception_leaves_what_was_there(field: BlindBenchmark, tmp_path: Pat
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_places_and_protocols(field: BlindBenchmark, data: Path, tmp_path: Path) -> None:
+def test_places_and_protocols(field, data, tmp_path):
     other, out = data / "made" / "protocols" / "made-retrieval.toml", tmp_path / "mine.npz"
     for path, protocol, message in (
         (tmp_path / "mine", RETRIEVAL, r"written as \.npz"),

@@ -18,9 +18,7 @@ from tests.support import run_main, write_predictions
 PROTOCOL = "made-retrieval"
 
 
-def test_predictions_score_as_on_the_command_line(
-    data: Path, perfect: dict[str, Any], tmp_path: Path
-) -> None:
+def test_predictions_score_as_on_the_command_line(data, perfect, tmp_path):
     path, out = write_predictions(tmp_path / "mine.npz", PROTOCOL, **perfect), tmp_path / "out"
     assert run_main("eval", "retrieval", path, "--out", out, "--method", "mine") == 0
     one, other = ab.load_result(out), ab.evaluate(path)
@@ -39,7 +37,7 @@ def test_predictions_score_as_on_the_command_line(
         ab.evaluate(perfect, protocol="mada-retrieval")
 
 
-def test_a_check(data: Path, perfect: dict[str, Any]) -> None:
+def test_a_check(data, perfect):
     found = ab.check(perfect, protocol=PROTOCOL)
     assert (found.errors, repr(found)) == ([], "nothing wrong was found")
     noted = ab.check({name: some[:-1] for name, some in perfect.items()}, protocol=PROTOCOL)
@@ -59,9 +57,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [write_method(root / method.name, method).parent for method in methods]
 
 
-def test_a_result_has_records_and_a_frame_and_is_shown_saved_drawn_and_reported(
-    folders: list[Path], tmp_path: Path
-) -> None:
+def test_a_result_has_records_and_a_frame_and_is_shown_saved_drawn_and_reported(folders, tmp_path):
     one, other = (ab.load_result(folder) for folder in folders[:2])
     frame, by_scene = one.to_frame(), one.records.groupby("scene")
     assert frame.index.tolist() == ["east", "west", "overall", "pooled"]
@@ -83,9 +79,7 @@ def test_a_result_has_records_and_a_frame_and_is_shown_saved_drawn_and_reported(
 
 
 @pytest.mark.parametrize("options", [{"scores": ["MRR"], "scene": "West"}, {"reference": "best"}])
-def test_a_comparison_has_its_numbers_in_a_frame(
-    folders: list[Path], options: dict[str, Any]
-) -> None:
+def test_a_comparison_has_its_numbers_in_a_frame(folders, options):
     of_paths = ab.compare([str(folder) for folder in folders], **options)
     of_results = ab.compare([ab.load_result(folder) for folder in folders], **options)
     assert repr(of_results) == repr(of_paths)
@@ -97,7 +91,7 @@ def test_a_comparison_has_its_numbers_in_a_frame(
         assert row["wins"] + row["ties"] + row["losses"] == (40 if "scene" in options else 100)
 
 
-def test_intervals_are_those_of_tables(folders: list[Path]) -> None:
+def test_intervals_are_those_of_tables(folders):
     result = ab.load_result(folders[1])
     for score in result.result.columns:
         statistic: Any = "median" if score.average == "median" else "share"
@@ -124,9 +118,7 @@ def test_intervals_are_those_of_tables(folders: list[Path]) -> None:
         ([np.inf] * 9, "mean", "alike"),
     ],
 )
-def test_where_there_is_no_interval_it_says_why(
-    values: list[float], statistic: Any, reason: str
-) -> None:
+def test_where_there_is_no_interval_it_says_why(values, statistic, reason):
     found = ab.bootstrap_ci(values, statistic=statistic)
     assert (found.low, found.high) == (None, None)
     assert reason in found.reason

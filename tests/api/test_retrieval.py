@@ -1,10 +1,8 @@
-"""Retrieval from Python: the records of the track, trec_eval, edges."""
+"""Retrieval from Python: the records of the track, which oracles hold, and edges."""
 
 from __future__ import annotations
 
 from itertools import permutations
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +11,7 @@ import pytest
 import airzoo_bench as ab
 from airzoo_bench.retrieval.metrics import ap_name
 from tests.retrieval.ranking_support import rank, records_of
-from tests.support import MadeScene, made_protocol, made_truth, write_predictions
+from tests.support import made_protocol, made_truth, write_predictions
 
 KS = (1, 3, 5)
 SHARED = ("map", "mrr", "answered", "positives", "tie_dependent", "first_hit_rank", "ndcg@5")
@@ -28,9 +26,7 @@ def assert_alike(found: ab.Scores, records: pd.DataFrame, *more: str) -> None:
 
 
 @pytest.mark.parametrize("ap", ["precision", "min", "trec", "hits"])
-def test_ranked_ids_score_as_in_the_track(
-    data: Path, scenes: list[MadeScene], tmp_path: Path, ap: Any
-) -> None:
+def test_ranked_ids_score_as_in_the_track(data, scenes, tmp_path, ap):
     scene, random = scenes[0], np.random.default_rng(3)
     lists = [random.permutation(scene.tile_ids)[:8].tolist() for _ in scene.positives]
     arrays = {"query_ids": scene.query_ids[:-1], "ranked_ids": lists[:-1]}
@@ -43,12 +39,15 @@ def test_ranked_ids_score_as_in_the_track(
     assert found["without_answer"] == 1
     assert found["recall@5"] == records["recall@5"].mean()
     assert 0 < found["map"] < 1
+    both = zip([*lists[:-1], []], positives, strict=True)
+    hits, counts = [[tile in right for tile in row] for row, right in both], [2] * len(lists)
+    assert ab.recall_at_k(hits, 5) == found["recall@5"]
+    assert ab.average_precision(hits, counts) == found["map"]
+    assert ab.average_precision(hits, counts, 5, variant=ap) == found[ap_name(5, ap)]
 
 
 @pytest.mark.parametrize("metric", ["cosine", "inner_product"])
-def test_matrices_of_similarities_score_as_descriptors_in_the_track(
-    scenes: list[MadeScene], metric: Any
-) -> None:
+def test_matrices_of_similarities_score_as_descriptors_in_the_track(scenes, metric):
     scene, random = scenes[0], np.random.default_rng(5)
     truth, settings = made_truth(scene), made_protocol(scenes).scores
     queries = random.integers(0, 3, (len(scene.positives), 3)) + 0.5
@@ -60,31 +59,6 @@ def test_matrices_of_similarities_score_as_descriptors_in_the_track(
     assert_alike(
         ab.retrieval_scores(None, scene.positives, KS, scores=queries @ gallery.T), records
     )
-
-
-def test_trec_eval_agrees() -> None:
-    pytrec_eval = pytest.importorskip("pytrec_eval")
-    random = np.random.default_rng(6)
-    ranked = [random.permutation(40)[:12].tolist() for _ in range(50)]
-    positives = [set(random.permutation(40)[: 1 + q % 7].tolist()) for q in range(50)]
-    found = ab.retrieval_scores(ranked, positives, (1, 5, 10), ap="trec")
-    qrels = {f"{q}": {f"{t}": 1 for t in right} for q, right in enumerate(positives)}
-    run = {f"{q}": {f"{t}": 99.0 - r for r, t in enumerate(row)} for q, row in enumerate(ranked)}
-    names = {"map": "map", "recip_rank": "mrr"}
-    for k in (1, 5, 10):
-        names |= {f"success_{k}": f"recall@{k}", f"map_cut_{k}": f"ap@{k}/trec"}
-        names |= {f"ndcg_cut_{k}": f"ndcg@{k}"}
-    measures = {"map", "recip_rank", "success.1,5,10", "map_cut.1,5,10", "ndcg_cut.1,5,10"}
-    theirs = pd.DataFrame(pytrec_eval.RelevanceEvaluator(qrels, measures).evaluate(run)).T
-    for name, ours in names.items():
-        values = theirs[name].to_numpy()
-        np.testing.assert_allclose(found.records[ours], values, atol=1e-12, err_msg=ours)
-        assert len(np.unique(values)) > 1
-    hits = [[t in right for t in row] for row, right in zip(ranked, positives, strict=True)]
-    counts = [len(right) for right in positives]
-    assert ab.recall_at_k(hits, 5) == found["recall@5"]
-    assert ab.average_precision(hits, counts) == found["map"]
-    assert ab.average_precision(hits, counts, 5) == found["ap@5/trec"]
 
 
 TORCH = type("Tensor", (), {"__array__": lambda self, *_, **__: np.array([[3, 1], [5, 2]])})()
@@ -103,7 +77,7 @@ POSITIVES, TEXTS = [{1, 2}, [5]], [["c", "a"], ["e", "b"]]
         ([["c", "a", ""], ["e", "b"]], [{"a", "b"}, ["e"]]),
     ],
 )
-def test_every_kind_of_ids_and_lists_gives_the_same(ranked: Any, right: Any) -> None:
+def test_every_kind_of_ids_and_lists_gives_the_same(ranked, right):
     found = ab.retrieval_scores(ranked, right, (1, 2))
     assert [found[name] for name in ("recall@1", "recall@2", "ap@2", "mrr")] == [0.5, 1, 0.5, 0.75]
 
@@ -122,13 +96,13 @@ def test_every_kind_of_ids_and_lists_gives_the_same(ranked: Any, right: Any) -> 
         ([[1], [2], [3]], [{1}, set(), {9}], 0.5),
     ],
 )
-def test_edges_of_lists(ranked: Any, positives: Any, expected: float) -> None:
+def test_edges_of_lists(ranked, positives, expected):
     found = ab.retrieval_scores(ranked, positives, ks=(1,))
     assert found["recall@1"] == pytest.approx(expected)
     assert found["queries"] + found["without_positive"] == len(positives)
 
 
-def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike() -> None:
+def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike():
     assert ab.recall_at_k([[False, True]], 50) == 1.0
     assert ab.recall_at_k([[1], [0, 0, 1], []], 3) == 2 / 3
     assert ab.recall_at_k(np.array([[1.0, 0.0]]), 1) == 1.0
@@ -138,10 +112,9 @@ def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike() -> None
     assert (found["recall@10"], found["tie_dependent"]) == (0.0, 3)
 
 
-@pytest.mark.parametrize("count", [1, 2, 5])
-def test_the_chance_level_is_the_average_over_all_orders(count: int) -> None:
+def test_the_chance_level_is_the_average_over_all_orders():
     lists = [list(order) for order in permutations(range(5))]
-    every = ab.retrieval_scores(lists, [range(count)] * len(lists), (1, 2, 4))
-    chance = ab.chance_level([count] * 3, 5, (1, 2, 4))
+    every = ab.retrieval_scores(lists, [range(2)] * len(lists), (1, 2, 4))
+    chance = ab.chance_level([2] * 3, 5, (1, 2, 4))
     assert len(chance.scores) == 11
     assert chance.scores == pytest.approx({name: every[name] for name in chance.scores})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import random
 import shutil
-from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from typer.main import get_command
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import poses_of, read_queries
 from airzoo_bench.cli.prepare import app as prepare_app
+from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
@@ -26,7 +26,9 @@ from airzoo_bench.datasets.table_dataset import TableDataset
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import HERE, Engine, Processes
 from airzoo_bench.geometry.crs import to_lonlat
+from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.engines.work import Scattered
+from tests.goldens.recipes import spoil
 from tests.goldens.run import CASES, run
 from tests.support import (
     NORTH_WEST,
@@ -48,10 +50,7 @@ PREPARED = [
 
 
 @pytest.mark.parametrize("name", DATASETS.names())
-def test_it_says_what_the_command_line_asks(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "160")  # a narrow terminal cuts long names
+def test_it_says_what_the_command_line_asks(name):
     dataset: Dataset[Any] = DATASETS.get(name)
     about = dataset.about
     assert isinstance(dataset, Dataset)
@@ -65,53 +64,53 @@ def test_it_says_what_the_command_line_asks(
         assert sentence[0].isupper() or sentence[0].isdigit()
         assert sentence.endswith(".")
     assert set(about.without_truth) <= set(TRACKS.names())
-    assert run_main("prepare", name, "--help") == 0
-    said = capsys.readouterr().out
-    for field in fields(dataset.options):
-        option = about.options[field.name.replace("_", "-")]
-        assert option.name not in SHARED
-        assert f"--{option.name}" in said
-        assert field.default is not MISSING or f"--{option.name} " in about.example + " "
-    assert all(f"--{one}" in said for one in SHARED)
     group = get_command(prepare_app).make_context("prepare", [], resilient_parsing=True)
     words = about.example.split()
     found = group.command.get_command(group, words[0])  # type: ignore[attr-defined]
     assert words[0] == name
     found.make_context(words[0], words[1:])
+    flags = {flag for one in found.params for flag in one.opts}
+    assert {f"--{one}" for one in SHARED} <= flags
+    for field in fields(dataset.options):
+        option = about.options[field.name.replace("_", "-")]
+        assert option.name not in SHARED
+        assert f"--{option.name}" in flags
+        assert field.default is not MISSING or f"--{option.name} " in about.example + " "
 
 
-def remove(path: Path) -> None:
-    path.unlink()
-
-
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def scribble(path: Path) -> None:
-    path.write_bytes(b"<html>not found</html>\n")
+def test_the_page_of_benchmarks_has_what_datasets_say():
+    protocols = [load_protocol(path) for path in shipped_protocols().values()]
+    rows = []
+    for name, about in ((name, DATASETS.get(name).about) for name in DATASETS.names()):
+        first = f"[{about.title}]({about.page}) | {about.licence}"
+        for one in (one for one in protocols if about.is_published and one.benchmark == name):
+            count = sum(scene.queries or 0 for scene in one.scenes)
+            queries = f"{count:,}" if count else ""
+            rows.append(f"| {first} | {one.name} | {len(one.scenes)} | {queries} |")
+            first = " | "
+    page = (ROOT / "docs" / "benchmarks.md").read_text("utf-8")
+    lines = page.split("| --- |\n")[1].split("\n")
+    assert lines[: len(rows) + 1] == [*rows, ""]
 
 
 @pytest.mark.parametrize("number", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))])
 @pytest.mark.parametrize(("name", "command"), PREPARED, ids=[line for _, line in PREPARED])
-def test_a_spoiled_file_is_no_bug_of_the_suite(
-    name: str, command: str, number: int, tmp_path: Path, tree: Callable[[str], Path]
-) -> None:
+def test_a_spoiled_file_is_no_bug_of_the_suite(name, command, number, tmp_path, tree):
     """It is named, or it is not read."""
     whole = Path(shutil.copytree(tree(name), tmp_path / "whole"))
     source = whole / "in" if (whole / "in").is_dir() else whole
     files = [path.relative_to(whole) for path in sorted(source.rglob("*")) if path.is_file()]
     order = random.Random(f"{command} {number}")
-    file, spoil = order.choice(files), order.choice((remove, cut, scribble))
-    spoil(whole / file)
+    file, action = order.choice(files), order.choice(("rm", "cut 0.5", "text <html>\\n"))
+    spoil(whole, f"{file}: {action}")
     code, said = run(command, whole)
-    assert code in (0, 1, 2), f"{spoil.__name__} {file}: exit {code}\n{said}"
+    assert code in (0, 1, 2), f"{file}: {action}: exit {code}\n{said}"
     assert "bug of the suite" not in said
     assert "fix:" in said or "expected:" in said or code == 0, f"{file}: {said}"
 
 
-def prepared(source: Path, home: Path, engine: Engine) -> dict[str, bytes]:
-    """Return the files of the folder that is made of a tree, by relative paths."""
+def prepared(source: Path, home: Path, engine: Engine) -> str:
+    """Return the hash of the folder that is made of a tree."""
     dataset, data = DATASETS.get(source.name), home / "data"
     settings = PrepareSettings(home / "made", data, copy=True, engine=engine)
     with pytest.MonkeyPatch.context() as patch:
@@ -119,8 +118,7 @@ def prepared(source: Path, home: Path, engine: Engine) -> dict[str, bytes]:
         patch.chdir(source.parent)
         made = dataset.prepare(dataset.options(source=Path(source.name)), settings)
         assert len(made.summaries) > 1
-    files = [path for path in sorted(made.folder.rglob("*")) if path.is_file()]
-    found = {path.relative_to(made.folder).as_posix(): path.read_bytes() for path in files}
+    found = sha256_of_tree(made.folder)
     shutil.rmtree(home)  # there are maps and clouds that runs share
     return found
 
@@ -131,9 +129,7 @@ def prepared(source: Path, home: Path, engine: Engine) -> dict[str, bytes]:
 @pytest.mark.parametrize(
     "workers", [None, *(pytest.param(n, marks=pytest.mark.slow) for n in ("processes", "cluster"))]
 )
-def test_scenes_are_pure_tasks(
-    name: str, workers: str | None, tmp_path: Path, tree: Callable[[str], Path]
-) -> None:
+def test_scenes_are_pure_tasks(name, workers, tmp_path, tree):
     """Any workers, also of another folder than this process, make the same."""
     source, home = tmp_path / name, tmp_path / "home"
     shutil.copytree(tree(name) / "in", source)
@@ -171,7 +167,7 @@ def make_hills(folder: Path) -> Path:
     return folder
 
 
-def test_the_example_is_short() -> None:
+def test_the_example_is_short():
     assert len(MODULE.read_text().splitlines()) <= 40
 
 
@@ -179,7 +175,7 @@ def test_the_example_is_short() -> None:
     ("changes", "words"),
     [({"columns": {"image": "photo"}}, "first, height"), ({"angles": "opk"}, "omega-phi-kappa")],
 )
-def test_a_declaration_says_what_it_lacks(changes: dict[str, Any], words: str) -> None:
+def test_a_declaration_says_what_it_lacks(changes, words):
     columns = {one: one for one in ("image", "x", "y", "height", "first", "second", "third")}
     whole = {"columns": columns, "lens": {"fov_deg": 70}}
     type("Whole", (TableDataset,), whole)
@@ -188,13 +184,16 @@ def test_a_declaration_says_what_it_lacks(changes: dict[str, Any], words: str) -
 
 
 @pytest.mark.slow
-def test_it_is_listed_when_it_is_installed(tmp_path: Path) -> None:
-    assert "hills" in listed_when_installed(EXAMPLE, tmp_path, "prepare", "--help")
+@pytest.mark.parametrize(
+    ("package", "command", "name"),
+    [("benchmark-package", "prepare --help", "hills"), ("reader-package", "readers", "ranks-csv")],
+)
+def test_examples_are_listed_when_they_are_installed(package, command, name, tmp_path):
+    example = ROOT / "examples" / package
+    assert name in listed_when_installed(example, tmp_path, *command.split())
 
 
-def test_it_is_prepared_and_scored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_is_prepared_and_scored(tmp_path, monkeypatch, capsys):
     assert "hills" not in DATASETS.names()
     add_package(EXAMPLE, tmp_path / "package", monkeypatch)
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))

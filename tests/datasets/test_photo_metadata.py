@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -16,38 +16,24 @@ from airzoo_bench.datasets.metadata import PhotoPrior, priors_to_poses, read_pri
 from airzoo_bench.geometry.poses import rotation_angle_deg
 from tests.datasets.support import packet, write_photo
 
-GPS = {1: "N", 2: (46.0, 50.0, 33.3855), 3: "W", 4: (91.0, 59.0, 40.4156), 5: b"\0", 6: 198.309}
 LON, LAT = -(91 + 59 / 60 + 40.4156 / 3600), 46 + 50 / 60 + 33.3855 / 3600
-UNKNOWN = IFDRational(0, 0)
-NOTHING = (None,) * 7
-
-Photo = Callable[..., Path]
-
-
-def dji(**values: str) -> bytes:
-    return packet(" ".join(f'drone-dji:{key}="{value}"' for key, value in values.items()))
-
-
-ANGLES = dji(
+GPS = {1: "N", 2: (46.0, 50.0, 33.3855), 3: "W", 4: (91.0, 59.0, 40.4156), 5: b"\0", 6: 198.309}
+ABOVE = {key: value for key, value in GPS.items() if key != 5}  # without a reference of height
+SOUTH_EAST = {1: "S", 2: (33.0, 30.0, 36.0), 3: "E", 4: (151.0, 0, 0)}
+ZEROS, UNKNOWN = (0.0, 0.0, 0.0), IFDRational(0, 0)
+ANGLES = packet(
     GimbalYawDegree="+45.00",
     GimbalPitchDegree="-89.90",
     GimbalRollDegree="-0.00",
     RelativeAltitude="+39.80",
 )
 PLACE = {"GpsLatitude": "-28.5", "AbsoluteAltitude": "+80.5", "GpsStatus": "RTK"}
+STATED = packet(**PLACE, GpsLongitude="+112.25")
 
 
-@pytest.fixture
-def photo(tmp_path: Path) -> Photo:
-    def write(gps: dict[int, Any] | None = None, xmp: bytes | None = None) -> Path:
-        write_photo(tmp_path / "DJI_0001.JPG", (16, 8), gps, xmp)
-        return tmp_path / "DJI_0001.JPG"
-
-    return write
-
-
-def altitude(code: bytes | None) -> dict[int, Any]:
-    return {tag: value for tag, value in {**GPS, 5: code}.items() if value is not None}
+def photo(folder: Path, gps: Any, xmp: Any) -> Path:
+    write_photo(folder / "DJI_0001.JPG", (16, 8), gps, xmp)
+    return folder / "DJI_0001.JPG"
 
 
 @pytest.mark.parametrize(
@@ -55,32 +41,27 @@ def altitude(code: bytes | None) -> dict[int, Any]:
     [
         (GPS, ANGLES, (LON, LAT, 198.309, 45.0, -89.9, 0.0, 39.8)),
         # A position of XMP stands in for that of EXIF, also where it is misspelt.
-        (None, dji(**PLACE, GpsLongitude="+112.25"), (112.25, -28.5, 80.5, *NOTHING[3:])),
-        (None, dji(**PLACE, GpsLongtitude="+112.25"), (112.25, -28.5, 80.5, *NOTHING[3:])),
-        (GPS, dji(**PLACE, GpsLongitude="+112.25"), (LON, LAT, 198.309, *NOTHING[3:])),
-        (
-            {1: "S", 2: (33.0, 30.0, 36.0), 3: "E", 4: (151.0, 0, 0)},
-            None,
-            (151.0, -33.51, *NOTHING[2:]),
-        ),
+        (None, STATED, (112.25, -28.5, 80.5)),
+        (None, packet(**PLACE, GpsLongtitude="+112.25"), (112.25, -28.5, 80.5)),
+        (GPS, STATED, (LON, LAT, 198.309)),
+        (SOUTH_EAST, None, (151.0, -33.51)),
         *(
-            (altitude(code), None, (LON, LAT, sign * 198.309, *NOTHING[3:]))
-            for code, sign in ((b"\0", 1), (b"\1", -1), (b"\2", 1), (b"\3", -1), (None, 1))
+            (ABOVE | reference, None, (LON, LAT, sign * 198.309))
+            for reference, sign in (
+                *(({5: b"\0"}, 1), ({5: b"\1"}, -1), ({5: b"\2"}, 1), ({5: b"\3"}, -1)),
+                ({}, 1),
+            )
         ),
-        (None, None, NOTHING),
-        (None, dji(GimbalYawDegree=""), NOTHING),
-        (
-            {**GPS, 2: (0.0, 0.0, 0.0), 4: (0.0, 0.0, 0.0)},
-            None,
-            (None, None, 198.309, *NOTHING[3:]),
-        ),
-        ({**GPS, 2: (UNKNOWN,) * 3, 6: UNKNOWN}, None, NOTHING),
-        (None, b"<not xml of DJI", NOTHING),  # other programs' is not looked at
+        (None, None, ()),
+        (None, packet(GimbalYawDegree=""), ()),
+        (GPS | {2: ZEROS, 4: ZEROS}, None, (None, None, 198.309)),
+        (GPS | {2: (UNKNOWN,) * 3, 6: UNKNOWN}, None, ()),
+        (None, b"<not xml of DJI", ()),  # other programs' is not looked at
     ],
 )
-def test_a_photo_states_these(photo: Photo, gps: Any, xmp: Any, expected: tuple[Any, ...]) -> None:
-    found = (*vars(read_prior(photo(gps, xmp))).values(),)
-    for value, one in zip(found, expected, strict=True):
+def test_a_photo_states_these(gps, xmp, expected, tmp_path):
+    found = vars(read_prior(photo(tmp_path, gps, xmp))).values()
+    for value, one in zip_longest(found, expected):
         assert value == (None if one is None else pytest.approx(one, abs=1e-8))
 
 
@@ -95,25 +76,25 @@ OUTSIDE = '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/hostname">]>'
         (None, packet(before=OUTSIDE, elements="&a;")),
         (None, packet()[:-40]),
         (None, packet().replace(b"W5M0", b"\xff\xfe\xfd\xfc")),
-        (None, dji(GimbalYawDegree="1_0")),
-        (None, dji(GimbalPitchDegree="nan")),
-        (None, dji(RelativeAltitude="+39,8")),
-        (None, dji(GpsLatitude="91", GpsLongitude="5")),
-        ({**GPS, 2: (91.0, 0.0, 0.0)}, None),
-        ({**GPS, 2: (46.0, 50.0)}, None),
-        ({**GPS, 1: "E"}, None),
-        ({**GPS, 3: ""}, None),
+        (None, packet(GimbalYawDegree="1_0")),
+        (None, packet(GimbalPitchDegree="nan")),
+        (None, packet(RelativeAltitude="+39,8")),
+        (None, packet(GpsLatitude="91", GpsLongitude="5")),
+        (GPS | {2: (91.0, 0.0, 0.0)}, None),
+        (GPS | {2: (46.0, 50.0)}, None),
+        (GPS | {1: "E"}, None),
+        (GPS | {3: ""}, None),
     ],
 )
-def test_damaged_metadata_is_named(photo: Photo, gps: Any, xmp: Any) -> None:
-    path = photo(gps, xmp)
+def test_damaged_metadata_is_named(gps, xmp, tmp_path):
+    path = photo(tmp_path, gps, xmp)
     with pytest.raises(BenchmarkError) as caught:
         read_prior(path)
     assert str(caught.value).startswith(str(path))
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\xff\xd8\xff\xe1\xff\xff", b"GIF89a"])
-def test_files_that_are_no_photos(tmp_path: Path, content: bytes | None) -> None:
+def test_files_that_are_no_photos(tmp_path, content):
     path = tmp_path / "a.JPG"
     if content is not None:
         path.write_bytes(content)
@@ -121,7 +102,7 @@ def test_files_that_are_no_photos(tmp_path: Path, content: bytes | None) -> None
         read_prior(path)
 
 
-def test_a_pose_worked_by_hand() -> None:
+def test_a_pose_worked_by_hand():
     # On the central meridian of UTM 15 the grid's north is true, and x is 500,000.
     prior = PhotoPrior(-93.0, 0.0, 120.0, 90.0, 0.0, 0.0, None)
     pose = priors_to_poses({"a.jpg": prior}, 32615)
@@ -130,7 +111,7 @@ def test_a_pose_worked_by_hand() -> None:
     np.testing.assert_allclose(pose.rotation, expected, rtol=0, atol=1e-9)
 
 
-def test_the_real_scene_and_its_trap(brighton: Path) -> None:
+def test_the_real_scene_and_its_trap(brighton):
     scene = json.loads((brighton / "poses.json").read_text())
     names = sorted(scene["images"])
     priors = {name: read_prior(brighton / "images" / name) for name in names}

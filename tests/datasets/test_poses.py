@@ -16,41 +16,36 @@ from airzoo_bench.datasets.cameras import attitudes_to_rotations
 from airzoo_bench.datasets.poses import read_poses
 from tests.support import DOWN
 
-SIZES = {"a.jpg": (64, 48), "sub/b.jpg": (64, 48)}
+NAMES = ("a.jpg", "sub/b.jpg")
+SIZES = dict.fromkeys(NAMES, (64, 48))
 K = [[64.0, 0, 31], [0, 65.0, 25], [0, 0, 1]]
-CENTRES = {
-    "a.jpg": [500_000.125, 5_200_000.25, 200.5],
-    "sub/b.jpg": [500_010.0, 5_200_020.0, 210.0],
-}
+CENTRES = [[500_000.125, 5_200_000.25, 200.5], [500_010.0, 5_200_020.0, 210.0]]
+TILTED = (Rotation.from_euler("x", 20, degrees=True).as_matrix() @ np.array(DOWN)) @ (
+    Rotation.from_euler("z", 35, degrees=True).as_matrix()
+)
 
 
 def json_file(folder: Path, **changes: Any) -> Path:
-    images = {name: {"R_w2c": DOWN, "center": centre} for name, centre in CENTRES.items()}
+    posed = zip(NAMES, CENTRES, strict=True)
+    images = {name: {"R_w2c": DOWN, "center": centre} for name, centre in posed}
     content = {"crs": "EPSG:32633", "K": K, "images": images} | changes
     (folder / "poses.json").write_text(json.dumps(content))
     return folder / "poses.json"
 
 
-def tilted() -> np.ndarray[Any, Any]:
-    a, b = np.radians([20.0, 35.0])
-    tilt = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-    turn = np.array([[np.cos(b), -np.sin(b), 0], [np.sin(b), np.cos(b), 0], [0, 0, 1]])
-    return tilt @ np.array(DOWN) @ turn
-
-
-def test_json(tmp_path: Path) -> None:
+def test_json(tmp_path):
     photos = read_poses(json_file(tmp_path, note="left aside", model="pinhole"), SIZES)
-    assert photos.names == ("a.jpg", "sub/b.jpg")
+    assert photos.names == NAMES
     assert photos.crs == "EPSG:32633"
-    np.testing.assert_array_equal(photos.poses.centres, list(CENTRES.values()))
+    np.testing.assert_array_equal(photos.poses.centres, CENTRES)
     np.testing.assert_array_equal(photos.cameras.matrices[0], K)
     np.testing.assert_array_equal(photos.cameras.distortion, np.zeros((2, 5)))
     assert photos.cameras.width.tolist() == [64, 64]
 
 
-def test_an_image_goes_before_the_top_and_rounded_rotations_become_exact(tmp_path: Path) -> None:
+def test_an_image_goes_before_the_top_and_rounded_rotations_become_exact(tmp_path):
     own = [[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]]
-    rounded = {"R_w2c": tilted().round(5).tolist(), "center": [1, 2, 3]}
+    rounded = {"R_w2c": TILTED.round(5).tolist(), "center": [1, 2, 3]}
     images = {
         "a.jpg": rounded | {"K": own, "distortion": [1, 2, 3, 4, 5]},
         "sub/b.jpg": {"R_w2c": DOWN, "center_utm": [1, 2, 3]},
@@ -62,7 +57,7 @@ def test_an_image_goes_before_the_top_and_rounded_rotations_become_exact(tmp_pat
     np.testing.assert_array_equal(photos.cameras.distortion, lenses)
     rotation = photos.poses.rotation[0]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(rotation, tilted(), atol=1e-5)
+    np.testing.assert_allclose(rotation, TILTED, atol=1e-5)
 
 
 def colmap(folder: Path, model: str, params: tuple[float, ...], *, text: bool = False) -> Path:
@@ -70,9 +65,8 @@ def colmap(folder: Path, model: str, params: tuple[float, ...], *, text: bool = 
     made = pycolmap.Reconstruction()
     camera = pycolmap.Camera(model=model, width=64, height=48, params=list(params), camera_id=1)
     made.add_camera_with_trivial_rig(camera)
-    for number, (name, centre) in enumerate(CENTRES.items(), start=1):
-        rotation = tilted()
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ np.array(centre))
+    for number, (name, centre) in enumerate(zip(NAMES, CENTRES, strict=True), start=1):
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(TILTED), -TILTED @ np.array(centre))
         image = pycolmap.Image(name=name, camera_id=1, image_id=number)
         made.add_image_with_trivial_frame(image, pose)
     folder.mkdir()
@@ -91,18 +85,18 @@ def colmap(folder: Path, model: str, params: tuple[float, ...], *, text: bool = 
         ("OPENCV", (64, 65, 31, 25, 0.1, 0.2, 0.3, 0.4), (0.1, 0.2, 0.3, 0.4, 0)),
     ],
 )
-def test_colmap(model: str, params: Any, distortion: Any, text: bool, tmp_path: Path) -> None:
+def test_colmap(model, params, distortion, text, tmp_path):
     photos = read_poses(colmap(tmp_path / "model", model, params, text=text), SIZES)
-    assert photos.names == ("a.jpg", "sub/b.jpg")
+    assert photos.names == NAMES
     assert not photos.crs
-    np.testing.assert_allclose(photos.poses.centres, list(CENTRES.values()), atol=1e-8)
-    np.testing.assert_allclose(photos.poses.rotation, [tilted(), tilted()], atol=1e-12)
+    np.testing.assert_allclose(photos.poses.centres, CENTRES, atol=1e-8)
+    np.testing.assert_allclose(photos.poses.rotation, [TILTED, TILTED], atol=1e-12)
     fy = 65 if params[1] == 65 else 64
     np.testing.assert_array_equal(photos.cameras.matrices[1], [[64, 0, 31], [0, fy, 25], [0, 0, 1]])
     np.testing.assert_array_equal(photos.cameras.distortion[1], distortion)
 
 
-def test_a_cut_colmap_model_is_refused(tmp_path: Path) -> None:
+def test_a_cut_colmap_model_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(CameraError, match="empty: not a COLMAP model"):
         read_poses(tmp_path / "empty", SIZES)
@@ -115,77 +109,51 @@ def test_a_cut_colmap_model_is_refused(tmp_path: Path) -> None:
         (path / name).write_bytes(content)
 
 
-# --- rotations from three angles ---
+# --- rotations from three angles; tests/geometry has those of a gimbal ---
 
-NADIR = [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)]
 # Right, down and forward of the camera, in east, north, up; worked by hand.
 BY_HAND = [
-    ("omega-phi-kappa", (0, 0, 0), NADIR),
+    ("omega-phi-kappa", (0, 0, 0), DOWN),
     # Counter-clockwise by a quarter: right is north, the lower edge points east.
     ("omega-phi-kappa", (0, 0, 90), [(0, 1, 0), (1, 0, 0), (0, 0, -1)]),
     # Turned about east by a quarter, from nadir to the north.
     ("omega-phi-kappa", (90, 0, 0), [(1, 0, 0), (0, 0, -1), (0, 1, 0)]),
     # Turned about north by a quarter: from nadir to the west, the right side down.
     ("omega-phi-kappa", (0, 90, 0), [(0, 0, -1), (0, -1, 0), (-1, 0, 0)]),
-    ("airframe", (0, 0, 0), NADIR),
+    ("airframe", (0, 0, 0), DOWN),
     # The nose is east: so is the top of the photo.
     ("airframe", (90, 0, 0), [(0, -1, 0), (-1, 0, 0), (0, 0, -1)]),
     # The nose is up: the camera below looks ahead, north.
     ("airframe", (0, 90, 0), [(1, 0, 0), (0, 0, -1), (0, 1, 0)]),
     # The right wing is down: the camera below looks left, west.
     ("airframe", (0, 0, 90), [(0, 0, -1), (0, -1, 0), (-1, 0, 0)]),
-    ("gimbal", (0, -90, 0), NADIR),
-    ("gimbal", (0, 0, 0), [(1, 0, 0), (0, 0, -1), (0, 1, 0)]),
+    ("gimbal", (0, -90, 0), DOWN),
 ]
+ANGLES = np.random.default_rng(5).uniform((-180, -85, -180), (180, 85, 180), (200, 3))
 
 
 @pytest.mark.parametrize(("convention", "angles", "expected"), BY_HAND)
 def test_angles_by_hand(convention, angles, expected):
     found = attitudes_to_rotations(convention, [angles], convergence_deg=0.0)[0]
-
     np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
-def random_angles(count: int) -> np.ndarray:
-    return np.random.default_rng(5).uniform((-180, -85, -180), (180, 85, 180), (count, 3))
-
-
-def test_omega_phi_kappa_against_scipy():
-    angles = random_angles(200)
-    to_world = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
-    expected = np.diag((1.0, -1.0, -1.0)) @ to_world.transpose(0, 2, 1)
-
-    found = attitudes_to_rotations("omega-phi-kappa", angles, convergence_deg=0.0)
-
-    np.testing.assert_allclose(found, expected, atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("convention", "camera_to_body"),
-    [
-        # Columns: the camera's right, down and forward in nose, right wing, down.
-        ("gimbal", [(0, 0, 1), (1, 0, 0), (0, 1, 0)]),
-        ("airframe", [(0, -1, 0), (1, 0, 0), (0, 0, 1)]),
-    ],
-)
-def test_yaw_pitch_roll_against_scipy(convention, camera_to_body):
-    angles = random_angles(200)
-    body_to_ned = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+def test_angles_against_scipy_and_convergence_turns_all_conventions_alike():
+    to_world = Rotation.from_euler("XYZ", ANGLES, degrees=True).as_matrix()
+    body_to_ned = Rotation.from_euler("ZYX", ANGLES, degrees=True).as_matrix()
     ned_to_enu = np.array([(0, 1, 0), (1, 0, 0), (0, 0, -1)])
-    expected = (ned_to_enu @ body_to_ned @ np.array(camera_to_body)).transpose(0, 2, 1)
-
-    found = attitudes_to_rotations(convention, angles, convergence_deg=0.0)
-
-    np.testing.assert_allclose(found, expected, atol=1e-14)
-
-
-@pytest.mark.parametrize("convention", ["gimbal", "airframe", "omega-phi-kappa"])
-def test_convergence_turns_all_conventions_alike(convention):
-    angles, convergence = random_angles(50), np.linspace(-3, 3, 50)
+    # Columns: the camera's right, down and forward in nose, right wing, down.
+    below, ahead = [(0, -1, 0), (1, 0, 0), (0, 0, 1)], [(0, 0, 1), (1, 0, 0), (0, 1, 0)]
+    convergence = np.linspace(-3, 3, 200)
     turned = Rotation.from_euler("Z", convergence[:, None], degrees=True).as_matrix()
-    true = attitudes_to_rotations(convention, angles, convergence_deg=0.0)
-
-    found = attitudes_to_rotations(convention, angles, convergence_deg=convergence)
-
-    # The grid's north is clockwise of true north: on the grid all azimuths are smaller.
-    np.testing.assert_allclose(found, true @ turned.transpose(0, 2, 1), atol=1e-14)
+    cases: dict[Any, Any] = {
+        "omega-phi-kappa": np.diag((1.0, -1.0, -1.0)) @ to_world.transpose(0, 2, 1),
+        "airframe": (ned_to_enu @ body_to_ned @ np.array(below)).transpose(0, 2, 1),
+        "gimbal": (ned_to_enu @ body_to_ned @ np.array(ahead)).transpose(0, 2, 1),
+    }
+    for convention, expected in cases.items():
+        true = attitudes_to_rotations(convention, ANGLES, convergence_deg=0.0)
+        np.testing.assert_allclose(true, expected, atol=1e-14)
+        # The grid's north is clockwise of true north: on the grid all azimuths are smaller.
+        found = attitudes_to_rotations(convention, ANGLES, convergence_deg=convergence)
+        np.testing.assert_allclose(found, expected @ turned.transpose(0, 2, 1), atol=1e-14)

@@ -106,18 +106,16 @@ def write_dji(made: Survey) -> None:
     gimbal = rotations_to_angles(made.rotation, convergence_deg=made.convergence)
     cx, cy = np.subtract(made.centre, np.divide(SIZE, 2))
     lens = ",".join(map(repr, (made.focal, made.focal, float(cx), float(cy), *made.lens)))
-    for name, lonlat, centre, angles in zip(
-        made.names, made.lonlat, made.centres, gimbal, strict=True
-    ):
+    rows = zip(made.names, made.lonlat, made.centres, gimbal, strict=True)
+    for name, lonlat, centre, angles in rows:
         keys = ("GpsLongitude", "GpsLatitude", "RelativeAltitude")
-        values = dict(zip(keys, (*lonlat, centre[2] - GROUND_M), strict=True))
-        keys = ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
-        values |= dict(zip(keys, angles, strict=True))
-        texts = {key: f"{value:+.9f}" for key, value in values.items()}
+        keys += ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
+        values = zip(keys, (*lonlat, centre[2] - GROUND_M, *angles), strict=True)
+        texts = {key: f"{value:+.9f}" for key, value in values}
         texts |= {"RtkFlag": "50", "DewarpFlag": "0", "DewarpData": f"2024-05-01;{lens}"}
         texts |= {"RtkStdLon": "0.010", "RtkStdLat": "0.010", "RtkStdHgt": "0.020"}
-        xmp = packet(" ".join(f'drone-dji:{key}="{text}"' for key, text in texts.items()))
-        write_photo(made.folder / "photos" / name, SIZE, {5: b"\0", 6: centre[2]}, xmp)
+        gps = {5: b"\0", 6: centre[2]}
+        write_photo(made.folder / "photos" / name, SIZE, gps, packet(**texts))
 
 
 def dji_photos(made: Survey) -> NativeScene:
@@ -160,12 +158,7 @@ LAYOUTS: list[tuple[Callable[[Survey], NativeScene], float]] = [
 
 
 @pytest.mark.parametrize(("layout", "metres"), LAYOUTS)
-def test_same_truth_as_own_photos(
-    layout: Callable[[Survey], NativeScene],
-    metres: float,
-    tmp_path: Path,
-    tree: Callable[[str], Path],
-) -> None:
+def test_same_truth_as_own_photos(layout, metres, tmp_path, tree):
     folder = Path(shutil.copytree(tree("surveys"), tmp_path / "a b 测区"))
     made = Survey(folder)
     found = layout(made)

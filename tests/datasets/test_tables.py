@@ -34,7 +34,7 @@ def read(path: Path, content: str | bytes) -> Table:
         "filename,地点,lat,height\na.JPG,长江,29.5,405\nb.JPG,,-10,406.25".encode("gb18030"),
     ],
 )
-def test_columns_by_name(path: Path, content: str | bytes) -> None:
+def test_columns_by_name(path, content):
     table = read(path, content)
     assert table.texts("filename") == ("a.JPG", "b.JPG")
     assert len(table) == 2
@@ -43,7 +43,7 @@ def test_columns_by_name(path: Path, content: str | bytes) -> None:
     assert not table.has("Phi1")
 
 
-def test_optional_and_further_columns(path: Path) -> None:
+def test_optional_and_further_columns(path):
     table = read(path, "filename,lat,height,phi1,date\na,1,2,,x\nb,1,2,-3,x\n")
     assert list(table.names) == ["filename", "lat", "height", "phi1", "date"]
     np.testing.assert_array_equal(table.numbers("Phi1", empty=True), [np.nan, -3.0])
@@ -67,20 +67,20 @@ def test_optional_and_further_columns(path: Path) -> None:
         (b"filename,lat,height\na,1,\0\0\0", []),
     ],
 )
-def test_refused(path: Path, content: str | bytes, names: list[str]) -> None:
+def test_refused(path, content, names):
     with pytest.raises(BenchmarkError) as error:
         read(path, content)
     assert all(name in str(error.value) for name in [str(path), *names])
 
 
 @pytest.mark.parametrize("value", ["", "x", "nan", "inf", "91", "1_0", "29,5", "1.000,5"])
-def test_numbers_that_are_none(path: Path, value: str) -> None:
+def test_numbers_that_are_none(path, value):
     table = read(path, f'filename,lat,height\na,1.5,2\nb,"{value}",2\n')
     with pytest.raises(BenchmarkError, match=r"line 3: column lat(.|\n)*a number from -90 to 90"):
         table.numbers("lat", -90, 90)
 
 
-def test_names_of_other_programs_mean_photos(path: Path) -> None:
+def test_names_of_other_programs_mean_photos(path):
     photos = ["a/DJI_1.JPG", "b/DJI_2.JPG", "b/DJI_3.JPG"]
     given = ["DJI_1", "B\\dji_2.jpg", "b/DJI_3.JPG", "DJI_9"]
     assert match_names(given, photos, "poses.csv") == dict(zip(given[:3], photos, strict=True))
@@ -91,7 +91,7 @@ def test_names_of_other_programs_mean_photos(path: Path) -> None:
         table.require_unique("filename")
 
 
-def test_lines_without_a_header(path: Path) -> None:
+def test_lines_without_a_header(path):
     path.write_text("# made by hand\n\nDJI 0001.JPG 1 0.5\nb.JPG  2\t-1e-3 \n")
     table = read_lines(path, ("name", "qw", "qx"))
     assert table.texts("name") == ("DJI 0001.JPG", "b.JPG")

@@ -53,7 +53,7 @@ def sample_mesh(vertices: Any, faces: Any, *, count: int, seed: int, block: int 
 SAMPLE = sample_mesh(CUBE, FACES, count=500, seed=7)
 
 
-def test_a_hand_worked_pair_of_triangles() -> None:
+def test_a_hand_worked_pair_of_triangles():
     # The areas are 1/2 and 3/2, so that a quarter of the points lies in the first triangle.
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [3, 0, 5], [0, 1, 5]])
     points = sample_mesh(vertices, np.array([[0, 1, 2], [3, 4, 5]]), count=4000, seed=1)
@@ -67,7 +67,7 @@ def test_a_hand_worked_pair_of_triangles() -> None:
     np.testing.assert_allclose(points[~low].mean(axis=0), [1, 1 / 3, 5], atol=0.05)
 
 
-def test_points_are_uniform_on_the_surface() -> None:
+def test_points_are_uniform_on_the_surface():
     mesh = trimesh.creation.icosphere(subdivisions=3)
     points = sample_mesh(np.array(mesh.vertices), np.array(mesh.faces), count=20_000, seed=5)
     # On the unit sphere z is uniform (Archimedes): second moment 1/3, and no face is preferred.
@@ -78,21 +78,21 @@ def test_points_are_uniform_on_the_surface() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 300), st.integers(0, 2**64 - 1), st.integers(1, 50))
-def test_blocks_do_not_matter(count: int, seed: int, block: int) -> None:
+def test_blocks_do_not_matter(count, seed, block):
     whole = sample_mesh(CUBE, FACES, count=count, seed=seed)
     parts = sample_mesh(CUBE, FACES, count=count, seed=seed, block=block)
     np.testing.assert_array_equal(parts, whole)
     assert on_cube(whole)
 
 
-def test_the_bytes_of_a_sample_are_fixed() -> None:
+def test_the_bytes_of_a_sample_are_fixed():
     corners = CUBE * (3.7, 2.1, 1.3) + 5_188_114.1
     points = np.concatenate([sample_mesh(corners, FACES, count=31, seed=s) for s in range(9)])
     digest = hashlib.sha256(points.astype("<f8").tobytes()).hexdigest()
     assert digest == "b147b111fb4001e7cdf5312c39b927f2dfebdd86a6bcd3a3cfb88d36422ddc5c"
 
 
-def test_faces_without_area_get_no_point_and_far_ones_lose_nothing() -> None:
+def test_faces_without_area_get_no_point_and_far_ones_lose_nothing():
     faces = np.concatenate([[[0, 0, 0]], FACES[:2], [[1, 1, 2]]])
     assert (sample_mesh(CUBE, faces, count=1000, seed=3)[:, 0] == 0.0).all()
     offset = np.array([2.0**22, 2.0**23, 0.0])
@@ -101,14 +101,14 @@ def test_faces_without_area_get_no_point_and_far_ones_lose_nothing() -> None:
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
-def test_ply_meshes(order: str, tmp_path: Path) -> None:
+def test_ply_meshes(order, tmp_path):
     faces = BINARY_QUADS.get(order, TEXT_QUADS)
     path = write_ply(tmp_path / "a.ply", COLUMNS, order, faces_header=QUAD_HEADER, faces=faces)
     np.testing.assert_array_equal(read(path).points, SAMPLE)
     assert "12 faces" in opened(path).notes[0]
 
 
-def test_ply_of_triangles_and_quads_mixed(tmp_path: Path) -> None:
+def test_ply_of_triangles_and_quads_mixed(tmp_path):
     header = "element face 4\nproperty uchar flags\nproperty list uchar uint vertex_index\n"
     header += "property float w"
     polygons = [(0, 1, 3), (0, 3, 2), (4, 6, 7, 5), (0, 4, 5)]
@@ -124,7 +124,7 @@ def test_ply_of_triangles_and_quads_mixed(tmp_path: Path) -> None:
             read(path)
 
 
-def test_obj(tmp_path: Path) -> None:
+def test_obj(tmp_path):
     path = tmp_path / "a.obj"
     for text in (OBJ, OBJ.replace("f 1/1/1 2//1 4 3", "f -8 -7/2 -5//3 -6")):
         path.write_text(text)
@@ -145,14 +145,14 @@ def test_obj(tmp_path: Path) -> None:
         "f 1 2 99999999999999999999",
     ],
 )
-def test_wrong_obj(line: str, tmp_path: Path) -> None:
+def test_wrong_obj(line, tmp_path):
     (tmp_path / "a.obj").write_text(f"v 0 0 0\nv 1 0 0\n{line}\n")
     with pytest.raises(PredictionError):
         read(tmp_path / "a.obj")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 99, -1])
-def test_meshes_that_cannot_be_sampled(value: float, tmp_path: Path) -> None:
+def test_meshes_that_cannot_be_sampled(value, tmp_path):
     columns, faces = COLUMNS | {"x": COLUMNS["x"].copy()}, BINARY_QUADS["<"]
     if value in (99, -1):
         faces = faces.replace(struct.pack("<i", 5), struct.pack("<i", value))
@@ -162,7 +162,7 @@ def test_meshes_that_cannot_be_sampled(value: float, tmp_path: Path) -> None:
         opened(write_ply(tmp_path / "a.ply", columns, faces_header=QUAD_HEADER, faces=faces))
 
 
-def test_how_many_points_a_mesh_gets(tmp_path: Path) -> None:
+def test_how_many_points_a_mesh_gets(tmp_path):
     faces = {"faces_header": QUAD_HEADER, "faces": BINARY_QUADS["<"]}
     path = write_ply(tmp_path / "a.ply", COLUMNS, **faces)
     density = MeshSampling(seed=0, count=None, per_square_unit=100.0, max_points=1000)
@@ -174,7 +174,7 @@ def test_how_many_points_a_mesh_gets(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
-def test_what_trimesh_writes(suffix: str, tmp_path: Path) -> None:
+def test_what_trimesh_writes(suffix, tmp_path):
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
     mesh.apply_translation([5, 6, 7])
     mesh.export(tmp_path / f"a.{suffix}")
@@ -219,7 +219,7 @@ def write_glb(path: Path, document: dict[str, Any]) -> Path:
     return path
 
 
-def test_gltf_with_the_transforms_of_its_nodes(tmp_path: Path) -> None:
+def test_gltf_with_the_transforms_of_its_nodes(tmp_path):
     uri = "data:application/octet-stream;base64," + base64.b64encode(BODY).decode()
     (tmp_path / "a.gltf").write_text(json.dumps(edited("buffers", 0, "uri", value=uri)))
     for path in (tmp_path / "a.gltf", write_glb(tmp_path / "a.glb", DOCUMENT)):
@@ -245,7 +245,7 @@ def test_gltf_with_the_transforms_of_its_nodes(tmp_path: Path) -> None:
         edited("meshes", value=5),
     ],
 )
-def test_wrong_glb(document: Any, tmp_path: Path) -> None:
+def test_wrong_glb(document, tmp_path):
     with pytest.raises(PredictionError):
         read(write_glb(tmp_path / "a.glb", document))
     whole = write_glb(tmp_path / "a.glb", DOCUMENT).read_bytes()

@@ -33,9 +33,7 @@ def written(path: Path, **columns: Any) -> dict[str, Any]:
     ids=["plain", "large", "coded ids", "coded ranks"],
 )
 @pytest.mark.parametrize("kind", [pa.float16(), pa.float64()])
-def test_reads_every_kind_of_text_and_number(
-    ids: Any, ranked: Any, kind: Any, tmp_path: Path
-) -> None:
+def test_reads_every_kind_of_text_and_number(ids, ranked, kind, tmp_path):
     scores = pa.array([[0.5, 0.25], [1.0, float("nan")]], pa.list_(kind))
     read = written(tmp_path / "x.parquet", query_ids=ids, ranked_ids=ranked, scores=scores)
     assert read["query_ids"].dtype.kind == "U"
@@ -45,7 +43,7 @@ def test_reads_every_kind_of_text_and_number(
 
 
 @pytest.mark.parametrize("rows", [0, 1500])
-def test_reads_row_groups_in_order(rows: int, tmp_path: Path) -> None:
+def test_reads_row_groups_in_order(rows, tmp_path):
     ids = pa.array([f"e/{i}" for i in range(rows)], pa.string())
     table = pa.table({"query_ids": ids, "ranked_ids": pa.FixedSizeListArray.from_arrays(ids, 1)})
     pq.write_table(table, tmp_path / "x.parquet", row_group_size=400)
@@ -81,7 +79,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("case", list(REFUSED))
-def test_refused(case: str, tmp_path: Path) -> None:
+def test_refused(case, tmp_path):
     content, message = REFUSED[case]
     path = tmp_path / "x.parquet"
     if isinstance(content, bytes):

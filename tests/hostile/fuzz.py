@@ -22,10 +22,10 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import chdir, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from types import FrameType
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -42,50 +42,30 @@ _FINE = (0, 1, 2)
 _LEAKED = re.compile(r"Warning:|Traceback|^ERROR \d|^(?:CPLE|GDAL|TIFF)\w*:", re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class Failure:
-    """A case that went wrong, and how to see it again."""
-
-    seed: int
-    case: int
-    command: str
-    why: str
-    said: str
-
-
 class _TooLong(BaseException):
     """A case takes longer than it may; no code of the suite catches this."""
 
 
-def kind_of_case(inputs: list[Input], seed: int, number: int) -> tuple[Input, np.random.Generator]:
-    """Draw the kind of input of a case, and what spoils it."""
+def run_case(inputs: list[Input], seed: int, number: int, folder: Path) -> dict[str, Any]:
+    """Run a case in an empty folder, and return what went wrong and how to see it again."""
     random = np.random.default_rng((seed, number))
     shares = np.array([one.share for one in inputs])
-    return inputs[int(random.choice(len(inputs), p=shares / shares.sum()))], random
-
-
-def run_case(inputs: list[Input], seed: int, number: int, folder: Path) -> Failure | None:
-    """Run a case in an empty folder."""
-    one, random = kind_of_case(inputs, seed, number)
-    words = spoilt(one, random, folder)
+    one = inputs[int(random.choice(len(inputs), p=shares / shares.sum()))]
+    words, code = spoilt(one, random, folder), None
+    said, begin = folder.parent / "said", _cpu_s()
     os.environ["AIRZOO_BENCH_DATA"] = "data"
-    with chdir(folder):
-        code, said, seconds = _run(words, folder.parent / "said")
-    why = ""
+    with chdir(folder), _captured(said), _limited(), suppress(_TooLong):
+        code = run_main(*words)
+    text, seconds, why = said.read_text(errors="replace"), _cpu_s() - begin, ""
     if code is None or seconds > CPU_S:
         why = f"took {seconds:.0f} s of a processor{'' if code is not None else ', and no end'}"
     elif code not in _FINE:
         why = f"exit code {code}"
-    elif found := _LEAKED.search(said):
+    elif found := _LEAKED.search(text):
         why = f"leaked {found[0]!r}"
-    return Failure(seed, number, shlex.join(words), why, said[-3000:]) if why else None
-
-
-def _run(arguments: list[str], said: Path) -> tuple[int | None, str, float]:
-    code, begin = None, _cpu_s()
-    with _captured(said), _limited(), suppress(_TooLong):
-        code = run_main(*arguments)
-    return code, said.read_text(errors="replace"), _cpu_s() - begin
+    command = shlex.join(words)
+    again = {"seed": seed, "case": number, "command": command, "why": why, "said": text[-3000:]}
+    return again if why else {}
 
 
 def _cpu_s() -> float:
@@ -97,16 +77,13 @@ def _cpu_s() -> float:
 def _captured(path: Path) -> Iterator[None]:
     """Send all that this process says into a file, that of C libraries too."""
     kept = [os.dup(1), os.dup(2)]
-    streams = sys.stdout, sys.stderr
-    with path.open("w") as out:
+    with path.open("w") as out, redirect_stdout(out), redirect_stderr(out):
         try:
-            os.dup2(out.fileno(), 1)
-            os.dup2(out.fileno(), 2)
-            sys.stdout = sys.stderr = out
+            for number in (1, 2):
+                os.dup2(out.fileno(), number)
             yield
         finally:
             out.flush()
-            sys.stdout, sys.stderr = streams
             for number, handle in enumerate(kept, 1):
                 os.dup2(handle, number)
                 os.close(handle)
@@ -148,13 +125,12 @@ def run_cases(seed: int, numbers: list[int], only: str, keep: Path) -> int:
             folder = Path(home) / "case"
             folder.mkdir()
             (keep / "running").write_text(f"{seed} {number}")
-            failure = run_case(inputs, seed, number, folder)
-            if failure is not None:
+            if failure := run_case(inputs, seed, number, folder):
                 failures += 1
                 place = keep / f"{seed}-{number}"
                 shutil.rmtree(place, ignore_errors=True)
                 shutil.copytree(folder, place, ignore_dangling_symlinks=True)
-                sys.stdout.write(json.dumps(asdict(failure)) + "\n")
+                sys.stdout.write(json.dumps(failure) + "\n")
                 sys.stdout.flush()
             shutil.rmtree(folder)
     (keep / "running").unlink(missing_ok=True)

@@ -150,19 +150,15 @@ def _spoil_table(random: Random, content: bytes) -> bytes:
     table = pd.read_parquet(io.BytesIO(content))
     name, other = random.choice(table.columns.to_numpy(), 2)
     odd = np.array([np.nan, 1e308, -1e308, np.inf, -0.0])
-    match int(random.integers(5)):
-        case 0:
-            table = table.drop(columns=name)
-        case 1:
-            table[name] = table[name].astype(str)
-        case 2:
-            table[name] = random.choice(odd, len(table))
-        case 3:
-            table = table.iloc[random.integers(0, len(table), len(table))]
-        case _:
-            table[name] = table[other].to_numpy()
+    changes: tuple[Callable[[], pd.DataFrame], ...] = (
+        lambda: table.drop(columns=name),
+        lambda: table.assign(**{name: table[name].astype(str)}),
+        lambda: table.assign(**{name: random.choice(odd, len(table))}),
+        lambda: table.assign(**{name: table[other].to_numpy()}),
+        lambda: table.iloc[random.integers(0, len(table), len(table))],
+    )
     out = io.BytesIO()
-    table.to_parquet(out, index=False)
+    changes[int(random.integers(5))]().to_parquet(out, index=False)
     return out.getvalue()
 
 
@@ -288,28 +284,17 @@ def spoil_arrays(random: Random, content: bytes) -> bytes:
         name = str(random.choice(list(fields)))
         with np.errstate(all="ignore"):
             _spoil_field(random, fields, raw, name)
-    return packed(random, fields, raw)
-
-
-def packed(random: Random, fields: dict[str, Any], raw: dict[str, bytes]) -> bytes:
-    """Write an npz, of arrays and of members given as bytes."""
-    out = io.BytesIO()
-    method = zipfile.ZIP_STORED if random.random() < 0.7 else zipfile.ZIP_DEFLATED
-    with zipfile.ZipFile(out, "w", method) as archive:
-        for name, array in fields.items():
-            stream = io.BytesIO()
-            np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
-            archive.writestr(_member(name, method), stream.getvalue())
+    out, method = io.BytesIO(), int(random.choice((0, 0, 0, 8)))  # mostly stored
+    for name, array in fields.items():
+        stream = io.BytesIO()
+        np.lib.format.write_array(stream, np.asanyarray(array), allow_pickle=False)
+        raw[name] = stream.getvalue()
+    with zipfile.ZipFile(out, "w") as archive:
         for name, body in raw.items():
-            archive.writestr(_member(name, method), body)
+            member = zipfile.ZipInfo("x")  # whose first argument would end at a NUL
+            member.filename, member.compress_type = f"{name}.npy", method
+            archive.writestr(member, body)
     return out.getvalue()
-
-
-def _member(name: str, method: int) -> zipfile.ZipInfo:
-    """Name a member as it is asked for: zipfile would end the name at a NUL."""
-    member = zipfile.ZipInfo("x")
-    member.filename, member.compress_type = f"{name}.npy", method
-    return member
 
 
 def _spoil_field(random: Random, fields: dict[str, Any], raw: dict[str, bytes], name: str) -> None:
@@ -321,7 +306,8 @@ def _spoil_field(random: Random, fields: dict[str, Any], raw: dict[str, bytes], 
             word = str(random.choice(np.array(WORDS, object)))[:40].replace("/", "_")
             fields[word] = fields.pop(name)
         case 2:
-            fields[name] = _as(array, str(random.choice(_DTYPES)))
+            with suppress(ValueError, TypeError):  # words that are no numbers stay
+                fields[name] = array.astype(str(random.choice(_DTYPES)))
         case 3:
             fields[name] = _reshaped(random, array)
         case 4:
@@ -330,13 +316,6 @@ def _spoil_field(random: Random, fields: dict[str, Any], raw: dict[str, bytes], 
             del fields[name]
         case _:
             fields[name] = _with_odd_values(random, array)
-
-
-def _as(array: Any, kind: str) -> Any:
-    try:
-        return array.astype(kind)
-    except (ValueError, TypeError, UnicodeError):
-        return np.zeros(array.shape, kind)
 
 
 def _reshaped(random: Random, array: Any) -> Any:
@@ -352,10 +331,9 @@ def _reshaped(random: Random, array: Any) -> Any:
         lambda: array[random.integers(0, len(array), len(array))],
         lambda: array.reshape(-1)[0],
     )
-    try:
+    with suppress(ValueError, IndexError, TypeError):
         return changes[int(random.integers(len(changes)))]()
-    except (ValueError, IndexError, TypeError):
-        return array
+    return array
 
 
 def _with_odd_values(random: Random, array: Any) -> Any:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -18,16 +16,13 @@ from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.predictions import Reading, find_reader
 from tests.matching.world import SIZE
-from tests.readers.conftest import Worlds
-
-Score = Callable[..., Any]
 
 
 def errors(found: Any) -> Any:
     return found.records.set_index("query")["error_m"]
 
 
-def test_one_file_is_one_query(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
+def test_one_file_is_one_query(worlds, tmp_path, matched):
     home = worlds.sample("loftr", tmp_path / "f")
     assert find_reader(home / "q3.npz") == "loftr"
     found, every = matched(home / "q3.npz"), matched(home)
@@ -38,7 +33,7 @@ def test_one_file_is_one_query(worlds: Worlds, tmp_path: Path, matched: Score) -
 @pytest.mark.parametrize(
     "named", ["hills/{0}", "hills/{0}_{0}_dom_matches", "hills/{0}.png/{0}_dom"]
 )
-def test_folders_name_the_scene_of_their_pairs(named: str, worlds: Worlds, tmp_path: Path) -> None:
+def test_folders_name_the_scene_of_their_pairs(named, worlds, tmp_path):
     world, home = worlds.hills, worlds.sample("loftr", tmp_path / "f")
     for one in list(home.iterdir()):
         for scene in ("hills", "town", "coast"):
@@ -62,7 +57,7 @@ def test_folders_name_the_scene_of_their_pairs(named: str, worlds: Worlds, tmp_p
     assert read.notes == ("8 files of other pictures left out",)
 
 
-def test_empty_matches_are_an_answer(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
+def test_empty_matches_are_an_answer(worlds, tmp_path, matched):
     path = worlds.sample("mast3r-visloc", tmp_path / "f")
     none = np.zeros(0)
     np.savez(path / "q0.png" / "q0_dom.tif.npz", matches_im_query=none, matches_im_map=none)
@@ -71,9 +66,7 @@ def test_empty_matches_are_an_answer(worlds: Worlds, tmp_path: Path, matched: Sc
     assert errors(found)["hills/q0"] == float("inf")
 
 
-def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(
-    worlds: Worlds, tmp_path: Path, matched: Score
-) -> None:
+def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(worlds, tmp_path, matched):
     home = worlds.sample("superglue", tmp_path / "f")
     expected = matched(home).overall
     for path in list(home.iterdir()):
@@ -86,7 +79,7 @@ def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(
     assert matched(home).overall == pytest.approx(expected, abs=1e-9)
 
 
-def test_roma_in_pixels(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
+def test_roma_in_pixels(worlds, tmp_path, matched):
     home = worlds.sample("roma", tmp_path / "f")
     expected = matched(home, reader="roma").overall
     for path, crop in zip(sorted(home.iterdir()), worlds.hills.truth.crops, strict=True):
@@ -97,14 +90,14 @@ def test_roma_in_pixels(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])
-def test_precision_and_files_of_hloc_are_named(
-    dtype: Any, worlds: Worlds, tmp_path: Path, matched: Score
-) -> None:
+def test_precision_and_files_of_hloc_are_named(dtype, worlds, tmp_path, matched):
     path = worlds.sample("hloc", tmp_path / "f")
     [matches] = path.glob("*_matches.h5")
     [features] = {*path.iterdir()} - {matches}
     with h5py.File(features, "a") as file:
-        for name in [f"{one}/keypoints" for one in _pictures(file)]:
+        names: list[str] = []
+        file.visit(names.append)
+        for name in [one for one in names if one.endswith("/keypoints")]:
             xy = file[name][()].astype(dtype)
             del file[name]
             file[name] = xy
@@ -117,13 +110,7 @@ def test_precision_and_files_of_hloc_are_named(
     assert any(step in one for one in found.result.notes) == (dtype is np.float16)
 
 
-def _pictures(file: h5py.File) -> list[str]:
-    names: list[str] = []
-    file.visit(names.append)
-    return [name.removesuffix("/keypoints") for name in names if name.endswith("/keypoints")]
-
-
-def test_the_whole_map_may_be_matched(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
+def test_the_whole_map_may_be_matched(worlds, tmp_path, matched):
     world, path = worlds.hills, tmp_path / "m.h5"
     with h5py.File(path, "w") as file:
         rows = zip(world.truth.queries["image"], world.query_xy, world.map_xy, strict=True)
@@ -136,7 +123,7 @@ def test_the_whole_map_may_be_matched(worlds: Worlds, tmp_path: Path, matched: S
     assert "1 pair of other pictures left out" in found.result.notes
 
 
-def test_the_identity_is_no_pose(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
+def test_the_identity_is_no_pose(worlds, tmp_path, matched):
     path = worlds.sample("hloc-poses", tmp_path / "f")
     lines = [one for one in path.read_text().splitlines() if not one.startswith("q1.png")]
     lines += [f"{name} 1 0 0 0 0 0 0" for name in ("q1.png", "other.png")]
@@ -150,7 +137,7 @@ def test_the_identity_is_no_pose(worlds: Worlds, tmp_path: Path, matched: Score)
         matched(worlds.sample("kitti", tmp_path / "k"))
 
 
-def test_a_colmap_model_below_a_folder(worlds: Worlds, tmp_path: Path, matched: Score) -> None:
+def test_a_colmap_model_below_a_folder(worlds, tmp_path, matched):
     home = tmp_path / "out" / "sparse/0"
     home.mkdir(parents=True)
     sample = worlds.sample("colmap-poses", tmp_path / "f")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -48,17 +49,17 @@ MEANT = {
 @pytest.mark.parametrize(
     ("path", "expected"), [(path, one) for one, paths in MEANT.items() for path in paths]
 )
-def test_paths_by_hand(path: str, expected: str | None) -> None:
+def test_paths_by_hand(path, expected):
     assert NAMES.find(path) == expected
 
 
 @pytest.mark.parametrize("path", ["a.jpg", "/x/a.jpg", "c.png", "b.JPG"])
-def test_what_could_be_several_is_refused(path: str) -> None:
+def test_what_could_be_several_is_refused(path):
     with pytest.raises(PredictionError, match="could be 2"):
         NAMES.find(path)
 
 
-def test_names_with_other_separators_name_scenes_too() -> None:
+def test_names_with_other_separators_name_scenes_too():
     known = ImageNames(
         "query",
         [("s-1/a", "a.jpg"), ("s-1/b-c", "b-c.jpg"), ("s-2/a", "a.jpg")],
@@ -71,12 +72,12 @@ def test_names_with_other_separators_name_scenes_too() -> None:
     assert known.find("photos/b/c.jpg") == "s-1/b-c"
 
 
-def test_two_names_of_one_image_are_refused() -> None:
+def test_two_names_of_one_image_are_refused():
     with pytest.raises(PredictionError, match=r"'g\.JPG' and 'x/g\.jpg' are both city/g"):
         NAMES.find_all(["g.JPG", "x/g.jpg"], Path("list.txt"))
 
 
-def test_names_of_nothing_are_refused() -> None:
+def test_names_of_nothing_are_refused():
     with pytest.raises(PredictionError, match="none of its names is that of a query"):
         NAMES.find_all(["x", "y"], Path("list.txt"))
     left = ImageNames("query", [("s/a/b", "a/b.jpg")], left_out=[("s/c", "c.jpg")])
@@ -91,37 +92,29 @@ _PATHS = st.lists(_WORDS | st.sampled_from(["", ".", " "]), max_size=4).flatmap(
 )
 
 
+def _parts(text: str) -> list[str]:
+    found = [part for part in re.split(r"[/\\]", text.strip()) if part not in ("", ".")]
+    return [*found[:-1], re.sub(r"(?i)\.(jpg|png|tif)$", "", found[-1])] if found else []
+
+
 def _by_hand(known: list[tuple[str, str]], path: str) -> list[str]:
     """Return what a path may mean: names that it ends with, or that end with it.
 
     The last folder before what the two share that is called as a scene must be the image's.
     """
-
-    def parts(text: str) -> list[str]:
-        found = [
-            part for part in text.strip().replace("\\", "/").split("/") if part not in ("", ".")
-        ]
-        *folders, last = found or [""]
-        stem = last[: last.rfind(".")] if last.lower().endswith((".jpg", ".png", ".tif")) else last
-        return [*folders, stem] if found else []
-
-    def ends(whole: list[str], end: list[str]) -> bool:
-        return whole[len(whole) - len(end) :] == end and len(end) <= len(whole)
-
-    def scene(name: list[str]) -> str | None:
-        before = asked[: max(0, len(asked) - len(name))]
-        said = [part for part in before if part in {other[0] for other, _ in known}]
-        return (said or [None])[-1]
-
-    asked = parts(path)
-    own = [(one, parts(name)) for one, name in known]
-    fitting = [one for one in own if asked and (ends(asked, one[1]) or ends(one[1], asked))]
-    named = [one for one, name in fitting if scene(name) == one[0]]
-    return named or [one for one, name in fitting if scene(name) is None]
+    asked, scenes = _parts(path), {one[0] for one, _ in known}
+    by_scene: dict[bool, list[str]] = {True: [], False: []}
+    for one, name in ((one, _parts(name)) for one, name in known):
+        length = min(len(name), len(asked))
+        if length and name[-length:] == asked[-length:]:
+            said = [part for part in asked[: len(asked) - length] if part in scenes]
+            if not said or said[-1] == one[0]:
+                by_scene[bool(said)].append(one)
+    return by_scene[True] or by_scene[False]
 
 
 @given(st.lists(st.lists(_WORDS, min_size=1, max_size=3).map("/".join), unique=True), _PATHS)
-def test_a_path_means_what_it_ends_with(names: list[str], path: str) -> None:
+def test_a_path_means_what_it_ends_with(names, path):
     known = [(f"{'st'[number % 2]}/{number}", name) for number, name in enumerate(names)]
     expected = _by_hand(known, path)
     if len(expected) < 2:
@@ -134,7 +127,7 @@ def test_a_path_means_what_it_ends_with(names: list[str], path: str) -> None:
     assert found in expected
 
 
-def test_lists_are_read_with_any_line_ends(tmp_path: Path) -> None:
+def test_lists_are_read_with_any_line_ends(tmp_path):
     path = tmp_path / "names.txt"
     path.write_bytes("\ufeffa.jpg\r\n\r\n b.jpg \n".encode())
     assert read_names(path) == ["a.jpg", "b.jpg"]

@@ -7,7 +7,6 @@ import pickle
 import re
 import sys
 import zipfile
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,25 +14,23 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.registry import READERS
-from tests.readers.conftest import Worlds
-from tests.support import ROOT, add_package, listed_when_installed, run_main
+from tests.support import ROOT, add_package, run_main
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = ROOT / "docs"
 PAGES = [DOCS / "methods.md", *sorted((DOCS / "recipes").glob("*.md"))]
 
 
-def blocks(page: Path, kinds: tuple[str, ...]) -> list[str]:
-    """Return the code blocks of a page that are of some languages."""
-    found = re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
-    return [text for kind, text in found if kind in kinds]
+def python_blocks(text: str) -> list[str]:
+    """Return the blocks of Python of a page."""
+    return re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
 
 
-def test_pages_parse_and_name_every_recipe_and_reader() -> None:
+def test_pages_parse_and_name_every_recipe_and_reader():
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         named = re.findall(r"--reader ([a-z][\w-]+)|reader `([\w-]+)`", text)
         assert {"".join(one) for one in named} <= {*READERS.names()}, page
-        for block in blocks(page, ("python",)):
+        for block in python_blocks(text):
             ast.parse(block)
     text = (DOCS / "methods.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\(recipes/([\w-]+)\.md#", text)) == {page.stem for page in PAGES[1:]}
@@ -51,14 +48,12 @@ def load_torch(path: str, **options: Any) -> Any:
 
 
 @pytest.mark.parametrize(("number", "name"), [(0, "vismatch"), (1, "loftr-dump")])
-def test_lines_convert_pickles(
-    number: int, name: str, worlds: Worlds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lines_convert_pickles(number, name, worlds, tmp_path, monkeypatch):
     worlds.sample(name, tmp_path / "f")
     monkeypatch.chdir(tmp_path / "f")
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(load=load_torch))
     text = (DOCS / "recipes" / "matching.md").read_text(encoding="utf-8").partition("## Pickles")[2]
-    exec(re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)[number], {})  # noqa: S102
+    exec(python_blocks(text)[number], {})  # noqa: S102 - lines that users paste
     found = worlds.evaluate("matching", tmp_path / "f" / "matches")
     expected = worlds.evaluate("matching", worlds.sample("loftr", tmp_path / "l"))
     assert found.overall == pytest.approx(expected.overall, abs=1e-8)
@@ -77,9 +72,7 @@ class _Tensor:
         return _Tensor(np.concatenate([part.numpy() for part in parts]))
 
 
-def test_lines_save_features_of_game4loc(
-    worlds: Worlds, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lines_save_features_of_game4loc(worlds, tmp_path, monkeypatch):
     arrays = np.load(worlds.sample("game4loc", tmp_path / "f"))
     queries, gallery = (_Tensor(arrays[f"{kind}_features"]) for kind in ("query", "gallery"))
     known = {"np": np, "torch": _Tensor, "gallery_features_batch": gallery}
@@ -87,10 +80,8 @@ def test_lines_save_features_of_game4loc(
     known |= {f"{kind}_list": arrays[f"{kind}_names"].tolist() for kind in ("query", "gallery")}
     known["query_path_list"] = [f"/bench/data/{one}" for one in known["query_list"]]
     known["gallery_path_list"] = [f"/bench/scenes/{one}" for one in known["gallery_list"]]
-    lines = [
-        one for one in blocks(DOCS / "recipes" / "retrieval.md", ("python",)) if "query_f" in one
-    ]
-    for number, one in enumerate(lines):
+    text = (DOCS / "recipes" / "retrieval.md").read_text(encoding="utf-8")
+    for number, one in enumerate(one for one in python_blocks(text) if "query_f" in one):
         (tmp_path / str(number)).mkdir()
         monkeypatch.chdir(tmp_path / str(number))
         exec(one, dict(known))  # noqa: S102 - lines that users paste
@@ -101,19 +92,7 @@ def test_lines_save_features_of_game4loc(
 EXAMPLE = ROOT / "examples" / "reader-package"
 
 
-@pytest.mark.slow
-def test_the_example_is_listed_when_it_is_installed(tmp_path: Path) -> None:
-    said = listed_when_installed(EXAMPLE, tmp_path, "readers")
-    assert "ranks-csv" in said
-    assert "ranks.csv of my method" in said
-
-
-def test_the_example_reads(
-    worlds: Worlds,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_example_reads(worlds, tmp_path, monkeypatch, capsys):
     assert "ranks-csv" not in READERS.names()
     add_package(EXAMPLE, tmp_path / "package", monkeypatch)
     home, lines = worlds.home / "retrieval", ["query,tile,similarity"]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import h5py
 import numpy as np
@@ -32,7 +33,7 @@ def recall(result: Any, scene: str = "east") -> float:
     return float(result.records.groupby("scene")["recall@1"].mean()[scene])
 
 
-def test_scenes_with_photos_of_the_same_names(tmp_path: Path, worlds: Worlds) -> None:
+def test_scenes_with_photos_of_the_same_names(tmp_path, worlds):
     """East has the queries q00000 to q00005, west the first four; q00004 and q00005 are none."""
     data = Path(shutil.copytree(worlds.home / "retrieval" / "data", tmp_path / "data"))
     left_out = data / "made" / "scenes" / "west" / "retrieval" / "excluded.csv"
@@ -62,7 +63,7 @@ def test_scenes_with_photos_of_the_same_names(tmp_path: Path, worlds: Worlds) ->
         score(tmp_path, *east[:4], "q00004.jpg")  # a photo left out has the name too
 
 
-def test_a_gallery_larger_than_the_memory(tmp_path: Path) -> None:
+def test_a_gallery_larger_than_the_memory(tmp_path):
     scenes = [MadeScene("east", [[0]], 300)]
     write_benchmark(tmp_path / "data" / "made", made_protocol(scenes), scenes)
     rows = np.random.default_rng(0).standard_normal((300, 4000), np.float32)
@@ -78,8 +79,8 @@ def test_a_gallery_larger_than_the_memory(tmp_path: Path) -> None:
 
 
 def test_precision_of_hloc_is_named_and_ties_of_trec_are_broken_against_the_method(
-    tmp_path: Path, worlds: Worlds, retrieved: Score
-) -> None:
+    tmp_path, worlds, retrieved
+):
     path = worlds.sample("hloc-global", tmp_path / "h")
     with h5py.File(path, "a") as file:
         names = [f"{scene}/{kind}" for scene in file for kind in file[scene]]
@@ -96,25 +97,24 @@ def test_precision_of_hloc_is_named_and_ties_of_trec_are_broken_against_the_meth
     assert retrieved(path).overall["recall@1"] == 0.0
 
 
-@pytest.mark.parametrize("tree", ["university-1652", "denseuav"])
-def test_university1652_on_its_benchmarks(tmp_path: Path, tree: str) -> None:
+def test_university1652_on_denseuav(tmp_path):
     data, scene = tmp_path / "data", "drone-to-satellite"
-    unpack(tree, tmp_path / "source")
+    unpack("denseuav", tmp_path / "source")
     options = SourceOptions(tmp_path / "source" / "in", [scene])
-    made = DATASETS.get(tree).prepare(options, PrepareSettings(data / tree, data))
+    made = DATASETS.get("denseuav").prepare(options, PrepareSettings(data / "denseuav", data))
     truth = read_truth(made.folder / "scenes" / scene, scene)
-    sets = []
-    for home, table in (("query_drone", truth.queries), ("gallery_satellite", truth.tiles)):
-        paths = [f"/data/test/{home}/{image}" for image in table["image"]]
-        classes = [int(Path(one).parent.name) for one in paths]
-        sets.append((np.array([one == np.arange(3000) for one in classes], np.float32), paths))
     result: dict[str, Any] = {}
-    for kind, (rows, paths) in zip(("query", "gallery"), sets, strict=True):
+    for kind, home, table in (
+        ("query", "query_drone", truth.queries),
+        ("gallery", "gallery_satellite", truth.tiles),
+    ):
+        paths = [f"/data/test/{home}/{image}" for image in table["image"]]
         labels = [int(Path(one).parent.name) for one in paths]
+        rows = np.array([one == np.arange(3000) for one in labels], np.float32)
         result |= {f"{kind}_f": rows, f"{kind}_label": labels, f"{kind}_path": paths}
-    scipy.io.savemat(tmp_path / "pytorch_result.mat", result)
-    [protocol] = made.protocols
     path = tmp_path / "pytorch_result.mat"
+    scipy.io.savemat(path, result)
+    [protocol] = made.protocols
     assert evaluate(path, protocol=protocol, data=data).overall["recall@1"] == 1.0
 
 
@@ -150,8 +150,11 @@ class TestVpr:
         for query, order in enumerate(np.argsort(-queries @ tiles.T, axis=1)):
             found = "\n".join(named(tile.format(one)) for one in order[:8])
             said = f"Query path:\n{named(photo.format(query))}\n\nPredictions paths:\n{found}\n\n"
-            said += f"Positives paths:\n{named(tile.format(0))}\n\n" if labels else ""
             (log / "preds" / f"{query:03d}.txt").write_text(said)
+
+    def drop_descriptors(self, log: Path) -> None:
+        for kind in ("queries", "database"):
+            spoil(log, f"{kind}_descriptors.npy: rm")
 
     def write_images(self, home: Path, log: Path) -> None:
         """Write empty files for images, and their folders into the log."""
@@ -162,32 +165,27 @@ class TestVpr:
         spoil(log, f"info.log: sed /data/made => {home}")
 
     @pytest.mark.parametrize("labels", [False, True])
-    def test_lists_of_paths(self, log: Path, of_east: Score, labels: bool) -> None:
+    def test_lists_of_paths(self, log, of_east, labels):
         self.write_lists(log, labels=labels)
-        for kind in ("queries", "database"):
-            spoil(log, f"{kind}_descriptors.npy: rm")
+        self.drop_descriptors(log)
         if labels:
             spoil(log, "info.log: sed use_labels=False => use_labels=True")
         assert recall(of_east(log)) == 1.0
 
-    @pytest.mark.parametrize("spoilt", ["", "queries", "database"])
-    def test_an_assumed_order_is_held_against_the_lists(
-        self, log: Path, of_east: Score, spoilt: str
-    ) -> None:
+    def test_an_assumed_order_is_held_against_the_lists(self, log, of_east):
         self.write_lists(log)
-        if not spoilt:
-            result = of_east(log)
-            assert recall(result) == 1.0
-            assert not any("names are taken by order" in note for note in result.result.notes)
-            return
-        spoil(log, f"{spoilt}_descriptors.npy: py np.save(path, np.roll(np.load(path), 1, 0))")
-        with pytest.raises(UserError, match="preds") as refused:
-            of_east(log)
-        assert "--names" in str(refused.value)
+        result = of_east(log)
+        assert recall(result) == 1.0
+        assert not any("names are taken by order" in note for note in result.result.notes)
+        for kind in ("queries", "database"):
+            file = f"{kind}_descriptors.npy"
+            spoil(log, f"{file}: py np.save(path, np.roll(np.load(path), 1, 0))")
+            with pytest.raises(UserError, match="preds") as refused:
+                of_east(log)
+            assert "--names" in str(refused.value)
+            spoil(log, f"{file}: py np.save(path, np.roll(np.load(path), -1, 0))")
 
-    def test_names_are_listed_in_the_folders_of_the_log(
-        self, tmp_path: Path, log: Path, of_east: Score
-    ) -> None:
+    def test_names_are_listed_in_the_folders_of_the_log(self, log, of_east):
         self.write_images(log / "images", log)
         for extra in ("tiles.csv", ".t00000.png", "t00000.tif"):
             (log / "images" / self.IMAGES[0][0]).with_name(extra).touch()
@@ -196,14 +194,7 @@ class TestVpr:
         assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
 
     @pytest.mark.parametrize("linked", [False, True])
-    def test_folders_of_the_machine_are_not_listed(
-        self,
-        linked: bool,
-        tmp_path: Path,
-        log: Path,
-        of_east: Score,
-        monkeypatch: pytest.MonkeyPatch,
-    ) -> None:
+    def test_folders_of_the_machine_are_not_listed(self, linked, tmp_path, log, of_east):
         """A log of a stranger names a folder of this machine: nothing of it is read or told."""
         private = tmp_path / "private"
         self.write_images(private, log)
@@ -218,28 +209,25 @@ class TestVpr:
             seen.append(top)
             return walk(top)
 
-        with monkeypatch.context() as patch:
-            patch.setattr(os, "walk", watched)
-            with pytest.raises(UserError, match="without names") as refused:
-                of_east(log)
-        assert "12 images" not in str(refused.value)
+        with mock.patch("os.walk", watched), pytest.raises(UserError, match="without names") as one:
+            of_east(log)
+        assert "12 images" not in str(one.value)
         assert not any(os.path.realpath(place).startswith(str(private)) for place in seen)
 
-    def test_list_of_the_user(self, tmp_path: Path, log: Path, of_east: Score) -> None:
+    def test_list_of_the_user(self, tmp_path, log, of_east):
         order, names = np.random.default_rng(0).permutation(12), tmp_path / "names.txt"
         spoil(log, f"database_descriptors.npy: py np.save(path, np.load(path)[{order.tolist()}])")
         listed = [f"x/east/t{number:05d}.png" for number in order]
         listed += [f"y/east/q{number:05d}.jpg" for number in range(6)]
         names.write_text("\n".join(listed))
         assert recall(of_east(log, names=names)) == 1.0
-        for wrong, words in ((listed[1:], "17 names for 12"), ([*listed, "z"], "1 name more")):
-            names.write_text("\n".join(wrong))
-            with pytest.raises(UserError, match=words):
-                of_east(log, names=names)
+        names.write_text("\n".join([*listed, "z"]))
+        with pytest.raises(UserError, match="1 name more"):
+            of_east(log, names=names)
 
     def test_one_run_of_all_scenes_below_a_folder_that_is_called_as_one(
-        self, tmp_path: Path, log: Path, retrieved: Score
-    ) -> None:
+        self, tmp_path, log, retrieved
+    ):
         other, whole = log.parents[1] / "west" / log.name, tmp_path / "east" / "all"
         whole.mkdir(parents=True)
         for kind in ("queries", "database"):
@@ -256,22 +244,12 @@ class TestVpr:
         assert conventions[1] in result.result.notes
         assert "compared by l2" in conventions[2]
 
-    @pytest.mark.parametrize("lists", [False, True])
-    def test_two_runs_of_one_scene_and_runs_that_are_not_whole(
-        self, log: Path, of_east: Score, lists: bool
-    ) -> None:
-        lacking = "preds/002.txt" if lists else "database_descriptors.npy"
-        if lists:
-            self.write_lists(log)
-            for kind in ("queries", "database"):
-                spoil(log, f"{kind}_descriptors.npy: rm")
+    def test_lists_of_two_runs_and_lists_that_are_not_whole(self, log, of_east):
+        self.write_lists(log)
+        self.drop_descriptors(log)
         shutil.copytree(log, log.parent / "second")
-        with pytest.raises(UserError, match=r"more than once|two runs of one query"):
+        with pytest.raises(UserError, match="two runs of one query"):
             of_east(log.parent)
-        if not lists:
-            spoil(log, f"{lacking}: py np.save(path, np.array([{{}}], dtype=object))")
-            with pytest.raises(UserError, match="pickled Python objects, never loaded"):
-                of_east(log)
-        (log / lacking).unlink()
-        with pytest.raises(UserError, match=f"lacks {'the lists of' if lists else lacking}"):
+        (log / "preds/002.txt").unlink()
+        with pytest.raises(UserError, match="lacks the lists of"):
             of_east(log)

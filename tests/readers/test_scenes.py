@@ -54,7 +54,7 @@ def outputs(path: Path, *scenes: str, names: Path | None = None) -> Any:
     return {output.scene: output for output in found.values()}, others
 
 
-def test_places_of_outputs_and_names_of_their_photos(tmp_path: Path) -> None:
+def test_places_of_outputs_and_names_of_their_photos(tmp_path):
     for name in ("p/yard", "p/lot", "x"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "out.txt").touch()
@@ -76,9 +76,7 @@ def test_places_of_outputs_and_names_of_their_photos(tmp_path: Path) -> None:
             outputs(whole, *PHOTOS, names=names)[0]["lot"].view_names()
 
 
-def test_pickles_are_never_opened_and_batches_are_read(
-    worlds: Worlds, tmp_path: Path, yard: Score, expected: Any
-) -> None:
+def test_pickles_are_never_opened_and_batches_are_read(worlds, tmp_path, yard, expected):
     whole = worlds.sample("vggt", tmp_path / "whole")
     with np.load(whole / YARD, allow_pickle=True) as stored:
         given = dict(stored)
@@ -99,9 +97,7 @@ def test_pickles_are_never_opened_and_batches_are_read(
     assert 0 < abs(found["chamfer_m"] - expected["chamfer_m"]) < 0.2
 
 
-def test_names_are_of_images_beside_it_or_listed(
-    worlds: Worlds, tmp_path: Path, yard: Score, expected: Any
-) -> None:
+def test_names_are_of_images_beside_it_or_listed(worlds, tmp_path, yard, expected):
     path, order = worlds.sample("vggt", tmp_path), np.array([3, 0, 5, 1, 2, 4])
     spoil(path, "lot: rm")
     with np.load(path / YARD, allow_pickle=True) as stored:
@@ -126,9 +122,7 @@ def test_names_are_of_images_beside_it_or_listed(
 
 
 @pytest.mark.parametrize("depth", [{}, {"depth": None}], ids=["depth", "points"])
-def test_pixels_outside_a_mask_are_no_surface(
-    depth: dict[str, Any], worlds: Worlds, tmp_path: Path, yard: Score
-) -> None:
+def test_pixels_outside_a_mask_are_no_surface(depth, worlds, tmp_path, yard):
     path = worlds.sample("mapanything", tmp_path)
     with np.load(path / YARD) as stored:
         seen = stored["final_mask"]
@@ -137,9 +131,7 @@ def test_pixels_outside_a_mask_are_no_surface(
     assert yard(path)["points"] == int(seen.sum()) > 0
 
 
-def test_mini_npz_of_depth_anything_3_goes_before_npz(
-    worlds: Worlds, tmp_path: Path, yard: Score, expected: Any
-) -> None:
+def test_mini_npz_of_depth_anything_3_goes_before_npz(worlds, tmp_path, yard, expected):
     path = worlds.sample("depth-anything-3", tmp_path)
     other, file = "yard/exports/npz/results.npz", "yard/exports/mini_npz/results.npz"
     spoil(path, f"{other}: from {file}")
@@ -147,40 +139,7 @@ def test_mini_npz_of_depth_anything_3_goes_before_npz(
     assert yard(path)["chamfer_m"] == pytest.approx(expected["chamfer_m"], abs=1e-4)
 
 
-def test_cameras_alone_have_no_surface(
-    worlds: Worlds, tmp_path: Path, reconstructed: Score
-) -> None:
-    path = worlds.home / "reconstruction" / "cut3r-trajectory"
-    assert find_reader(path) == "cut3r"
-    found, expected = reconstructed(path), worlds.score("cut3r").overall
-    assert found.overall["pose_auc_3deg"] == pytest.approx(expected["pose_auc_3deg"], abs=1e-4)
-    assert found.overall["f1_0.2m"] == 0.0
-    assert any("cameras alone" in note for note in found.result.notes)
-    (tmp_path / "yard").mkdir()
-    lines = [line.split() for line in (path / "yard/pred_traj.txt").read_text().splitlines()]
-    moved = "\n".join(" ".join([*line[:4], *line[5:], line[4]]) for line in lines)
-    (tmp_path / "yard" / "pred_traj.txt").write_text(moved)
-    with pytest.raises(PredictionError, match="order"):
-        reconstructed(tmp_path)
-
-
-def test_numbers_of_vggt_slam_are_those_in_the_names_of_photos(
-    worlds: Worlds, tmp_path: Path, yard: Score, expected: Any
-) -> None:
-    """A list says the numbers where a submap leaves photos out; another in between is refused."""
-    path, names = worlds.sample("vggt-slam", tmp_path), tmp_path / "names.txt"
-    assert yard(path)["f1_0.5m"] == expected["f1_0.5m"]
-    lines = [f"{one[-5]} {one}" for one in reversed(names.read_text().split())]
-    names.write_text("\n".join(lines))
-    assert yard(path, names=names)["f1_0.5m"] == expected["f1_0.5m"]
-    names.write_text("\n".join(lines).replace("1 ", "0 "))
-    with pytest.raises(PredictionError, match="of no photo, or of several"):
-        yard(path, names=names)
-
-
-def test_images_without_a_pose_are_absent(
-    worlds: Worlds, tmp_path: Path, reconstructed: Score
-) -> None:
+def test_images_without_a_pose_are_absent(worlds, tmp_path, reconstructed):
     path = worlds.sample("vggt-colmap", tmp_path)
     images = path / "yard" / "sparse" / "images.bin"
     content, head = images.read_bytes(), 8 + struct.calcsize("<I7dI") + len("yard_0.jpg") + 1
@@ -191,9 +150,7 @@ def test_images_without_a_pose_are_absent(
     assert found.records.set_index("scene").loc["yard", "cameras_missing"] == 1
 
 
-def test_models_that_pycolmap_writes(
-    worlds: Worlds, tmp_path: Path, yard: Score, expected: Any
-) -> None:
+def test_models_that_pycolmap_writes(worlds, tmp_path, yard, expected):
     """Rigs and frames as Depth Anything 3 makes them, written by COLMAP itself."""
     path = tmp_path / "out"
     source = worlds.sample("vggt-colmap", tmp_path / "f") / "yard" / "sparse"

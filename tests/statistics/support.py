@@ -50,19 +50,17 @@ def made_result(
     protocol: str = "p" * 64,
     truth: str = "t" * 64,
     settings: Mapping[str, Any] | None = None,
-    version: str = "1",
-    sha256: str | None = None,
 ) -> Result:
     """Return the result that records give, of predictions that no other method has."""
-    sha256 = hashlib.sha256(method.encode()).hexdigest() if sha256 is None else sha256
     scenes = list(dict.fromkeys(records["scene"]))
     titles, kept = {scene: scene.title() for scene in scenes}, dict(settings or {})
+    sha256 = hashlib.sha256(method.encode()).hexdigest()
     return Result(
         track="reconstruction" if any(c.key == "chamfer_m" for c in columns) else "retrieval",
         protocol=ProtocolUsed(name="made", version=1, fingerprint=protocol, settings=kept),
         truth=TruthUsed(benchmark="made", version=1, fingerprint=truth, scene_titles=titles),
         predictions=PredictionsUsed(file="p.npz", sha256=sha256, kind="ranked_ids", method=method),
-        versions={"airzoo-bench": version},
+        versions={"airzoo-bench": "1"},
         columns=tuple(columns),
         counts={s: {"queries": int((records["scene"] == s).sum())} for s in scenes},
         extra_queries=0,
@@ -141,7 +139,7 @@ def _drawn(random: np.random.Generator, column: ScoreColumn, rate: float, size: 
     return errors.tolist()
 
 
-MEAN, MEDIAN = np.array([False]), np.array([True])
+MEDIAN = np.array([True])
 FAST = ResamplingConfig(resamples=1_000)
 
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airzoo_bench.statistics.intervals import FEWEST, Interval, quantiles, sample_intervals
+from airzoo_bench.statistics.intervals import FEWEST, quantiles, sample_intervals
 from airzoo_bench.statistics.samples import (
     ResamplingConfig,
     leave_one_out,
@@ -25,6 +22,7 @@ from airzoo_bench.statistics.samples import (
 )
 from airzoo_bench.statistics.significance import paired_tests
 from tests.statistics.support import FAST, MEDIAN, limits, sample
+from tests.support import environment
 
 INF, BOTH = np.inf, np.array([False, True])
 errors = st.one_of(st.floats(0, 1e7, allow_subnormal=False), st.just(INF))
@@ -42,10 +40,7 @@ def test_a_resample_does_not_depend_on_its_block(draw, units):
     assert whole.shape == (units, 40)
 
 
-def test_draws_are_fair_and_independent():
-    # 100,000 draws of 10: the chi-square of fair draws is below 27.9 with probability 0.999.
-    drawn = resample_counts(10, 0, 10_000, 5).sum(axis=1)
-    assert ((drawn - 10_000) ** 2 / 10_000).sum() < 27.9
+def test_draws_of_units_are_independent():  # that they are fair is in tests/oracles
     coins = sign_flips(100, 0, 10_000, 5).astype(np.float64)
     assert abs(coins.mean() - 0.5) < 0.002
     assert np.abs(np.corrcoef(coins) - np.eye(100)).max() < 0.05
@@ -73,10 +68,10 @@ def test_averages_are_numpy_s(values):
     assert_averages(values, resample_counts(len(values), 0, 20, 1))
 
 
-@pytest.mark.parametrize("units", [500, 501, 2_000])  # where only the middle is looked at
-def test_averages_of_many(units):
-    values = np.random.default_rng(units).exponential(1.0, units)
-    assert_averages(values, resample_counts(units, 0, 50, 1))
+def test_averages_of_many():  # where only the middle is looked at
+    for units in (500, 501, 2_000):
+        values = np.random.default_rng(units).exponential(1.0, units)
+        assert_averages(values, resample_counts(units, 0, 50, 1))
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-9, 1.0, 1e12, 1e300])
@@ -171,12 +166,12 @@ def test_too_few_units():
     assert "scene s1" in found.overall[0].reason
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0, INF])
+@pytest.mark.parametrize("value", [0.0, INF])
 def test_units_that_are_all_alike(value):
     alike, mixed = np.full(30, value), np.arange(30.0)
     made = sample(np.stack([alike, mixed]))
     found = sample_intervals(made, FAST).overall
-    assert found[0] == Interval(None, None, "", found[0].reason)
+    assert (found[0].low, found[0].high, found[0].method) == (None, None, "")
     assert "alike" in found[0].reason
     assert found[1].low is not None
     assert "alike" in paired_tests(made, FAST, [(1, 1)])[0][0].reason
@@ -196,13 +191,12 @@ def test_the_same_bytes_with_any_number_of_threads():
         "plan = ResamplingConfig(500)\n"
         "print(sample_intervals(s, plan), paired_tests(s, plan, [(0, 4), (1, 2)]))\n"
     )
-    said, root = set(), str(Path(__file__).resolve().parents[2])
+    said = []
     for threads in "12":
-        more = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), threads)
-        where: Any = {"env": os.environ | more | {"PYTHONPATH": root}}
-        said.add(subprocess.check_output([sys.executable, "-c", code], text=True, **where))
-    assert len(said) == 1
-    assert "Interval" in said.pop()
+        env = environment(OPENBLAS_NUM_THREADS=threads, OMP_NUM_THREADS=threads)
+        said.append(subprocess.check_output([sys.executable, "-c", code], text=True, env=env))
+    assert said[0] == said[1]
+    assert "Interval" in said[0]
 
 
 @pytest.mark.slow

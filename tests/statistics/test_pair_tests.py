@@ -19,25 +19,17 @@ from tests.statistics.simulations import KINDS, coverage_of_ranks
 CONFIG = ResamplingConfig(2_000)
 
 
-def made(kind: str, count: int, sizes: tuple[int, ...], seed: int = 0) -> Sample:
-    random = np.random.default_rng(seed)
-    parts = []
+def made(kind: str, count: int, *sizes: int) -> Sample:
+    random, parts = np.random.default_rng(0), []
     for size in sizes:
         ease = random.normal(size=size) + 0.5 * random.normal(size=(count, size))
         skilled = ease + np.linspace(-0.7, 0.7, count)[:, None]
-        if kind == "hits":
-            parts.append((skilled > 0).astype(float))
-        elif kind == "graded":
-            parts.append(np.clip(np.round(2 * skilled + 2), 0, 5) / 5)
-        else:
-            errors = np.exp(-2 * skilled)
-            errors[skilled < -1.8] = np.inf
-            parts.append(errors)
+        graded = np.clip(np.round(2 * skilled + 2), 0, 5) / 5
+        failing = np.where(skilled < -1.8, np.inf, np.exp(-2 * skilled))
+        parts.append({"hits": (skilled > 0).astype(float), "graded": graded}.get(kind, failing))
     names = tuple(f"scene{number}" for number in range(len(sizes)))
-    shares = kind in ("hits", "graded")
-    return Sample(
-        "query", names, tuple(parts), np.full(count, kind == "medians"), np.full(count, shares)
-    )
+    medians, shares = np.full(count, kind == "medians"), np.full(count, kind in KINDS[:2])
+    return Sample("query", names, tuple(parts), medians, shares)
 
 
 def upper(matrix: np.ndarray) -> np.ndarray:
@@ -46,10 +38,8 @@ def upper(matrix: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("sizes", [(9,), (6, 4, 3), (40, 25)])
-def test_numbers_are_those_of_compare_unless_few_draws_are_as_extreme(
-    kind: str, sizes: tuple[int, ...]
-) -> None:
-    sample = made(kind, 6, sizes)
+def test_numbers_are_those_of_compare_unless_few_draws_are_as_extreme(kind, sizes):
+    sample = made(kind, 6, *sizes)
     intervals, tests = paired_tests(sample, CONFIG, list(combinations(range(6), 2)))
     low, high, found = map(upper, compare_all(sample, CONFIG))
     if min(sizes) < 5:
@@ -65,7 +55,7 @@ def test_numbers_are_those_of_compare_unless_few_draws_are_as_extreme(
     assert (found[~resolved] <= 26 / 2_001).all()
 
 
-def test_the_tail_is_near_what_very_many_patterns_give() -> None:
+def test_the_tail_is_near_what_very_many_patterns_give():
     random = np.random.default_rng(1)
     hits = (random.random((2, 120)) < np.array([[0.72], [0.42]])).astype(float)
     sample = Sample("query", ("a",), (hits,), np.zeros(2, bool), np.ones(2, bool))
@@ -75,7 +65,7 @@ def test_the_tail_is_near_what_very_many_patterns_give() -> None:
     assert test.p_value / 2 < found < 3 * test.p_value
 
 
-def test_a_median_that_is_always_infinite_is_far_from_a_finite_one() -> None:
+def test_a_median_that_is_always_infinite_is_far_from_a_finite_one():
     values = np.random.default_rng(0).random((2, 60))
     values[1, :50] = np.inf
     sample = Sample("query", ("a",), (values,), np.ones(2, bool))
@@ -83,8 +73,8 @@ def test_a_median_that_is_always_infinite_is_far_from_a_finite_one() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind: str) -> None:
-    sample, few = made(kind, 7, (33, 21)), [1, 2, 4]
+def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind):
+    sample, few = made(kind, 7, 33, 21), [1, 2, 4]
     chosen = np.isin(np.arange(7), few)
     whole, alone = compare_all(sample, CONFIG), compare_all(sample.take(chosen), CONFIG)
     np.testing.assert_array_equal(alone, whole[:, few][:, :, few])
@@ -93,7 +83,7 @@ def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind: str) -> None
     assert compare_all(sample, CONFIG, wanted)[:, 1, 4].tolist() == whole[:, 1, 4].tolist()
 
 
-def test_ranges_by_hand() -> None:
+def test_ranges_by_hand():
     # The first two differ from the last two, and nothing else is told apart.
     corrected = np.ones((4, 4))
     corrected[:2, 2:] = corrected[2:, :2] = 0.01
@@ -103,7 +93,7 @@ def test_ranges_by_hand() -> None:
     assert lower.tolist() == [[3, 4], [3, 4], [1, 2], [1, 2]]
 
 
-def test_unpaired_tests_take_what_is_known() -> None:
+def test_unpaired_tests_take_what_is_known():
     values, errors = np.array([0.5, 0.7, np.inf, 0.1]), np.array([0.02, 0.02, 0.1, np.nan])
     found = unpaired_p_values(values, errors)
     assert found[0, 1] == pytest.approx(5.733e-7, rel=1e-3)  # 5 standard deviations
@@ -113,7 +103,7 @@ def test_unpaired_tests_take_what_is_known() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_ranges_hold_the_true_ranks(kind: str) -> None:
+def test_ranges_hold_the_true_ranks(kind):
     held, width = coverage_of_ranks(kind, 400)
     assert held >= 0.95 - 2 * np.sqrt(0.05 * 0.95 / 400)
     assert width < 9  # of 11, where nothing is told apart

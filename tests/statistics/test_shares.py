@@ -26,7 +26,6 @@ from tests.statistics.simulations import (
     DESIGNS,
     SATURATED,
     Coverage,
-    Scenes,
     coverage_of_rates,
     coverage_of_shares,
     documented,
@@ -42,7 +41,7 @@ def hits(*counts: int, queries: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("queries", [5, 26, 817])
-def test_wilson_and_jeffreys_are_scipy_s(queries: int) -> None:
+def test_wilson_and_jeffreys_are_scipy_s(queries):
     counts = sorted({0, 1, queries // 3, queries - 1, queries})
     rates = effective_rates(hits(*counts, queries=queries))
     for count, limits in zip(counts, wilson_limits(rates, 0.95), strict=True):
@@ -54,7 +53,7 @@ def test_wilson_and_jeffreys_are_scipy_s(queries: int) -> None:
         assert limits == pytest.approx([low, high], abs=1e-9)
 
 
-def test_limits_of_nothing_and_of_everything_are_exact() -> None:
+def test_limits_of_nothing_and_of_everything_are_exact():
     for queries in range(1, 300):
         rates = effective_rates(hits(0, queries, queries=queries))
         for limits in (wilson_limits(rates, 0.95), jeffreys_limits(rates, 0.9)):
@@ -62,14 +61,14 @@ def test_limits_of_nothing_and_of_everything_are_exact() -> None:
             assert 0.0 < limits[0, 1] == pytest.approx(1.0 - limits[1, 0])
 
 
-def test_effective_sizes_by_hand() -> None:
+def test_effective_sizes_by_hand():
     # Mean 0.3, squares 20 * 0.01, and the prior's 0.5 * (0.09 + 0.49).
     rates = effective_rates(np.array([[0.2, 0.4] * 10, [1.0] * 6 + [0.0] * 14]))
     assert rates.means == pytest.approx([0.3, 0.3])
     assert rates.sizes == pytest.approx([20 * 0.3 * 0.7 * 21 / (0.2 + 0.29), 20])
 
 
-def test_differences_of_two_scenes_by_hand_and_row_by_row() -> None:
+def test_differences_of_two_scenes_by_hand_and_row_by_row():
     # Hits, graded shares, and hits in one scene alone: each as if the others were not there.
     random = np.random.default_rng(0)
     one, other = (np.round(random.uniform(-1, 1, (3, size)) * [[1], [4], [1]]) for size in (12, 30))
@@ -89,7 +88,7 @@ def test_differences_of_two_scenes_by_hand_and_row_by_row() -> None:
     assert (double - middle) * np.sqrt(2) == pytest.approx(single - middle)
 
 
-def test_mover_by_hand() -> None:
+def test_mover_by_hand():
     scenes = [hits(9, queries=10), hits(60, queries=200)]
     one, other = (jeffreys_limits(effective_rates(scene), 0.95)[0] for scene in scenes)
     down = np.hypot(0.9 - one[0], 0.3 - other[0]) / 2
@@ -97,7 +96,7 @@ def test_mover_by_hand() -> None:
     assert average_limits(scenes, 0.95)[0] == pytest.approx([0.6 - down, 0.6 + up])
 
 
-def test_a_difference_by_hand() -> None:
+def test_a_difference_by_hand():
     # 6 won, 2 lost, 12 tied.
     gaps = np.array([[1.0] * 6 + [-1.0] * 2 + [0.0] * 12])
     won, lost = jeffreys_limits(Rates(np.array([0.3, 0.1]), np.array([20.0, 20.0])), 0.95)
@@ -111,7 +110,7 @@ def test_a_difference_by_hand() -> None:
 
 @settings(max_examples=50)
 @given(some, some)
-def test_limits_lie_around_the_mean_and_mirror(one: np.ndarray, other: np.ndarray) -> None:
+def test_limits_lie_around_the_mean_and_mirror(one, other):
     for scenes in ([one], [one, other]):
         low, high = average_limits(scenes, 0.95).T
         mean = np.mean([scene.mean(axis=1) for scene in scenes], axis=0)
@@ -127,7 +126,7 @@ def test_limits_lie_around_the_mean_and_mirror(one: np.ndarray, other: np.ndarra
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
-def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value: float) -> None:
+def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value):
     wide, narrow = (
         average_limits([np.full((1, size), value), hits(60, queries=200)], 0.95)[0]
         for size in (10, 1_000)
@@ -140,7 +139,7 @@ def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value: floa
     assert (found.method, found.reason) == ("wilson", "")
 
 
-def test_shares_count_as_they_vary_and_never_less_than_hits() -> None:
+def test_shares_count_as_they_vary_and_never_less_than_hits():
     scores = np.array(
         [[0.0] * 20, [1.0] * 20, [0.5] * 20, [0.0, 1.0] * 10, [0.4, 0.6] * 10, [1e-3] * 20]
     )
@@ -152,7 +151,7 @@ def test_shares_count_as_they_vary_and_never_less_than_hits() -> None:
     assert 0 < widths[2] < widths[4] < widths[3] / 2
 
 
-def test_shares_take_no_resamples_and_medians_do() -> None:
+def test_shares_take_no_resamples_and_medians_do():
     random = np.random.default_rng(0)
     scenes = {
         name: {
@@ -172,7 +171,7 @@ def test_shares_take_no_resamples_and_medians_do() -> None:
 
 
 @pytest.mark.parametrize(("scenes", "alone"), [*zip(SATURATED, (0.930, 0.942, 0.916), strict=True)])
-def test_exact_coverage_beside_a_saturated_scene(scenes: Scenes, alone: float) -> None:
+def test_exact_coverage_beside_a_saturated_scene(scenes, alone):
     assert 0.93 <= coverage_of_rates(scenes) <= 0.97
     assert 0.93 <= coverage_of_rates(scenes[1:]) <= 0.97
     # 26 queries at 0.04: three hits are held or are not, which is 98.1 or 91.6 %, and none between.
@@ -189,14 +188,14 @@ def assert_covered(found: Coverage) -> None:
 @pytest.mark.parametrize("agree", AGREEMENT)
 @pytest.mark.parametrize("gain", [0.05, 0.1])
 @pytest.mark.parametrize("name", DESIGNS)
-def test_coverage_of_true_differences(name: str, gain: float, agree: float) -> None:
+def test_coverage_of_true_differences(name, gain, agree):
     assert_covered(coverage_of_shares(DESIGNS[name], 2_000, agree, gain=gain))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("soft", [False, True])
 @pytest.mark.parametrize("name", DESIGNS)
-def test_coverage_is_as_documented(name: str, soft: bool) -> None:
+def test_coverage_is_as_documented(name, soft):
     found = [coverage_of_shares(DESIGNS[name], 2_000, agree, soft=soft) for agree in AGREEMENT]
     shares = [found[0].average, *(one.difference for one in found)]
     for share, printed in zip(shares, documented(name, "AP@5" if soft else "hits"), strict=True):
@@ -206,7 +205,7 @@ def test_coverage_is_as_documented(name: str, soft: bool) -> None:
         assert_covered(one)
 
 
-def test_differences_of_shares_are_of_mover_and_few_queries_have_none() -> None:
+def test_differences_of_shares_are_of_mover_and_few_queries_have_none():
     values = np.random.default_rng(0).random((2, 9))
     for units, methods in ((9, ["wilson", "wilson"]), (4, ["", ""])):
         part = (values[:, :units],)

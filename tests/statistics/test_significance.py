@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from airzoo_bench.results.comparison import compare
-from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import percentile_p_values, quantiles
 from airzoo_bench.statistics.samples import ResamplingConfig, sign_flips, stream_key
 from airzoo_bench.statistics.significance import PairedTest, holm, mcnemar, p_floor, paired_tests
@@ -38,22 +37,19 @@ def run_test(*groups: Any, plan: ResamplingConfig = ALL, median: bool = False) -
     return paired_tests(made, plan, [(0, 1)])[1][0]
 
 
-def swapped(groups: Sequence[Group], stay: Sequence[bool]) -> float:
-    """Return how far apart two means are where some units change places."""
-    rest, sides = list(stay), np.zeros(2)
-    for first, second in groups:
-        kept = np.array([rest.pop(0) for _ in first], bool)
-        one, other = np.where(kept, first, second), np.where(kept, second, first)
-        sides += [one.mean(), other.mean()]
-    return round(abs(float(sides[0] - sides[1])), 9)
+def count_extreme(groups: Sequence[Group], patterns: Iterable[Sequence[bool]]) -> int:
+    """Count the patterns of swapped units that leave two means as far apart as they are."""
 
+    def gap(stay: Sequence[bool]) -> float:
+        rest, sides = iter(stay), np.zeros(2)
+        for first, second in groups:
+            kept = np.array([next(rest) for _ in first], bool)
+            one, other = np.where(kept, first, second), np.where(kept, second, first)
+            sides += [one.mean(), other.mean()]
+        return round(abs(float(sides[0] - sides[1])), 9)
 
-def by_brute_force(*groups: Group) -> float:
-    """Swap every subset of all units, and average with NumPy."""
-    units = sum(len(group[0]) for group in groups)
-    observed = swapped(groups, (True,) * units)
-    patterns = itertools.product((False, True), repeat=units)
-    return float(np.mean([swapped(groups, pattern) >= observed for pattern in patterns]))
+    observed = gap([True] * sum(len(group[0]) for group in groups))
+    return sum(gap(pattern) >= observed for pattern in patterns)
 
 
 @pytest.mark.parametrize(
@@ -72,12 +68,12 @@ def by_brute_force(*groups: Group) -> float:
         ([[1.0], [0.0]], 1.0, 2),
     ],
 )
-def test_by_hand(values: Group, p_value: float, patterns: int) -> None:
+def test_by_hand(values, p_value, patterns):
     test = run_test(values)
     assert (test.p_value, test.exact, test.patterns) == (p_value, True, patterns)
 
 
-def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples() -> None:
+def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples():
     tests = [run_test([[3, 2, 1], [0, 0, 0]], plan=ResamplingConfig(count)) for count in (7, 8, 9)]
     assert [(test.exact, test.patterns) for test in tests] == [(False, 7), (True, 8), (True, 8)]
 
@@ -92,25 +88,24 @@ def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples() -> N
         [[[0.3, 0.0, 0.0, 0.0], [0.0, 0.1, 0.2, 0.6]]],
     ],
 )
-def test_all_patterns_of_scenes(groups: list[Group]) -> None:
-    assert run_test(*groups).p_value == pytest.approx(by_brute_force(*groups))
+def test_all_patterns_of_scenes(groups):
+    units = sum(len(group[0]) for group in groups)
+    extreme = count_extreme(groups, itertools.product((False, True), repeat=units))
+    assert run_test(*groups).p_value == pytest.approx(extreme / 2**units)
 
 
-def test_random_patterns_are_those_that_the_seed_names() -> None:
+def test_random_patterns_are_those_that_the_seed_names():
     # Published p-values can be computed again: seed and scene say which units change places.
-    groups = [np.random.default_rng(size).random((2, size)) for size in (13, 8)]
+    groups: Any = [np.random.default_rng(size).random((2, size)) for size in (13, 8)]
     keys = [stream_key(7, "permutation", name) for name in ("s0", "s1")]
-    kept = [
-        sign_flips(group.shape[1], 0, 300, key) for group, key in zip(groups, keys, strict=True)
-    ]
-    patterns = np.concatenate(kept).T.astype(bool).tolist()
-    observed = swapped(groups, [True] * 21)  # type: ignore[arg-type]
-    extreme = sum(swapped(groups, pattern) >= observed for pattern in patterns)  # type: ignore[arg-type]
+    sizes = zip((13, 8), keys, strict=True)
+    kept = np.concatenate([sign_flips(size, 0, 300, key) for size, key in sizes])
+    extreme = count_extreme(groups, kept.T.astype(bool).tolist())
     test = run_test(*groups, plan=ResamplingConfig(300, seed=7))
     assert (test.p_value, test.exact, test.patterns) == ((extreme + 1) / 301, False, 300)
 
 
-def test_mcnemar_by_hand_and_the_fraction_that_it_is() -> None:
+def test_mcnemar_by_hand_and_the_fraction_that_it_is():
     # 5 against 0: both tails of 1/32. 6 against 2: 2 (1 + 8 + 28) / 256.
     found = mcnemar(np.array([5, 0, 6, 3, 0]), np.array([0, 5, 2, 3, 0]))
     assert found == pytest.approx([2 / 32, 2 / 32, 74 / 256, 1.0, 1.0], rel=1e-14)
@@ -121,7 +116,7 @@ def test_mcnemar_by_hand_and_the_fraction_that_it_is() -> None:
     assert 0 < float(mcnemar(np.array(0), np.array(900))) < 1e-200
 
 
-def test_the_least_p_is_that_of_units_that_all_differ_alike() -> None:
+def test_the_least_p_is_that_of_units_that_all_differ_alike():
     assert [p_floor(unlike) for unlike in (0, 1, 2, 3, 6)] == [1, 1, 1 / 2, 1 / 4, 1 / 32]
     for unlike in (1, 2, 5):
         values = [[2.0] * unlike + [7.0], [1.0] * unlike + [7.0]]
@@ -129,7 +124,7 @@ def test_the_least_p_is_that_of_units_that_all_differ_alike() -> None:
         assert float(mcnemar(np.array(unlike), np.array(0))) == p_floor(unlike)
 
 
-def test_medians_have_the_p_of_their_interval_but_no_less_than_units_allow() -> None:
+def test_medians_have_the_p_of_their_interval_but_no_less_than_units_allow():
     config = ResamplingConfig(resamples=500)
     apart = sample([[9.0, 8.0, 7.0, 9.5, 5.0], [1.0, 2.0, 1.5, 1.2, 5.0]], medians=MEDIANS)
     [interval], [test] = paired_tests(apart, config, [(0, 1)])
@@ -146,7 +141,7 @@ def test_medians_have_the_p_of_their_interval_but_no_less_than_units_allow() -> 
 
 
 @pytest.mark.parametrize("groups", [[[[1.0], [2.0]]], [np.eye(2, 4), np.eye(2, 30)]])
-def test_medians_of_few_units_are_not_tested(groups: Any) -> None:
+def test_medians_of_few_units_are_not_tested(groups):
     test = run_test(*groups, median=True)
     assert (test.p_value, test.exact, test.patterns, test.kind) == (1.0, False, 0, "bootstrap")
 
@@ -156,9 +151,7 @@ def test_medians_of_few_units_are_not_tested(groups: Any) -> None:
 
 @example(np.array([[-INF, INF]]), 0.5)
 @given(RESAMPLES, st.floats(0.05, 0.95))
-def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
-    resamples: np.ndarray, confidence: float
-) -> None:
+def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(resamples, confidence):
     tails = np.broadcast_to(ResamplingConfig(confidence=confidence).tails, (len(resamples), 2))
     low, high = quantiles(np.sort(resamples, axis=1), tails).T
     p_values = percentile_p_values(resamples)
@@ -184,21 +177,20 @@ def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(
         ([-1, 0, 1, 2, 3], 2 * 1 / 4),
         ([-1, 0, 0, 1, 2], 1.0),
         ([-2, -1, 0, 1, 2], 1.0),
+        ([1, 1, 1, 1, 1], 2 / 6),
+        ([0, 0, 0, 0, 0], 1.0),
+        (range(-5, 94, 2), 2 * 2.5 / 49),
     ],
 )
-def test_p_of_five_resamples_by_hand(resamples: list[float], p_value: float) -> None:
-    both = np.array([resamples, [-value for value in resamples[::-1]]])
-    assert percentile_p_values(both[:, [3, 0, 4, 1, 2]]) == pytest.approx([p_value] * 2)
-
-
-def test_p_of_many_resamples_by_hand() -> None:
-    assert percentile_p_values(np.arange(-5.0, 94.0, 2.0)[None]) == pytest.approx([2 * 2.5 / 49])
-    assert percentile_p_values(np.array([[1.0] * 5, [0.0] * 5])).tolist() == [2 / 6, 1.0]
+def test_p_of_resamples_by_hand(resamples, p_value):
+    order = np.random.default_rng(0).permutation(len(resamples))
+    both = np.array([resamples, [-value for value in resamples[::-1]]])[:, order]
+    assert percentile_p_values(both) == pytest.approx([p_value] * 2)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STATED | OTHERS)
-def test_false_findings_and_power_are_as_documented(name: str) -> None:
+def test_false_findings_and_power_are_as_documented(name):
     errors, shift = (STATED | OTHERS)[name]
     found = [findings(errors, 1_000, by) for by in (0.0, shift)]
     for share, printed in zip(found, documented(name), strict=True):
@@ -208,7 +200,7 @@ def test_false_findings_and_power_are_as_documented(name: str) -> None:
 
 
 @pytest.mark.parametrize("column", [HIT, ERROR])
-def test_last_digits_are_ties(column: ScoreColumn) -> None:
+def test_last_digits_are_ties(column):
     # What processors may differ by changes neither wins nor p.
     random = np.random.default_rng(0)
     one = random.random(40)
@@ -244,8 +236,8 @@ def test_holm_by_hand(p_values, family, adjusted):
     assert holm(np.array(p_values), family) == pytest.approx(adjusted)
 
 
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
-def test_holm_rejects_what_the_step_down_procedure_rejects(values):
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.integers(0, 9))
+def test_holm_rejects_what_the_step_down_procedure_rejects(values, others):
     p_values, level = np.array(values), 0.05
     rejected = np.zeros(len(values), bool)
     for step, place in enumerate(np.argsort(p_values, kind="stable")):
@@ -253,11 +245,7 @@ def test_holm_rejects_what_the_step_down_procedure_rejects(values):
             break
         rejected[place] = True
     assert ((holm(p_values) <= level) == rejected).all()
-
-
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.integers(0, 9))
-def test_what_is_not_given_counts_as_1(values, others):
-    p_values = np.array(values)
+    # What is not given counts as 1.
     of_all = holm(np.append(p_values, np.ones(others)))
     np.testing.assert_array_equal(holm(p_values, len(values) + others), of_all[: len(values)])
 
