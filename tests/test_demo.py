@@ -26,15 +26,13 @@ from airzoo_bench.datasets.mini.build import build_world
 from airzoo_bench.datasets.mini.dataset import (
     SURVEY,
     mini_photos,
-    mini_truths,
     scene_inputs,
     seen_surface,
 )
-from airzoo_bench.datasets.mini.frames import FrameList, render_frames
-from airzoo_bench.datasets.mini.renderer import default_camera
+from airzoo_bench.datasets.mini.renderer import FrameList, default_camera, render_frames
 from airzoo_bench.datasets.mini.world import CRS, World, save_world
 from airzoo_bench.datasets.settings import PrepareSettings
-from airzoo_bench.datasets.truths import BenchmarkProtocols
+from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from tests.support import run_main
 
 NAME = "airzoo-demo"
@@ -56,7 +54,10 @@ def make(folder: Path) -> None:
         files = _maps(world, home) | {"images": home / "images", "cloud": home / "cloud.laz"}
         _write_cloud(files["cloud"], seen_surface(photos, home).points)
         inputs = scene_inputs(world.region, photos, files, SEED)
-        content = SceneContent(inputs, mini_truths(inputs, protocols, files["cloud"]), files)
+        surveyed = inputs.photos["sequence"] == SURVEY
+        content = SceneContent(
+            inputs, build_truths(inputs, protocols, files["cloud"], surveyed), files
+        )
         settings = PrepareSettings(folder, home, copy=True, replace=True)
         write_benchmark([content], protocols, settings)
 

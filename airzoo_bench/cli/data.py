@@ -172,8 +172,7 @@ def render(
     from airzoo_bench.core.files import data_root
     from airzoo_bench.datasets.mini import flights
     from airzoo_bench.datasets.mini.dataset import make_worlds
-    from airzoo_bench.datasets.mini.frames import FrameList, render_frames
-    from airzoo_bench.datasets.mini.renderer import default_camera
+    from airzoo_bench.datasets.mini.renderer import FrameList, default_camera, render_frames
     from airzoo_bench.datasets.mini.world import REGIONS, load_world
 
     place, camera, engine = REGIONS[region], default_camera(), Processes(2)
@@ -193,4 +192,4 @@ def render(
         seed=seed,
     )
     render_frames(frames, made, out, engine, cli.progress)
-    cli.say(f"{counted(len(keys), 'frame')} in {out}: frames.csv, images/, depth/, colmap/")
+    cli.say(f"{counted(len(keys), 'frame')} in {out}: frames.csv, images/, depth/")

@@ -40,21 +40,6 @@ _BEYOND = np.array([0, 2, 5, 10, 18, 30, 45, 65, 90, 120, 160, 205, 255, 325, 40
 # How far walls go below the floor, so that uneven land leaves no gap; not on roofs.
 _FOUNDATION_M, _ON_ROOF = 0.8, 4
 
-# Corners 0-3 are at the floor, 4-7 at the walls' top, counter-clockwise from (-u, -v); 8 and 9 are
-# the ridge's ends at -u and +u.
-_WALLS = (
-    (0, 1, 5), (0, 5, 4), (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7),
-)  # fmt: skip
-_FLAT = ((4, 5, 6), (4, 6, 7))
-_SLOPES, _ENDS = ((4, 5, 9), (4, 9, 8), (6, 7, 8), (6, 8, 9)), ((5, 6, 9), (7, 4, 8))
-# Walls and tops, by roof.
-_ROOFS = {
-    "flat": (_WALLS, _FLAT),
-    "shed": (_WALLS, _FLAT),
-    "gabled": (_WALLS + _ENDS, _SLOPES),
-    "hipped": (_WALLS, _SLOPES + _ENDS),
-}
-
 
 def build_world(region: str, seed: int) -> World:
     """Make one region of `world.REGIONS`; another seed makes another place of the same kind."""
@@ -204,17 +189,15 @@ def _sunlit(heights: Floats, light: Light, pixel_m: float) -> _Rgb:
     size = len(heights)
     drop = round(_UNITS * pixel_m * up / -north)
     shift = np.floor(np.arange(size) * (east / north) + 0.5).astype(np.int64)
-    offsets = (shift - shift.min()).tolist()
+    sheared = np.arange(size)[:, None], np.arange(size) + (shift - shift.min())[:, None]
     low = np.floor(heights * _UNITS).astype(np.int32)
-    shadow = np.full((size, size + max(offsets)), -(1 << 29), np.int32)
-    for row, offset in enumerate(offsets):
-        shadow[row, offset : offset + size] = low[row]
+    shadow = np.full((size, size + np.ptp(shift)), -(1 << 29), np.int32)
+    shadow[sheared] = low
     steps = 1
     while steps <= _FAR_STEPS:
         np.maximum(shadow[:-steps], shadow[steps:] - drop * steps, out=shadow[:-steps])
         steps *= 2
-    back = np.stack([shadow[row, offset : offset + size] for row, offset in enumerate(offsets)])
-    dark = np.clip((back - low - _BIAS) * 255 // _SOFT, 0, 255)
+    dark = np.clip((shadow[sheared] - low - _BIAS) * 255 // _SOFT, 0, 255)
     return np.asarray((255 - dark).astype(np.uint8))
 
 
@@ -243,7 +226,7 @@ def plan_mesh(plan: Plan, season: int) -> Mesh:
     buildings, trees = plan.season_rows(season)
     inside = np.arange(plan.heights.shape[0])
     parts = [_mesh_grid(inside, inside, plan.heights, Material.GROUND)]
-    for roof, (walls, tops) in _ROOFS.items():
+    for roof, (walls, tops) in LOOKS["roofs"].items():
         owners = [i for i, building in enumerate(buildings) if building.roof == roof]
         corners = np.array([_corners(buildings[i]) for i in owners]).reshape(-1, 10, 3)
         materials = [Material.WALL] * len(walls) + [Material.ROOF] * len(tops)
@@ -323,8 +306,8 @@ def _tree_meshes(plan: Plan, trees: list[layout.Tree]) -> list[Mesh]:
         scale = np.stack([radius, radius, half], -1)[:, None, :]
         centre = np.column_stack([foot[:, :2], foot[:, 2] + height - half])[:, None, :]
         parts.append(_copies(centre + shape * scale, table, Material.CANOPY, owners))
-    low = [i for i, tree in enumerate(trees) if LOOKS["trees"][tree.kind]["half"] < 0.5]
-    stems = np.array(low, np.int64)
+    low = [LOOKS["trees"][tree.kind]["half"] < 0.5 for tree in trees]
+    stems = np.flatnonzero(low)
     foot, (radius, height) = feet[stems], sizes[stems].T
     half, top = 0.1 + 0.05 * radius, foot[:, 2] + 0.62 * height
     corners = [
@@ -332,7 +315,7 @@ def _tree_meshes(plan: Plan, trees: list[layout.Tree]) -> list[Mesh]:
         for z in (foot[:, 2] - 0.4, top)
         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
-    return [*parts, _copies(np.stack(corners, 1), _WALLS, Material.TRUNK, stems)]
+    return [*parts, _copies(np.stack(corners, 1), LOOKS["roofs"]["flat"][0], Material.TRUNK, stems)]
 
 
 def _ball(rings: int, around: int) -> tuple[Floats, _Indices]:

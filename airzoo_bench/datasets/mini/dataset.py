@@ -26,15 +26,14 @@ from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.folder import write_benchmark
-from airzoo_bench.datasets.mini import frames
+from airzoo_bench.datasets.mini import renderer
 from airzoo_bench.datasets.mini.build import build_world
 from airzoo_bench.datasets.mini.flights import barrel_roll, flight_levels, key_frames, survey
 from airzoo_bench.datasets.mini.noise import is_key, noisy_priors, seed_of
-from airzoo_bench.datasets.mini.renderer import default_camera
 from airzoo_bench.datasets.mini.shading import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world import CRS, REGIONS, Region, ensure_world, load_world
 from airzoo_bench.datasets.settings import Prepared, PrepareSettings
-from airzoo_bench.datasets.truths import BenchmarkProtocols, SceneTruths, build_truths
+from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
@@ -53,10 +52,10 @@ _ROLL_PHOTOS = 30  # each of the 15 conditions twice
 _CLOUD_VOXEL_M = 0.5
 
 
-def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> frames.FrameList:
+def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> renderer.FrameList:
     """Plan the photos of a region, above its surface model (H, W)."""
     of = partial(_seed_in, seed, region)
-    camera, (ground_m, floor_m) = default_camera(), flight_levels(dsm)
+    camera, (ground_m, floor_m) = renderer.default_camera(), flight_levels(dsm)
     surveyed = survey(region, ground_m, floor_m, _SURVEY_SIDE_M, _SURVEY_SPACING_M)
     surveyed = surveyed.take(key_frames(surveyed, camera, ground_m, _SURVEY_OVERLAP))
     rolled = barrel_roll(region, floor_m, of("barrel roll"))
@@ -75,7 +74,7 @@ def mini_photos(region: Region, dsm: NDArray[np.float32], seed: int) -> frames.F
         # Each photo is off its line, so that who flies the survey again knows no more than priors.
         poses = noisy_priors(names, poses, of("gusts"))
         names = [f"{seed_of(of('names'), name):016x}" for name in names]
-    return frames.FrameList(
+    return renderer.FrameList(
         names=tuple(names),
         camera=camera,
         poses=poses.rounded(),  # where the truth will say, to the last bit
@@ -91,12 +90,12 @@ def _seed_in(seed: int, region: Region, purpose: str) -> int:
     return seed_of(seed, f"{purpose} of {region.name}") if is_key(seed) else seed
 
 
-def seen_surface(photos: frames.FrameList, folder: Path, progress: Progress = silent) -> Cloud:
+def seen_surface(photos: renderer.FrameList, folder: Path, progress: Progress = silent) -> Cloud:
     """Return every surface that photos of the survey see, from exact depth, a point a voxel."""
     grid = VoxelGrid(_CLOUD_VOXEL_M, grid_origin(_CLOUD_VOXEL_M))
     rows = [row for row, sequence in enumerate(photos.sequence) if sequence == SURVEY]
     for row in progress(rows, "true cloud", len(rows)):
-        depth = frames.read_depth(frames.frame_paths(folder, photos.names[row])[1])
+        depth = renderer.read_depth(renderer.frame_paths(folder, photos.names[row])[1])
         grid.add(depth_to_points(depth, depth > 0, photos.camera, photos.poses.take(row)))
     return Cloud(np.round(grid.points(), 4) + 0.0)
 
@@ -130,10 +129,10 @@ def _make_world(shared: tuple[Path, int], region: Region) -> Path:
 
 
 def scene_inputs(
-    region: Region, photos: frames.FrameList, files: Mapping[str, Path], seed: int
+    region: Region, photos: renderer.FrameList, files: Mapping[str, Path], seed: int
 ) -> SceneInputs:
     """Lay out a region's photos with their priors and conditions, and open its maps."""
-    images = tuple(f"{name}{frames.IMAGE_SUFFIX}" for name in photos.names)
+    images = tuple(f"{name}{renderer.IMAGE_SUFFIX}" for name in photos.names)
     ids, plane = [photo_id(region.name, image) for image in images], median_height(files["dsm"])
     priors = noisy_priors(ids, photos.poses, _seed_in(seed, region, "priors"))
     cameras = photos.camera.take(np.zeros(len(images), dtype=np.int64))
@@ -143,11 +142,6 @@ def scene_inputs(
     table = table.join(pd.DataFrame(conditions, index=ids), on="id")
     dom, gallery = open_info(files["dom"]), open_info(files["gallery"])
     return SceneInputs(region.name, table, CRS, dom, files["dsm"], plane, gallery=gallery)
-
-
-def mini_truths(inputs: SceneInputs, protocols: BenchmarkProtocols, cloud: Path) -> SceneTruths:
-    """Make the truth of a region's photos; the survey's photos serve reconstruction."""
-    return build_truths(inputs, protocols, cloud, inputs.photos["sequence"] == SURVEY)
 
 
 @dataclass(frozen=True)
@@ -195,13 +189,14 @@ class AirZooMini(Dataset[MiniOptions]):
         for region, world in zip(regions, worlds, strict=True):
             photos = mini_photos(region, load_world(world).dsm, seed)
             folder = world.with_name(f"{world.name}-frames")
-            frames.render_frames(photos, world, folder, engine=engine, progress=progress)
+            renderer.render_frames(photos, world, folder, engine=engine, progress=progress)
             files = {"images": folder / "images", "cloud": folder / "cloud.ply"}
             maps = {"dom": "dom", "dsm": "dsm", "gallery": "satellite"}
             files |= {key: world / f"{name}.tif" for key, name in maps.items()}
             write_ply(files["cloud"], seen_surface(photos, folder, progress))
             inputs = scene_inputs(region, photos, files, seed)
-            make = partial(mini_truths, inputs, protocols, files["cloud"])
+            surveyed = inputs.photos["sequence"] == SURVEY  # they serve reconstruction
+            make = partial(build_truths, inputs, protocols, files["cloud"], surveyed)
             truths = with_progress(make, f"{region.name}: truth", progress)
             scenes.append(SceneContent(inputs, truths, files))
         return write_benchmark(scenes, protocols, settings)

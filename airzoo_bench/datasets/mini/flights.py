@@ -24,12 +24,9 @@ from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rays_to_world
 
-FPS = 30
-"""Frames a second."""
-MARGIN_M = 40.0
-"""Flights go no nearer to the region's border."""
-MOST_DEPTH_M = 400.0
-"""Footprints go no deeper."""
+FPS = 30  # frames a second
+MARGIN_M = 40.0  # flights go no nearer to the region's border
+MOST_DEPTH_M = 400.0  # footprints go no deeper
 _CLEARANCE_M, _ROOM_M = 40.0, 80.0  # of flights above the highest place, and above their lowest
 # Digits of poses: 0.1 mm on the ground and of height, 1e-4 degrees.
 _LONLAT_DECIMALS, _DECIMALS = 9, 4
@@ -68,8 +65,8 @@ def barrel_roll(region: Region, floor_m: float, seed: int) -> Poses:
     corners = _turned_clockwise(table[:, :2], 360.0 * draws[2])
     line, (look,) = _smooth_line(corners + centre, table[:, 2:])
     way = _way_m(line)
-    climb = 0.5 - 0.5 * np.cos(2 * np.pi * (way / _CLIMB_WAVE_M + draws[3]))
-    nod = 0.5 - 0.5 * np.cos(2 * np.pi * (way / _PITCH_WAVE_M + draws[4]))
+    waves = (way / _CLIMB_WAVE_M + draws[3], way / _PITCH_WAVE_M + draws[4])
+    climb, nod = 0.5 - 0.5 * np.cos(2 * np.pi * np.stack(waves))
     swing = _SWING_DEG * np.sin(2 * np.pi * way / _SWING_WAVE_M)
     yaw = _looking(line, look, centre) + np.where(look < 1.5, swing, 0.0)
     low, high = _ROLL_PITCHES_DEG
@@ -155,9 +152,7 @@ def _smooth_line(corners: Floats, wanted: Floats) -> tuple[Floats, list[Floats]]
     place = np.stack((x, y), axis=-1)
     # The ends are mirrored through themselves, so that smoothing leaves them in place.
     turn = round(4.0 * _TURN_M / _STEP_M)
-    before = 2 * place[0] - place[turn:0:-1]
-    after = 2 * place[-1] - place[-2 : -turn - 2 : -1]
-    long = np.concatenate((before, place, after))
+    long = np.pad(place, ((turn, turn), (0, 0)), mode="reflect", reflect_type="odd")
     smooth = gaussian_filter1d(long, _TURN_M / _STEP_M, axis=0, truncate=4.0)[turn:-turn]
     return smooth, columns
 

@@ -20,14 +20,12 @@ Point = tuple[float, float]
 Line = tuple[Point, ...]
 Window = tuple[slice, slice]
 Colour = tuple[int, ...]
+# Of pixels that a form may cover: rows and columns, where it does, and u and v in its axes.
 Patch = tuple[Window, Bools, Floats, Floats]
-"""Of pixels that a form may cover: rows and columns, where it does, and u and v in its axes."""
 
 LOOKS = tomllib.loads(Path(__file__).with_name("looks.toml").read_text("utf-8"))
-ALWAYS, SURVEY, OLDER = 0, 1, 2
-"""Seasons: both, that of the survey, and that of the older mosaic."""
-GRID_M = 2.0
-"""Spacing of the grid on whose corners the land's heights are given."""
+ALWAYS, SURVEY, OLDER = 0, 1, 2  # seasons: both, that of the survey, that of the older mosaic
+GRID_M = 2.0  # spacing of the grid on whose corners the land's heights are given
 LAND_X: Floats = np.arange(round(SIDE_M / GRID_M) + 1).astype(np.float64)[None, :] * GRID_M
 LAND_Y: Floats = LAND_X.T
 _FAR_M = 10_000.0

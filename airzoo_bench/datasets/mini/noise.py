@@ -24,7 +24,7 @@ _GOLDEN = 0x9E3779B97F4A7C15
 _ROUNDS = ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1))
 _MASK = (1 << 64) - 1
 _STREAM = 77
-_VOLUME_SIDE = 64
+_VOLUME_BITS = 6
 # Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
 # and gimbal (yaw, pitch, roll).
 _GPS_M, _ANGLES_DEG = (2.0, 2.0, 3.0), (2.0, 0.7, 0.5)
@@ -123,34 +123,28 @@ def uniforms(hashes: NDArray[np.uint64], lane: int = 0) -> Singles:
     return bits.astype(np.float32) * np.float32(1.0 / 65536.0)
 
 
-def floor_log2(values: Singles) -> NDArray[np.int64]:
+def floor_log2(values: Singles) -> NDArray[np.int32]:
     """Return the exponents floor(log2 v) of positive numbers, read from their bits."""
     exponents = np.ascontiguousarray(values, np.float32).view(np.int32) >> 23
-    return exponents.astype(np.int64) - 127
+    exponents -= 127
+    return exponents
 
 
-def volume_noise(xyz: Sequence[Singles] | Singles, voxel_m: float, footprint_m: Singles) -> Singles:
+def volume_noise(xyz: Singles, voxel_m: float, footprint_m: Singles) -> Singles:
     """Return the noise (N,), which all surfaces share, at points (3, N) in metres."""
-    values, offsets = _volume()
     inverse = np.float32(1.0 / voxel_m)
     level = floor_log2(footprint_m * inverse)
-    np.clip(level, 0, len(offsets) - 1, out=level)
-    bits = 6 - level
-    mask = (1 << bits) - 1
-    index = np.zeros(len(level), np.int64)
-    for axis in xyz:
-        cell = np.floor(axis * inverse).astype(np.int64)
-        cell >>= level
-        cell &= mask
-        index <<= bits
-        index |= cell
-    return values.take(index + offsets.take(level))
+    np.minimum(np.maximum(level, 0, out=level), _VOLUME_BITS, out=level)
+    x, y, z = np.floor(xyz * inverse).astype(np.int32) & (1 << _VOLUME_BITS) - 1
+    index = ((level << _VOLUME_BITS | x) << _VOLUME_BITS | y) << _VOLUME_BITS | z
+    values: Singles = _volume().take(index)
+    return values
 
 
 @cache
-def _volume() -> tuple[Singles, NDArray[np.int64]]:
-    """Three octaves of hashed voxels and their halvings, level after level, and their offsets."""
-    side = _VOLUME_SIDE
+def _volume() -> Singles:
+    """Return three octaves of hashed voxels and their means over 2, 4 ... 64, level after level."""
+    side = 1 << _VOLUME_BITS
     volume = np.zeros((side, side, side), np.float32)
     for octave, weight in enumerate((1.0, 0.9, 0.8)):
         grains = uniforms(hash_of(octave, np.arange((side >> octave) ** 3)))
@@ -162,12 +156,13 @@ def _volume() -> tuple[Singles, NDArray[np.int64]]:
         volume += np.float32(weight) * ((grains - grains.mean()) / grains.std())
     volume -= volume.mean()
     volume /= volume.std()
-    levels = [volume]
-    while (half := len(levels[-1]) // 2) > 0:
-        blocks = levels[-1].reshape(half, 2, half, 2, half, 2)
-        levels.append(blocks.mean(axis=(1, 3, 5), dtype=np.float32))
-    offsets = np.cumsum([0, *(level.size for level in levels[:-1])], dtype=np.int64)
-    return np.concatenate([level.ravel() for level in levels]), offsets
+    levels, means = [volume.ravel()], volume
+    for level in range(1, _VOLUME_BITS + 1):
+        half = side >> level
+        blocks = means.reshape(half, 2, half, 2, half, 2)
+        means = blocks.mean(axis=(1, 3, 5), dtype=np.float32)
+        levels.append(np.kron(means, np.ones((1 << level,) * 3, np.float32)).ravel())
+    return np.concatenate(levels)
 
 
 def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:

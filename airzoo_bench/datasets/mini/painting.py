@@ -12,29 +12,20 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.datasets.mini.layout import (
-    ALWAYS,
-    LOOKS,
-    OLDER,
-    SURVEY,
-    Box,
-    Decal,
-    Plan,
-    Raster,
-    colours,
-)
+from airzoo_bench.datasets.mini import layout
+from airzoo_bench.datasets.mini.layout import ALWAYS, LOOKS, OLDER, SURVEY, Box, Decal, Plan
 from airzoo_bench.datasets.mini.noise import hash_of
 from airzoo_bench.geometry.arrays import Bools, Floats
 
 Noise = NDArray[np.int16]
+# Red, green, blue, and the amplitude of fine, middle and coarse mottling in display values.
 Material = tuple[int, ...]
-"""Red, green, blue, and the amplitude of fine, middle and coarse mottling in display values."""
 _Shade = NDArray[np.int64] | int
 _Layer = tuple[Sequence[int] | str, Bools | bool, _Shade]
 
 _TINT = (9, 8, 6)  # eighths that mottling moves red, green and blue by: wet ground has another hue
 _ROWS = 64  # of a canvas that are coloured at once
-_PALETTES = {name: colours(text) for name, text in LOOKS["palettes"].items()}
+_PALETTES = {name: layout.colours(text) for name, text in LOOKS["palettes"].items()}
 
 
 class Canvas:
@@ -44,7 +35,7 @@ class Canvas:
     """
 
     def __init__(
-        self, plan: Plan, raster: Raster, noise: Sequence[Noise], land: Floats, season: int
+        self, plan: Plan, raster: layout.Raster, noise: Sequence[Noise], land: Floats, season: int
     ) -> None:
         self.raster, self.noise, self.land, self.season = raster, noise, land, season
         self.seed, part = plan.seed, slice(-6, None) if season == OLDER else slice(6)

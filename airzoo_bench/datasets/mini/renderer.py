@@ -1,36 +1,46 @@
-"""Photos of a world with the depth of every pixel.
+"""Photos of a world with the depth of every pixel, and folders of them.
 
 Embree, by Open3D, finds the triangle that a ray meets, in single precision. The distance is then
 that to the triangle's plane in double precision: exact for the ray as given, and the same wherever
 Embree's own rounding would have put it.
+
+A folder holds ``images/``, ``depth/`` and ``frames.csv``. Photos are JPEG of quality 92 without
+chroma subsampling, as drones store them, and carry a mark of their inputs. Depth is TIFF of 32-bit
+floats, compressed without loss. A run goes on where an earlier one ended.
 """
 
 from __future__ import annotations
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter
 
+from airzoo_bench.core.files import atomic_write, check_output_folder, fingerprint
 from airzoo_bench.core.optional_imports import load_open3d
-from airzoo_bench.datasets.mini.noise import Singles, hash_of, uniforms
-from airzoo_bench.datasets.mini.shading import Conditions, Points, Shader, column, conditions, dot
-from airzoo_bench.datasets.mini.world import Material, Mesh, World
+from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.datasets.mini import shading
+from airzoo_bench.datasets.mini.noise import Singles, hash_of, seed_of, uniforms
+from airzoo_bench.datasets.mini.shading import RANKS, Conditions, Points, Shader, column, dot
+from airzoo_bench.datasets.mini.world import CRS, Material, Mesh, World, load_world, read_index
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.crs import grid_convergence_deg, to_lonlat
+from airzoo_bench.geometry.poses import Poses, rotations_to_angles
 
 _Indices = NDArray[np.int64]
-_View = tuple[Floats, np.float32, Conditions]
-"""Where the camera is, the angle of a pixel, and the conditions."""
-
+_View = tuple[Floats, np.float32, Conditions]  # place, and angle of a pixel, of the camera
+# To be raised with every change that changes photos, so that older ones are rendered again.
 RENDERER_VERSION = 3
-"""To be raised with every change that changes photos, so that older ones are rendered again."""
-_MISSED, _DITHER_STREAM = -1, 73
+_DITHER_STREAM, _GRAINS = 73, 1_000_003
 # How many pixels are worked on at once: as many as a processor's cache holds.
-_BLOCK_PIXELS = 1 << 15
+_BLOCK_PIXELS = 320 * 240
 
 # A ray that grazes a triangle within Embree's rounding of its edge may meet the plane far off the
 # triangle; beyond this (m, and share of the distance) Embree's own distance is the better one.
@@ -41,6 +51,11 @@ _LIFT_M = 0.02
 _BLUR, _EDGE_BLUR = np.float32(0.08), np.float32(0.08)
 _VIGNETTE, _SHOULDER = np.float32(0.12), np.float32(0.88)
 _DROPS = {"rain": 420, "snow": 520}
+
+
+IMAGE_SUFFIX = ".jpg"
+PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
+_DIGITS = (12, 12, 6, 12, 12, 12)  # of these columns
 
 
 class Frame(NamedTuple):
@@ -61,7 +76,7 @@ def default_camera(width: int = 640, height: int = 480) -> Cameras:
 class Raycaster:
     """A mesh that rays can be cast at, on one thread (frames are spread over processes).
 
-    `normal` are unit normals of its triangles, (3, T); 0 where one has no area.
+    `normal` are unit normals of its triangles, (T, 3); 0 where one has no area.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -75,32 +90,38 @@ class Raycaster:
         a, b, c = (mesh.vertices[mesh.triangles[:, corner]] for corner in range(3))
         normal = np.cross(b - a, c - a)
         length = np.sqrt((normal * normal).sum(axis=1))
-        unit = normal / np.where(length > 0.0, length, 1.0)[:, None]
-        self.normal = np.ascontiguousarray(unit.T)
+        self.normal = normal / np.where(length > 0.0, length, 1.0)[:, None]
         # Of three corners each has its own rounding; their middle keeps the plane from tilting.
-        self._offset = (unit * (a + b + c)).sum(axis=1) / 3.0
+        offset = (self.normal * (a + b + c)).sum(axis=1) / 3.0
+        # The last plane is that of rays which meet nothing.
+        self._planes = np.zeros((len(offset) + 1, 4))
+        self._planes[:-1] = np.column_stack([self.normal, offset])
 
-    def trace(self, origin: Floats, directions: Floats) -> tuple[_Indices, Floats]:
-        """Cast rays from one point (3,), or each from its own (3, N), in directions (3, N)."""
+    def trace(self, origin: Floats, directions: Floats) -> tuple[_Indices, Floats, Floats]:
+        """Cast rays from one point (3,), or each from its own (3, N), in directions (3, N).
+
+        Returns triangles (N,), T where none is met; distances (N,), 0 there; and normals (3, N) on
+        the side that is met.
+        """
         rays = np.empty((directions.shape[1], 6), np.float32)
         rays[:, :3] = origin.T
         rays[:, 3:] = directions.T
         answer = self._scene.cast_rays(self._tensor(rays), nthreads=1)
-        triangle = answer["primitive_ids"].numpy().astype(np.int64)
-        missed = triangle >= len(self._offset)
-        triangle[missed] = _MISSED
+        nothing = len(self.normal)
+        triangle = np.minimum(answer["primitive_ids"].numpy(), nothing).astype(np.int64)
         rough = answer["t_hit"].numpy().astype(np.float64)
-        slope, height = np.zeros(len(triangle)), self._offset.take(triangle)
-        for axis in range(3):
-            component = self.normal[axis].take(triangle)
-            slope += component * directions[axis]
-            height -= component * origin[axis]
+        plane = np.ascontiguousarray(self._planes.take(triangle, axis=0).T)
+        normal, distance = plane[:3], plane[3]
+        slope = dot(normal, directions)
+        for component, start in zip(normal, origin, strict=True):
+            distance -= component * start
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance: Floats = height / slope
-            off = ~(np.abs(distance - rough) <= _TRUST_M + _TRUST_SHARE * rough)
-        np.copyto(distance, rough, where=off)
-        distance[missed] = 0.0
-        return triangle, distance
+            distance /= slope
+            far = np.flatnonzero(~(np.abs(distance - rough) <= _TRUST_M + _TRUST_SHARE * rough))
+        distance[far] = rough[far]
+        distance[triangle == nothing] = 0.0
+        normal[:, np.flatnonzero(slope > 0.0)] *= -1.0
+        return triangle, distance, normal
 
     def occluded(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
         """Return which points (3, N), lifted off their surface, are occluded."""
@@ -115,74 +136,85 @@ class Renderer:
     """Takes photos of a world, one at a time on one thread."""
 
     def __init__(self, world: World) -> None:
-        self._mesh, self._caster, self._shader = world.mesh, Raycaster(world.mesh), Shader(world)
+        self._caster, self._shader = Raycaster(world.mesh), Shader(world)
+        material, owner = world.mesh.material, world.mesh.owner
         # Each surface has a number, so that edges show where neighbours' numbers differ.
-        land = np.isin(world.mesh.material, (Material.GROUND, Material.APRON))
-        built = np.isin(world.mesh.material, (Material.ROOF, Material.WALL))
-        side = np.where(built, np.rint(self._caster.normal * 20.0), 0.0).astype(np.int64)
-        number = hash_of(0, world.mesh.material, world.mesh.owner, *side) >> 33
+        land = np.isin(material, (Material.GROUND, Material.APRON))
+        built = np.isin(material, (Material.ROOF, Material.WALL))
+        side = np.where(built, np.rint(self._caster.normal.T * 20.0), 0.0).astype(np.int64)
+        number = hash_of(0, material, owner, *side) >> 33
         self._surfaces = np.append(np.where(land, 0, number), -1).astype(np.int32)
+        self._owners = np.append(owner, -1)
+        self._ranks = np.append(np.argsort(RANKS)[material], len(RANKS)).astype(np.uint8)
         self._corner = np.array([world.region.west, world.region.south, 0.0])
 
     def render(self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int) -> Frame:
         """Take a photo with one camera at one pose."""
         width, height = int(camera.width[0]), int(camera.height[0])
-        centre, given = pose.centres[0] - self._corner, conditions(weather, time)
+        centre, given = pose.centres[0] - self._corner, shading.conditions(weather, time)
         view = centre, np.float32(1.0 / float(camera.focal[0].mean())), given
         (fx, fy), (cx, cy) = camera.focal[0], camera.principal_point[0]
-        count, step = height * width, max(_BLOCK_PIXELS // width, 1) * width
-        light = np.empty((3, count), np.float32)
+        x, y = (np.arange(width) + (0.5 - cx)) / fx, ((np.arange(height) + (0.5 - cy)) / fy)
+        count, step = height * width, max(_BLOCK_PIXELS // width, 1)
+        light, dither = np.empty((3, count), np.float32), _dither(count)
         depth, surface = np.empty(count, np.float32), np.empty(count, np.int32)
-        for start in range(0, count, step):
-            pixel = np.arange(start, min(start + step, count))
-            row, across = np.divmod(pixel, width)
-            x, y = (across + (0.5 - cx)) / fx, (row + (0.5 - cy)) / fy
-            axes = pose.rotation[0].T.tolist()
-            rays = np.stack([x * right + y * down + ahead for right, down, ahead in axes])
-            triangle, away = self._caster.trace(centre, rays)
-            block = slice(start, start + len(pixel))
-            depth[block], surface[block] = away, self._surfaces.take(triangle)
-            hit, free = (np.flatnonzero((triangle == _MISSED) == past) for past in (False, True))
-            if len(hit):
-                some = rays.take(hit, axis=1), away[hit], pixel[hit], triangle[hit]
-                light[:, block][:, hit] = self._surface(view, *some)
-            if len(free):
-                beyond = rays.take(free, axis=1)
-                unit = (beyond / np.sqrt(dot(beyond, beyond))).astype(np.float32)
-                light[:, block][:, free] = self._shader.horizon(unit, centre, given)
-        sharp = _blurred(light.reshape(3, height, width), surface.reshape(height, width))
+        for row in range(0, height, step):
+            axes, down = pose.rotation[0].T.tolist(), y[row : row + step, None]
+            rays = np.stack([x * a + down * b + c for a, b, c in axes]).reshape(3, -1)
+            block = slice(row * width, row * width + rays.shape[1])
+            triangle, depth[block] = self._see(view, rays, dither[block], light[:, block])
+            surface[block] = self._surfaces.take(triangle)
+        sharp = _blur(light.reshape(3, height, width), surface.reshape(height, width))
         return Frame(_develop(sharp, pose.rotation[0], given, seed), depth.reshape(height, width))
 
-    def _surface(
-        self, camera: _View, rays: Floats, depth: Floats, pixel: _Indices, triangle: _Indices
-    ) -> Singles:
+    def _see(
+        self, camera: _View, rays: Floats, dither: Singles, light: Singles
+    ) -> tuple[_Indices, Floats]:
+        """Return triangles that rays (3, N) meet and their depth; write the light that comes."""
         centre, pixel_angle, given = camera
-        xyz, normal = rays * depth + centre[:, None], self._caster.normal.take(triangle, axis=1)
-        length = np.sqrt(dot(rays, rays))
-        np.negative(normal, out=normal, where=dot(normal, rays) > 0.0)
-        distance = (depth * length).astype(np.float32)
-        at, up, view = (part.astype(np.float32) for part in (xyz, normal, rays / length))
-        dither = uniforms(hash_of(_DITHER_STREAM, pixel))
-        material, owner = self._mesh.material.take(triangle), self._mesh.owner.take(triangle)
-        points = Points(at, up, view, distance, distance * pixel_angle, dither, material, owner)
-        lit = np.zeros(len(depth), np.float32)
+        triangle, depth, normal = self._caster.trace(centre, rays)
+        xyz, length = rays * depth + centre[:, None], np.sqrt(dot(rays, rays))
+        # Points of a material lie side by side from here on.
+        rank = self._ranks.take(triangle)
+        some = [np.flatnonzero(rank == number) for number in range(len(RANKS) + 1)]
+        order, spans = np.concatenate(some), shading.spans_of([len(part) for part in some])
+        hits, lanes = spans["walls"].stop, np.zeros((12, len(order)), np.float32)
+        values = [*xyz, *normal, *rays / length, depth * length, dither]
+        for lane, part in zip(lanes, values, strict=False):
+            part.astype(np.float32).take(order, out=lane, mode="clip")
         if given.direct:
-            sun = np.array(given.light.direction)
-            cosine: Floats = dot(normal, sun[:, None])
-            facing = np.flatnonzero(cosine > 0.0)
-            places, lifts = xyz.take(facing, axis=1), normal.take(facing, axis=1)
-            lit[facing] = np.where(self._caster.occluded(places, lifts, sun), 0.0, cosine[facing])
-        return self._shader.colour(points, lit, given)
+            lanes[11] = self._sunlight(xyz, normal, given).take(order)
+        hit, owner = lanes[:, :hits], self._owners.take(triangle.take(order[:hits]))
+        parts: list[Any] = [*hit[:9].reshape(3, 3, -1), *hit[9:], hit[9] * pixel_angle, owner]
+        seen = self._shader.colour(Points(*parts), spans, given)
+        if hits < len(order):
+            past = self._shader.horizon(lanes[6:9, hits:], centre, given)
+            seen = np.append(seen, past, axis=1)
+        for channel, part in zip(light, seen, strict=True):
+            channel[order] = part
+        return triangle, depth
+
+    def _sunlight(self, xyz: Floats, normal: Floats, given: Conditions) -> Singles:
+        """Return the cosine of the angle between normals (3, N) and the sun, 0 in shadow."""
+        sun = np.array(given.light.direction)
+        cosine: Floats = dot(normal, sun[:, None])
+        facing = np.flatnonzero(cosine > 0.0)
+        at, up = (np.stack([part.take(facing) for part in parts]) for parts in (xyz, normal))
+        lit = np.zeros(len(cosine), np.float32)
+        lit[facing] = cosine[facing] * ~self._caster.occluded(at, up, sun)
+        return lit
 
 
-def _blurred(light: Singles, surface: NDArray[np.int32]) -> Singles:
+def _blur(light: Singles, surface: NDArray[np.int32]) -> Singles:
     """Spread light (3, H, W) over neighbours, as a lens does, more where surfaces (H, W) meet."""
     result = light.copy()
     for here, there in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:, :], np.s_[:-1, :])):
         share = _BLUR + _EDGE_BLUR * (surface[here] != surface[there])
-        step = (light[:, *there] - light[:, *here]) * share
-        result[:, *here] += step
-        result[:, *there] -= step
+        for plane, sharp in zip(result, light, strict=True):
+            step = sharp[there] - sharp[here]
+            step *= share
+            plane[here] += step
+            plane[there] -= step
     return result
 
 
@@ -198,20 +230,38 @@ def _develop(sharp: Singles, rotation: Floats, given: Conditions, seed: int) -> 
     square = (y * y)[:, None] + (x * x)[None]
     sharp *= 1 - _VIGNETTE * square * square
     # Highlights bend to white softly.
-    over = np.maximum(sharp - _SHOULDER, 0.0)
-    levels = (np.minimum(sharp, _SHOULDER) + over / (1 + over / (1 - _SHOULDER))) * 255
+    levels = sharp.ravel()
+    bright = np.flatnonzero(levels > _SHOULDER)
+    over = levels[bright] - _SHOULDER
+    levels[bright] = _SHOULDER + over / (1 + over / (1 - _SHOULDER))
+    levels *= 255
     # Shot noise grows with the root of the light; read noise is always there.
-    strength = np.sqrt(np.maximum(levels, 4.0) / np.float32(128.0)) * np.float32(given.noise)
-    normal = np.resize(np.roll(_grain(), random.integers(len(_grain()))), (4, height, width))
-    levels += strength * (np.float32(0.8) * normal[:3] + np.float32(0.6) * normal[3])
-    image = np.rint(levels.clip(0.0, 255.0)).astype(np.uint8)
-    return np.ascontiguousarray(image.transpose(1, 2, 0))
+    strength = np.maximum(levels, 4.0)
+    strength *= np.float32(1 / 128)
+    np.sqrt(strength, out=strength)
+    strength *= np.float32(given.noise)
+    start, count = _GRAINS - random.integers(_GRAINS), 4 * sharp[0].size
+    grain = _grain(count)[start : start + count].reshape(4, -1)
+    normal = np.float32(0.8) * grain[:3]
+    normal += np.float32(0.6) * grain[3]
+    normal *= strength.reshape(3, -1)
+    levels += normal.ravel()
+    image = np.empty((height, width, 3), np.uint8)
+    image.transpose(2, 0, 1)[:] = np.rint(levels.clip(0.0, 255.0)).reshape(sharp.shape)
+    return image
 
 
 @cache
-def _grain() -> Singles:
+def _dither(count: int) -> Singles:
+    """Return a number in [0, 1) for each pixel of a photo, the same in all photos."""
+    return uniforms(hash_of(_DITHER_STREAM, np.arange(count)))
+
+
+@cache
+def _grain(count: int) -> Singles:
     """Return normal numbers that the noise of all photos is cut from, each at another place."""
-    return np.random.Generator(np.random.PCG64(0)).standard_normal(1_000_003, np.float32)
+    normal = np.random.Generator(np.random.PCG64(0)).standard_normal(_GRAINS, np.float32)
+    return np.resize(normal, _GRAINS + count)
 
 
 def _drops(
@@ -235,3 +285,115 @@ def _drops(
         for box, strength in zip(boxes.tolist(), (210 - 120 * near).tolist(), strict=True):
             draw.ellipse(box, fill=int(strength))
     return np.asarray(image.filter(ImageFilter.BoxBlur(blur * height / 480)))
+
+
+# --- folders ---
+
+
+@dataclass(frozen=True, eq=False)
+class FrameList:
+    """N frames to render."""
+
+    names: tuple[str, ...]  # each once; they become names of files
+    camera: Cameras  # one for all
+    poses: Poses  # N, in `world.CRS`
+    weather: tuple[str, ...]  # see `shading.conditions`
+    time_of_day: tuple[str, ...]
+    seed: int = 0  # of the noise, together with each frame's name
+    sequence: tuple[str, ...] = ()  # the flight that each is of
+
+    @property
+    def pinhole(self) -> tuple[float, ...]:
+        """Width, height, focal lengths and principal point of the camera."""
+        size = int(self.camera.width[0]), int(self.camera.height[0])
+        return (*size, *self.camera.focal[0].tolist(), *self.camera.principal_point[0].tolist())
+
+
+def _frames_csv(frames: FrameList) -> str:
+    poses = frames.poses
+    lonlat = to_lonlat(CRS, poses.centres[:, :2])
+    turn = grid_convergence_deg(CRS, lonlat)
+    angles = rotations_to_angles(poses.rotation, convergence_deg=turn)[:, ::-1]
+    numbers = np.column_stack([lonlat, poses.centres[:, 2], angles]).T
+    given = {"name": frames.names, "weather": frames.weather, "time_of_day": frames.time_of_day}
+    table = pd.DataFrame(given)
+    for name, digits, values in zip(PLACE_COLUMNS, _DIGITS, numbers, strict=True):
+        # Adding 0 makes a negative zero positive.
+        table[name] = [f"{value:.{digits}f}" for value in np.round(values, digits) + 0.0]
+    table[["width", "height", "fx", "fy", "cx", "cy"]] = frames.pinhole
+    return table.to_csv(index=False, lineterminator="\n")
+
+
+def render_frames(
+    frames: FrameList, world: Path, folder: Path, engine: Engine = HERE, progress: Progress = silent
+) -> int:
+    """Render frames of a stored world into a folder where they are not yet; return how many."""
+    table = folder / "frames.csv"
+    check_output_folder(folder, (table.name,))
+    key = read_index(world)[2]
+    marks = [_mark(frames, key, row) for row in range(len(frames.names))]
+    found = [_read_mark(*frame_paths(folder, name)) for name in frames.names]
+    todo = [row for row, mark in enumerate(marks) if found[row] != mark]
+    if todo:  # it would describe photos about to be replaced
+        table.unlink(missing_ok=True)
+    done = engine.map(
+        _render_frame,
+        todo,
+        shared=(frames, marks, world, key, folder),
+        stage="rendering",
+        name=lambda row: f"frame {frames.names[row]}",
+    )
+    for _ in progress(done, "rendering", len(todo)):
+        pass
+    _load_renderer.cache_clear()
+    with atomic_write(table, "w") as stream:
+        stream.write(_frames_csv(frames))
+    return len(todo)
+
+
+def _mark(frames: FrameList, key: str, row: int) -> str:
+    given = [frames.weather[row], frames.time_of_day[row]]
+    pose = [frames.poses.rotation[row].tolist(), frames.poses.centres[row].tolist()]
+    seed = seed_of(frames.seed, frames.names[row])
+    return fingerprint([RENDERER_VERSION, key, frames.pinhole, pose, given, seed])
+
+
+def _render_frame(shared: tuple[FrameList, list[str], Path, str, Path], row: int) -> None:
+    """Write a frame's files, each whole or not at all, with the mark of its inputs."""
+    frames, marks, world, key, folder = shared
+    name, given = frames.names[row], (frames.weather[row], frames.time_of_day[row])
+    view = frames.camera, frames.poses.take(row), *given, seed_of(frames.seed, name)
+    photo, distances = (Image.fromarray(part) for part in _load_renderer(world, key).render(*view))
+    image, depth = frame_paths(folder, name)
+    with atomic_write(depth) as stream:
+        kind, predictor = "tiff_adobe_deflate", {317: 3}  # of floating point
+        distances.save(stream, format="TIFF", compression=kind, tiffinfo=predictor)
+    with atomic_write(image) as stream:  # after its depth, so that it says that both are there
+        photo.save(stream, format="JPEG", quality=92, subsampling=0, comment=marks[row])
+
+
+@lru_cache(maxsize=1)
+def _load_renderer(world: Path, key: str) -> Renderer:
+    del key  # tells worlds apart
+    return Renderer(load_world(world))
+
+
+def frame_paths(folder: Path, name: str) -> tuple[Path, Path]:
+    """Return the places of a frame's photo and depth."""
+    return folder / "images" / f"{name}{IMAGE_SUFFIX}", folder / "depth" / f"{name}.tif"
+
+
+def _read_mark(image: Path, depth: Path) -> str | None:
+    """Return the mark of a photo; None where it or its depth is missing or damaged."""
+    try:
+        with Image.open(image) as picture:
+            mark: bytes = picture.info.get("comment", b"")
+    except OSError:
+        return None
+    return mark.decode("ascii", "replace") if depth.is_file() else None
+
+
+def read_depth(path: Path) -> Floats:
+    """Read a frame's depth, (H, W) metres along the optical axis, 0 where there is no surface."""
+    with Image.open(path) as image:
+        return np.asarray(image, np.float64)

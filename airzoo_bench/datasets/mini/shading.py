@@ -21,6 +21,7 @@ from airzoo_bench.datasets.mini.world import SURVEY_SUN, Light, Material, World
 from airzoo_bench.geometry.arrays import Floats
 
 _Indices = NDArray[np.int64]
+Spans = dict[str, slice]
 Colour = Sequence[float] | Floats
 WEATHERS, TIMES = ("sunny", *LOOKS["weathers"]), tuple(LOOKS["skies"])
 
@@ -38,8 +39,7 @@ _LIT_SHARE = np.float32(0.30)
 
 _MOST_SLANT = 4.0
 _LAMP, _TRUNK, _SNOW = (1.0, 0.74, 0.42), (0.30, 0.24, 0.18), (0.86, 0.88, 0.93)
-# Share of the lamps' light that reaches surfaces, by material; walls by their height.
-_LAMP_SHARES = np.array([1.0, 0.04, 1.0, 0.35, 1.0, 1.0], np.float32)
+_LAMPS_ON_ROOFS, _LAMPS_ON_LEAVES = np.float32(0.04), np.float32(0.35)  # share of their light
 # Sunlight that leaves let through to their shadow side.
 _THROUGH_LEAVES = 0.13
 _BASE_REFLECTANCE = np.float32(0.04)
@@ -135,6 +135,25 @@ def _haze(colour: Singles, distance: Singles, view: Singles, given: Conditions) 
     return np.asarray(air + (colour - air) * left)
 
 
+# The order of points by their material, so that each, and all land, is one slice.
+_LAND = (Material.GROUND, Material.APRON, Material.ROOF)
+RANKS = (*_LAND, Material.TRUNK, Material.CANOPY, Material.WALL)
+
+
+def spans_of(counts: Sequence[int]) -> Spans:
+    """Return where points are, given how many there are of each rank."""
+    ground, country, land, trunks, leaves, walls = np.cumsum(counts[: len(RANKS)]).tolist()
+    return {
+        "ground": slice(ground),
+        "country": slice(country),
+        "roofs": slice(country, land),
+        "land": slice(land),
+        "trunks": slice(land, trunks),
+        "leaves": slice(trunks, leaves),
+        "walls": slice(leaves, walls),
+    }
+
+
 class Points(NamedTuple):
     """N points where rays of one camera meet surfaces."""
 
@@ -142,16 +161,15 @@ class Points(NamedTuple):
     normal: Singles  # (3, N): unit, on the side that is seen
     view: Singles  # (3, N): unit direction from the camera
     distance: Singles  # (N,): metres from the camera
-    footprint: Singles  # (N,): size of the pixel across the ray, metres
     dither: Singles  # (N,): in [0, 1), another one for each pixel
-    material: NDArray[np.uint8]  # (N,)
+    sun: Singles  # (N,): cosine of the angle between normal and sun, 0 in shadow
+    footprint: Singles  # (N,): size of the pixel across the ray, metres
     owner: NDArray[np.int32]  # (N,)
 
-    def select(self, *materials: int) -> tuple[_Indices, Points]:
-        """Return the numbers of the points of some materials, and the points."""
-        which = np.flatnonzero(np.isin(self.material, materials))
-        parts: list[Any] = [values.take(which, axis=-1) for values in self]
-        return which, Points(*parts)
+    def part(self, which: slice | _Indices) -> Points:
+        """Return some of the points."""
+        parts: list[Any] = [values[..., which] for values in self]
+        return Points(*parts)
 
     def facing(self) -> Singles:
         """Return the cosine of the angle between surface and line of sight, (N,)."""
@@ -173,29 +191,50 @@ class _Texture:
             even = np.pad(levels[-1], ((0, 0), (0, odd), (0, odd), (0, 0)), mode="edge")
             rows = (even[:, 0::2].astype(np.uint16) + even[:, 1::2]) >> 1
             levels.append(((rows[:, :, 0::2] + rows[:, :, 1::2]) >> 1).astype(np.uint8))
-        self._side_m, self._gsd_m = np.float32(side_m), side_m / len(images[0])
-        self._sizes = np.array([level.shape[1] for level in levels], np.int64)
-        self._starts = len(images) * (np.cumsum(self._sizes**2) - self._sizes**2)
-        self._texels = np.concatenate([level.reshape(-1, 4) for level in levels])
+        self._twice_m = np.float32(2 * side_m)
+        self._per_m = np.float32(1.0 / (side_m / len(images[0])))
+        sizes = np.array([level.shape[1] for level in levels], np.int32)
+        starts = len(images) * (np.cumsum(sizes**2, dtype=np.int32) - sizes**2)
+        # By image and level: first texel, size, and the last place between two texels.
+        self._starts = np.concatenate([starts + image * sizes**2 for image in range(len(images))])
+        self._sizes, self._levels = np.tile(sizes, len(images)), len(sizes)
+        self._ends = self._sizes.astype(np.float32) - np.float32(1.01)
+        texels = np.concatenate([level.reshape(-1, 4) for level in levels])
+        self._texels = texels.view(np.uint32).ravel()
 
-    def sample(self, xy: Any, size_m: Singles, dither: Singles, image: Any = 0) -> Singles:
-        """Return the colour (4, N), in 0 to 1, at points of the square, mirrored beyond it."""
-        level = noise.floor_log2(size_m * (1.0 + dither) * np.float32(1.0 / self._gsd_m))
-        size = self._sizes.take(level, mode="clip")
-        scale = size.astype(np.float32)
-        shares, cells = [], []
-        for at in (1.0 - xy[1] / self._side_m, xy[0] / self._side_m):
-            folded = 1.0 - np.abs(at - 2.0 * np.floor(at * np.float32(0.5)) - 1.0)
-            place = np.clip(folded * scale - np.float32(0.5), 0.0, scale - np.float32(1.01))
-            cells.append(place.astype(np.int64))
-            shares.append(place - cells[-1].astype(np.float32))
-        first = self._starts.take(level, mode="clip") + (image * size + cells[0]) * size + cells[1]
-        total = np.zeros((len(first), 4), np.float32)
-        for down, share_y in ((0, 1.0 - shares[0]), (size, shares[0])):
-            for right, share_x in ((0, 1.0 - shares[1]), (1, shares[1])):
-                weight = (share_x * share_y * np.float32(1 / 255))[:, None]
-                total += self._texels.take(first + down + right, axis=0) * weight
-        return np.ascontiguousarray(total.T)
+    def sample(
+        self, xy: Singles, size_m: Singles, dither: Singles, lanes: int, second: int | None = None
+    ) -> Singles:
+        """Return the first lanes of the colour, (lanes, N) in 0 to 1, at points of the square.
+
+        Beyond the square it is mirrored. From point `second` on the second image is seen.
+        """
+        level = noise.floor_log2(size_m * (1.0 + dither) * self._per_m)
+        np.minimum(np.maximum(level, 0, out=level), self._levels - 1, out=level)
+        if second is not None:
+            level[second:] += self._levels
+        size = self._sizes.take(level)
+        # Halves of the side, so that 0 and 1 are a mirror image apart from their middle.
+        place = np.stack([0.5 - xy[1] / self._twice_m, xy[0] / self._twice_m])
+        place -= np.floor(place)
+        place -= 0.5
+        np.subtract(0.5, np.abs(place), out=place)
+        place *= size.astype(np.float32) * 2
+        place -= 0.5
+        np.clip(place, 0.0, self._ends.take(level), out=place)
+        cell = place.astype(np.int32)
+        place -= cell.astype(np.float32)
+        first = self._starts.take(level) + cell[0] * size + cell[1]
+        total = np.zeros((lanes, len(first)), np.float32)
+        part = np.empty_like(total)
+        for row, share_y in ((first, 1.0 - place[0]), (first + size, place[0])):
+            texel = row.astype(np.int64)
+            for right, share_x in ((0, 1.0 - place[1]), (1, place[1])):
+                colour = self._texels[right:].take(texel).view(np.uint8)
+                np.copyto(part, colour.reshape(-1, 4).T[:lanes])
+                part *= share_x * share_y * np.float32(1 / 255)
+                total += part
+        return total
 
 
 def _openness(dsm: Singles, gsd: float) -> Singles:
@@ -237,11 +276,12 @@ def _lamp_light(world: World, gsd: float) -> Singles:
 
 
 class _Paint:
-    def __init__(self, points: Points) -> None:
-        count = len(points.distance)
-        self.albedo, self.glow = np.zeros((2, 3, count), np.float32)
+    """How points look: colour, light of windows, how much they mirror, and of that as water."""
+
+    def __init__(self, count: int, walls: int) -> None:
+        self.albedo = np.zeros((3, count), np.float32)
         self.mirror, self.waves = np.zeros((2, count), np.float32)
-        self.lamp_reach = _LAMP_SHARES.take(points.material)
+        self.glow, self.height = np.zeros((3, walls), np.float32), np.zeros(walls, np.float32)
 
 
 class Shader:
@@ -273,7 +313,7 @@ class Shader:
         distance = np.float32(max(origin[2] - self._far_level_m, 1.0)) / np.maximum(-down[2], 1e-4)
         xy = [np.float32(origin[k]) + distance * down[k] for k in (0, 1)]
         coarse = np.full(len(distance), self._side / 40.0, np.float32)
-        land = self._land.sample(xy, coarse, np.full_like(coarse, 0.5), 1)[:3]
+        land = self._land.sample(np.stack(xy), coarse, np.full_like(coarse, 0.5), 3, 0)
         if given.snow > 0.0:
             land += (column(_SNOW) - land) * np.float32(0.75 * given.snow)
         sun = column(given.light.sun) * np.float32(given.light.direction[2])
@@ -286,7 +326,7 @@ class Shader:
         far = np.float32(1.0) / (np.maximum(view[2], 0.0) + np.float32(0.14))
         fine = np.zeros_like(far) + np.float32(0.01)
         xy = view[:2] * far + np.float32(_CLOUDS_M / 2)
-        thick = self._clouds.sample(xy, fine, fine)[0]
+        thick = self._clouds.sample(xy, fine, fine, 1)[0]
         thick = np.clip((thick - np.float32(0.42)) * 4.0, 0.0, 1.0)
         thick *= np.clip(view[2] * 30.0, 0.0, 1.0) * np.float32(given.clouds)
         colour += (lit - colour) * thick
@@ -294,47 +334,43 @@ class Shader:
             colour += (_towards_sun(view, given) > _DISC_COSINE) * np.float32(1.0)
         return colour
 
-    def colour(self, points: Points, lit: Singles, given: Conditions) -> Singles:
-        """Return what a camera sees of points, (3, N), `lit` (N,) by the sun."""
-        paint = _Paint(points)
-        self._paint_land(paint, points)
-        self._paint_leaves(paint, points)
-        which, some = points.select(Material.WALL)
-        if which.size:
-            self._paint_walls(paint, which, some)
+    def colour(self, points: Points, spans: Spans, given: Conditions) -> Singles:
+        """Return what a camera sees of points, (3, N)."""
+        paint = _Paint(len(points.distance), spans["walls"].stop - spans["walls"].start)
+        self._paint_land(paint, points.part(spans["land"]), spans)
+        self._paint_leaves(paint, points.part(spans["leaves"]), spans["leaves"])
+        paint.albedo[:, spans["trunks"]] = column(_TRUNK)
+        self._paint_walls(paint, points.part(spans["walls"]), spans["walls"])
         if given.snow > 0.0:
-            _lay_snow(paint, points, given.snow)
+            _lay_snow(paint, points, spans, given.snow)
         if given.wet > 0.0:
-            _make_wet(paint, points, given.wet)
-        colour = paint.albedo * self._light(points, paint, lit, given)
+            _make_wet(paint, points, spans, given.wet)
+        colour = self._light(points, paint, spans, given)
+        colour *= paint.albedo
         _mirror_sky(colour, paint, points, given)
         if given.lamps > 0.0:
-            colour += paint.glow * np.float32(given.lamps)
+            colour[:, spans["walls"]] += paint.glow * np.float32(given.lamps)
         return _haze(colour, points.distance, points.view, given)
 
-    def _paint_land(self, paint: _Paint, points: Points) -> None:
-        which, some = points.select(Material.GROUND, Material.ROOF, Material.APRON)
+    def _paint_land(self, paint: _Paint, land: Points, spans: Spans) -> None:
         # A pixel that grazes the land covers a long strip of it. Its colour is filtered to the mean
         # of the strip's sides, up to this: a little too sharp along, a little too soft across.
-        slant = np.sqrt(np.maximum(some.facing(), np.float32(1.0 / _MOST_SLANT)))
-        footprint = np.divide(some.footprint, slant, dtype=np.float32)
-        image = (some.material != Material.GROUND).astype(np.int64)
-        lanes = self._land.sample(some.xyz, footprint, some.dither, image)
-        grain = volume_noise(some.xyz, 0.11, footprint) * np.float32(0.045)
+        slant = np.sqrt(np.maximum(land.facing(), np.float32(1.0 / _MOST_SLANT)))
+        footprint: Singles = np.divide(land.footprint, slant, dtype=np.float32)
+        lanes = self._land.sample(land.xyz, footprint, land.dither, 4, spans["ground"].stop)
+        grain = volume_noise(land.xyz, 0.11, footprint) * np.float32(0.045)
         lanes[:3] *= 1.0 + grain * (1.0 - lanes[3])
-        paint.albedo[:, which] = lanes[:3]
-        paint.mirror[which] = paint.waves[which] = lanes[3]
+        paint.albedo[:, spans["land"]] = lanes[:3]
+        paint.mirror[spans["land"]] = paint.waves[spans["land"]] = lanes[3]
 
-    def _paint_leaves(self, paint: _Paint, points: Points) -> None:
-        which, some = points.select(Material.CANOPY)
-        clumps, leaves = (volume_noise(some.xyz, size, some.footprint) for size in (0.33, 0.11))
-        light = 0.94 + 0.16 * clumps + 0.14 * leaves + 0.10 * some.normal[2]
-        albedo = self._leaves.take(some.owner, axis=0).T * np.maximum(light, 0.25)
-        albedo[0] *= 1.0 + 0.05 * clumps
-        paint.albedo[:, which] = albedo
-        paint.albedo[:, points.material == Material.TRUNK] = column(_TRUNK)
+    def _paint_leaves(self, paint: _Paint, leaves: Points, span: slice) -> None:
+        large, small = (volume_noise(leaves.xyz, size, leaves.footprint) for size in (0.33, 0.11))
+        light = 0.94 + 0.16 * large + 0.14 * small + 0.10 * leaves.normal[2]
+        albedo = self._leaves.take(leaves.owner, axis=0).T * np.maximum(light, 0.25)
+        albedo[0] *= 1.0 + 0.05 * large
+        paint.albedo[:, span] = albedo
 
-    def _paint_walls(self, paint: _Paint, which: _Indices, points: Points) -> None:
+    def _paint_walls(self, paint: _Paint, points: Points, span: slice) -> None:
         """Paint storeys, bays, windows, balconies and doors, filtered to the pixel's size."""
         wall = self._walls.T.take(points.owner, axis=1)
         x0, y0, cosine, sine, half_u, half_v, base, storey_m, bay_m, style = wall[:10]
@@ -363,7 +399,7 @@ class Shader:
         fuzzy = np.maximum(slant, np.float32(0.02))
         door = np.clip((_HALF_DOOR_M - np.abs(u - half)) / fuzzy + 0.5, 0.0, 1.0)
         door *= np.clip((_DOOR_M - height) / fuzzy + 0.5, 0.0, 1.0) * (style == _BARN)
-        stain = volume_noise((*points.xyz[:2], points.xyz[2] * 0.15), 0.5, points.footprint)
+        stain = volume_noise(points.xyz * column((1.0, 1.0, 0.15)), 0.5, points.footprint)
         light = 1.0 + np.float32(0.045) * stain
         light -= np.float32(0.16) * _covered(up, 0.0, 0.045, fuzz_v)
         railing = _covered(up, 0.0, 0.34, fuzz_v) * _covered(across, 0.08, 0.92, fuzz_u)
@@ -375,29 +411,30 @@ class Shader:
         dim = np.float32(0.6) * shade
         pane = pane * (np.float32(0.65) + dim)
         pane += (np.float32(0.75) - pane) * ((curtain < 0.22) * np.float32(0.35))
-        paint.albedo[:, which] = albedo + (pane - albedo) * glass
-        paint.mirror[which] = glass
+        paint.albedo[:, span] = albedo + (pane - albedo) * glass
+        paint.mirror[span], paint.height[:] = glass, height
         strength = (lit < _LIT_SHARE) * (np.float32(0.45) + dim) * glass
         warm = (np.ones_like(curtain), 0.74 + 0.2 * curtain, 0.40 + 0.5 * curtain)
-        paint.glow[:, which] = np.stack(warm) * strength
-        paint.lamp_reach[which] = np.exp(height * np.float32(-1.0 / 6.0))
+        paint.glow[:] = np.stack(warm) * strength
 
-    def _light(self, points: Points, paint: _Paint, lit: Singles, given: Conditions) -> Singles:
+    def _light(self, points: Points, paint: _Paint, spans: Spans, given: Conditions) -> Singles:
         ambient = _BOUNCE + (1 - _BOUNCE) * points.normal[2]
-        lamps: Singles | float = 0.0
         if given.shade > 0.2 or given.lamps > 0.0:
             out = np.float32(1.0) - np.abs(points.normal[2])
             xy = points.xyz[:2] + points.normal[:2] * out
             fine = np.maximum(points.footprint, np.float32(0.5))
-            around = self._around.sample(xy, fine, points.dither)
+            around = self._around.sample(xy, fine, points.dither, 2 if given.lamps > 0.0 else 1)
             ambient *= 1.0 - np.float32(given.shade) * (1.0 - around[0])
-            lamps = around[1] * paint.lamp_reach * np.float32(given.lamps)
         light: Singles = column(given.light.sky) * ambient
         if given.direct:
-            through = np.float32(_THROUGH_LEAVES) * (points.material == Material.CANOPY)
-            light += column(given.light.sun) * (lit + through)
+            points.sun[spans["leaves"]] += np.float32(_THROUGH_LEAVES)
+            light += column(given.light.sun) * points.sun
         if given.lamps > 0.0:
-            light += column(_LAMP) * lamps
+            lamps = around[1]
+            lamps[spans["roofs"]] *= _LAMPS_ON_ROOFS
+            lamps[spans["leaves"]] *= _LAMPS_ON_LEAVES
+            lamps[spans["walls"]] *= np.exp(paint.height * np.float32(-1.0 / 6.0))
+            light += column(_LAMP) * (lamps * np.float32(given.lamps))
         return light
 
 
@@ -411,34 +448,38 @@ def _covered(place: Singles, low: Singles | float, high: Singles | float, size: 
     return np.asarray(sharp + (np.subtract(high, low, dtype=np.float32) - sharp) * coarse)
 
 
-def _lay_snow(paint: _Paint, points: Points, snow: float) -> None:
+def _lay_snow(paint: _Paint, points: Points, spans: Spans, snow: float) -> None:
     patches = volume_noise(points.xyz, 0.6, points.footprint)
-    fine = volume_noise(points.xyz, 0.15, points.footprint)
-    steep = np.clip((points.normal[2] - np.float32(0.25)) * np.float32(2.2), 0.0, 1.0)
+    cover = np.float32(0.82) + 0.10 * patches
+    cover += 0.08 * volume_noise(points.xyz, 0.15, points.footprint)
     # Cars and brooms clear pavements: grey, and not bright.
-    spread = paint.albedo.max(axis=0) - paint.albedo.min(axis=0)
-    paved = np.clip(1.4 - spread * 12.0, 0.0, 1.0) * (points.material == Material.GROUND)
-    leafy = (points.material == Material.CANOPY) * np.float32(0.35)
-    cover = np.float32(0.82) + 0.10 * patches + 0.08 * fine - 0.5 * paved - leafy
-    cover = np.clip(cover, 0.0, 0.92) * steep * (1.0 - paint.waves) * np.float32(snow)
+    ground = paint.albedo[:, spans["ground"]]
+    spread = ground.max(axis=0) - ground.min(axis=0)
+    cover[spans["ground"]] -= 0.5 * np.clip(1.4 - spread * 12.0, 0.0, 1.0)
+    cover[spans["leaves"]] -= np.float32(0.35)
+    np.clip(cover, 0.0, 0.92, out=cover)
+    cover *= np.clip((points.normal[2] - np.float32(0.25)) * np.float32(2.2), 0.0, 1.0)
+    cover *= 1.0 - paint.waves
+    cover *= np.float32(snow)
     white = column(_SNOW) * (1.0 + np.float32(0.03) * patches)
     paint.albedo += (white - paint.albedo) * cover
     paint.mirror *= 1.0 - cover
 
 
-def _make_wet(paint: _Paint, points: Points, wet: float) -> None:
+def _make_wet(paint: _Paint, points: Points, spans: Spans, wet: float) -> None:
     flat = np.clip((points.normal[2] - np.float32(0.3)) * 2.0, 0.0, 1.0) * np.float32(wet)
-    land = (points.material == Material.GROUND) | (points.material == Material.APRON)
-    dips = volume_noise(points.xyz, 0.9, points.footprint)
-    puddles = np.clip(dips - np.float32(0.8), 0.0, 1.0) * land
+    country = points.part(spans["country"])
+    dips = volume_noise(country.xyz, 0.9, country.footprint)
     paint.albedo *= 1.0 - np.float32(0.22) * flat * (1.0 - paint.waves)
-    soaked = (np.float32(0.25) + puddles) * flat * (points.material != Material.CANOPY)
-    np.maximum(paint.mirror, soaked, out=paint.mirror)
+    soaked = np.full_like(flat, 0.25)
+    soaked[spans["country"]] += np.clip(dips - np.float32(0.8), 0.0, 1.0)
+    soaked[spans["leaves"]] = 0.0
+    np.maximum(paint.mirror, soaked * flat, out=paint.mirror)
 
 
 def _mirror_sky(colour: Singles, paint: _Paint, points: Points, given: Conditions) -> None:
     which = np.flatnonzero(paint.mirror > 0.02)
-    xyz, normal, view = (part.take(which, axis=1) for part in points[:3])
+    xyz, normal, view = (np.stack([row.take(which) for row in part]) for part in points[:3])
     ripple = volume_noise(xyz, 0.3, points.footprint[which])
     normal[:2] += np.float32(0.02) * paint.waves[which] * ripple
     facing = -dot(view, normal)
@@ -449,4 +490,6 @@ def _mirror_sky(colour: Singles, paint: _Paint, points: Points, given: Condition
     share *= paint.mirror[which]
     seen = _sky_colour(away, given)
     seen *= np.clip(1.0 + 2.0 * away[2], 0.3, 1.0)
-    colour[:, which] += (seen - colour[:, which]) * share
+    for channel, mirrored in zip(colour, seen, strict=True):
+        own = channel.take(which)
+        channel[which] = own + (mirrored - own) * share

@@ -28,8 +28,8 @@ from airzoo_bench.geometry.arrays import Floats
 
 CRS = "EPSG:4547"
 SIDE_M = 600.0
+# To be raised when the files change, or the world that a seed gives: older ones are made again.
 FORMAT = 5
-"""To be raised when the files change, or the world that a seed gives: older ones are made again."""
 _INDEX = "world.json"
 
 
@@ -163,11 +163,11 @@ def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
     step_x, step_y = region.side_m / width, region.side_m / height
     place = Affine(step_x, 0.0, region.west, 0.0, -step_y, region.south + region.side_m)
     profile: dict[str, Any] = {"photometric": "RGB"} if colours else {"nodata": -9999.0}
-    profile |= {"driver": "GTiff", "dtype": pixels.dtype.name, "interleave": "pixel"}
     profile |= {"count": count, "height": height, "width": width, "crs": CRS, "transform": place}
     # By way of memory: GDAL only logs a full disk, Python raises.
     with MemoryFile() as memory:
-        with memory.open(**profile) as dataset:
+        kind = pixels.dtype.name
+        with memory.open(driver="GTiff", dtype=kind, interleave="pixel", **profile) as dataset:
             dataset.write(bands)
         path.write_bytes(memory.getbuffer())
 

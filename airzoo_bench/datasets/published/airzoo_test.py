@@ -22,7 +22,7 @@ from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.depth_maps import find_depths, read_depth
-from airzoo_bench.datasets.mini.frames import PLACE_COLUMNS
+from airzoo_bench.datasets.mini.renderer import PLACE_COLUMNS
 from airzoo_bench.datasets.published.places import (
     chosen_photos,
     files_by_key,

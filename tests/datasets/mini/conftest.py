@@ -17,10 +17,9 @@ import pytest
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.datasets.mini.build import world_of_plan
 from airzoo_bench.datasets.mini.dataset import AIRZOO_MINI, MiniOptions
-from airzoo_bench.datasets.mini.frames import read_depth
 from airzoo_bench.datasets.mini.layout import Box, Building, Decal, Frame, Plan
 from airzoo_bench.datasets.mini.noise import Dice
-from airzoo_bench.datasets.mini.renderer import Renderer, default_camera
+from airzoo_bench.datasets.mini.renderer import Renderer, default_camera, read_depth
 from airzoo_bench.datasets.mini.world import Region, World, load_world
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.engines.engine import Processes

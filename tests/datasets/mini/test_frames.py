@@ -1,28 +1,30 @@
-"""Worlds and frames on disk: places, COLMAP models, and that what is there is not made again."""
+"""Worlds and frames on disk: places, tables, and that what is there is not made again."""
 
 from __future__ import annotations
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pycolmap
 import pytest
 import rasterio
 from PIL import Image
 
-from airzoo_bench.datasets.mini.frames import FrameList, frame_paths, read_depth, render_frames
 from airzoo_bench.datasets.mini.noise import seed_of
-from airzoo_bench.datasets.mini.renderer import default_camera
+from airzoo_bench.datasets.mini.renderer import (
+    FrameList,
+    default_camera,
+    frame_paths,
+    read_depth,
+    render_frames,
+)
 from airzoo_bench.datasets.mini.world import CRS, ensure_world, load_world, save_world
 from airzoo_bench.engines.engine import Processes
-from airzoo_bench.geometry.cameras import project
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg
 from airzoo_bench.geometry.heightfield import HeightField
-from airzoo_bench.geometry.poses import Poses, angles_to_rotations, world_to_camera
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import read_rgb
 from tests.datasets.mini.conftest import CORNER, REGION, renderer, small_world
 
@@ -95,20 +97,6 @@ def test_photo_depth_and_table_of_frames(rendered: Path) -> None:
     angles = (table[name] for name in ("yaw", "pitch", "roll"))
     rotation = angles_to_rotations(*angles, convergence_deg=grid_convergence_deg(CRS, lonlat))
     np.testing.assert_allclose(rotation, ROTATION, atol=1e-9)
-
-
-def test_colmap_reads_the_model(rendered: Path) -> None:
-    model = pycolmap.Reconstruction(rendered / "colmap")
-    offset = json.loads((rendered / "colmap" / "offset.json").read_text())
-    assert offset == {"crs": CRS, "offset": CORNER.tolist()}
-    assert (len(model.cameras), len(model.images)) == (1, 4)
-    for image in model.images.values():
-        row = FRAMES.names.index(Path(image.name).stem)
-        np.testing.assert_allclose(image.projection_center() + CORNER, CENTRES[row], atol=1e-8)
-        point = CENTRES[row] + ROTATION[row].T @ (1.0, -2.0, 9.0)
-        local = world_to_camera(FRAMES.poses.take(row), point[None, None])
-        ours = project(FRAMES.camera, local)[0, 0]
-        np.testing.assert_allclose(image.project_point(point - CORNER), ours, atol=1e-6)
 
 
 def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path, world: Path, rendered: Path) -> None:

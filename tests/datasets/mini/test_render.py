@@ -34,7 +34,7 @@ def test_a_mesh_far_from_the_origin_of_its_ray_is_met_to_the_last_digits() -> No
     mesh = Mesh(vertices, np.array([[0, 1, 2]], np.int32), *one)
     origin = np.array([0.1, 0.2, 0.3])
     target = np.array([0.3, 0.3, 0.4]) @ vertices
-    _, distance = Raycaster(mesh).trace(origin, (target - origin)[:, None])
+    _, distance, _ = Raycaster(mesh).trace(origin, (target - origin)[:, None])
     np.testing.assert_allclose(distance, 1.0, atol=1e-14)
 
 
