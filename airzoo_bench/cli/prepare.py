@@ -165,8 +165,9 @@ def _print_prepared(about: About, prepared: Prepared) -> None:
             if found.left_out:
                 left_out = counted(found.left_out, "photo")
                 lines.append(f"{'':15} {left_out} left out; excluded.csv says why")
-        missing = about.without_truth.items()
-        lines += [f"{track:15} no: {why}" for track, why in missing if track not in summary.tracks]
+        for track, why in about.without_truth.items():
+            if track not in summary.tracks:
+                lines.append(f"{track:15} no: {summary.without_truth.get(track, why)}")
         cli.put("".join(f"  {line}\n" for line in lines))
     for scene, summary in prepared.summaries.items():
         for sentence in (*(f"warning: {one}" for one in summary.warnings), *summary.notes):

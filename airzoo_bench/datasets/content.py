@@ -47,6 +47,7 @@ from airzoo_bench.geometry.crs import (
     check_same_crs,
     check_true_metres,
     describe_crs,
+    geodesic_distance_m,
     horizontal_crs,
     same_plane,
     to_lonlat,
@@ -59,7 +60,13 @@ from airzoo_bench.geometry.heightfield import (
     survey_heights,
 )
 from airzoo_bench.geometry.poses import world_to_camera
-from airzoo_bench.geometry.rasters import RasterInfo, open_info, open_raster
+from airzoo_bench.geometry.rasters import (
+    RasterInfo,
+    gsd_m,
+    open_info,
+    open_raster,
+    pixel_to_world,
+)
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
@@ -232,12 +239,25 @@ def _check_above_surface(heights: Floats, surface: Floats, dsm: Path | None) -> 
 def _no_answers(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs) -> UserError:
     (reason, count), *_ = truth.excluded["reason"].value_counts().items()
     x, y, z = inputs.photos[["x", "y", "z"]].median()
+    info, here = inputs.gallery_map, to_lonlat(inputs.crs, (x, y))
+    away = float(geodesic_distance_m(_middle(info), here))
+    if away > _REACH_M + math.hypot(*np.multiply(gsd_m(info), (info.width, info.height))):
+        what = f"the map, in {describe_crs(info.crs)}, lies {away / 1000:,.1f} km from the cameras"
+        if inputs.dsm is not None:
+            apart = geodesic_distance_m(_middle(info), _middle(open_info(inputs.dsm)))
+            what += f" and {apart / 1000:,.1f} km from the surface model"
+        fix = "look at its CRS (gdal_edit.py -a_srs states another) and at its geotransform"
+        return RasterError(what, where=info.path, fix=fix)
     return BenchmarkError(
         f"no photo has a tile that answers it ({counted(count, 'photo')}: {reason}); cameras are "
         f"about ({x:.0f}, {y:.0f}, {z:.0f})",
         where=native.poses_from or native.images,
         fix="look at CRS and heights, and whether poses are world-to-camera; or take other tiles",
     )
+
+
+def _middle(info: RasterInfo) -> Floats:
+    return to_lonlat(info.crs, pixel_to_world(info.transform, (info.width / 2, info.height / 2)))
 
 
 # --- true clouds ---

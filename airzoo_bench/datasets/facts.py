@@ -69,7 +69,8 @@ class SceneFacts:
     side; `on_map` and `on_surface` shares of the photos' corners within the rectangle;
     `shared_ground` is the share of map or surface model, whichever is greater, that lies over the
     other. `crop_share` and `positive_share` are means of the queries' shares of map and gallery;
-    `nearest_missed` is the share of queries that the tile nearest to their centre does not answer.
+    `nearest_missed` is the share of queries that the tile nearest to their centre does not answer,
+    `unanswered` the share of photos that retrieval leaves out.
     """
 
     inputs: SceneInputs
@@ -89,6 +90,7 @@ class SceneFacts:
     crop_share: float
     positive_share: float
     nearest_missed: float
+    unanswered: float
     cloud_over_surface_m: float | None
 
 
@@ -120,13 +122,14 @@ def measure_facts(
     every = [native.metadata.get(name, PhotoPrior()) for name in photos["image"]]
     stated = [PhotoPrior()] * len(every) if native.is_metadata else every
     gsd, footprint, corners = _footprints(inputs)
-    shared = crop = positive = math.nan
+    shared = crop = positive = unanswered = math.nan
     if dom is not None and dsm is not None:
         shared = max(_share_over(dom, dsm), _share_over(dsm, dom))
     if dom is not None and matching is not None:
         crop = float(matching.crops[:, 2:].prod(axis=1).mean()) / (dom.width * dom.height)
     if retrieval is not None:
         positive = float(retrieval.positives.counts.mean()) / len(retrieval.tiles)
+        unanswered = 1.0 - len(retrieval.queries) / len(photos)
     return SceneFacts(
         inputs,
         survey,
@@ -147,6 +150,7 @@ def measure_facts(
         crop_share=crop,
         positive_share=positive,
         nearest_missed=_nearest_missed(retrieval),
+        unanswered=unanswered,
         cloud_over_surface_m=cloud_over_surface_m,
     )
 
@@ -230,9 +234,10 @@ def _median(values: Floats) -> float:
 
 
 def fact_lines(facts: SceneFacts) -> list[str]:
-    """Return a line for each part of the scene: photos, poses, priors, map, surface, crops."""
+    """Return a line for each part of the scene: photos, lens, poses, priors, map and so on."""
     dom = facts.inputs.dom
-    rows = {"photos": _photos_line(facts), "poses": _poses_line(facts)}
+    rows = {"photos": _photos_line(facts), "lens": _lens_line(facts)}
+    rows["poses"] = _poses_line(facts)
     if (one := facts.priors) is not None:
         off = f"off by {one.position_m:.1f} m and {one.rotation_deg:.1f} degrees (medians)"
         rows["priors"] = f"{len(one.ids)}, {off}"
@@ -264,6 +269,15 @@ def _photos_line(facts: SceneFacts) -> str:
     }
     known = [text.format(value) for text, value in medians.items() if math.isfinite(value)]
     return ", ".join([f"{len(facts.inputs.photos)}", *known]) + " (medians)" * bool(known)
+
+
+def _lens_line(facts: SceneFacts) -> str:
+    cameras = cameras_of(facts.inputs.photos)
+    values = np.median(cameras.distortion, axis=0).tolist()
+    pairs = zip(("k1", "k2", "p1", "p2", "k3"), values, strict=True)
+    named = ", ".join(f"{name} {value:.4f}" for name, value in pairs if value)
+    distortion = f"distortion {named}" if named else "no distortion"
+    return f"fx {np.median(cameras.focal[:, 0]):.0f} px, {distortion}"
 
 
 def _poses_line(facts: SceneFacts) -> str:

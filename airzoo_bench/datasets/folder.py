@@ -262,7 +262,8 @@ def summary_of(
         unposed = first_of(map(repr, scene.inputs.unposed))
         said.append(f"photos without a pose, which no track asks: {unposed}")
     lines = () if facts is None else tuple(fact_lines(facts))
-    return SceneSummary(photos, lines, tracks, tuple(warnings), tuple(said))
+    why = {} if scene.inputs.dsm else {"matching": "there is no surface model (--dsm)"}
+    return SceneSummary(photos, lines, tracks, tuple(warnings), tuple(said), why)
 
 
 def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:

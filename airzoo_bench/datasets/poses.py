@@ -27,39 +27,51 @@ from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
 
 _JSON_LIMIT_BYTES = 1 << 28
-_NEAR_MISS = 0.8
+_NEAR_MISS = 0.5  # as "dist" is to "distortion"
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Row = tuple[Number, Number, Number]
 Matrix = tuple[Row, Row, Row]
 Distortion = Annotated[tuple[Number, ...], Field(min_length=4, max_length=5)]
 Sizes = Mapping[str, tuple[int, int]]
-# Keys that are read by two names or more; others of other tools are passed over.
-_DISTORTION_KEYS = ("distortion", "dist_k1k2p1p2")
-_CENTRE_KEYS = ("center", "center_utm")
 _MODEL_KEYS = ("model", "camera_model", "distortion_model", "projection_type")
-_OWN_KEYS = ("K", "crs", "images", "R_w2c", *_DISTORTION_KEYS, *_CENTRE_KEYS, *_MODEL_KEYS)
+_UNREAD_KEYS = ("note", "gps_utm")
 # What K with k1 k2 p1 p2 k3 computes, as COLMAP names it, with the number of other parameters
 # before these; and as OpenSfM and ROS name it.
 _MODELS = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 3, "RADIAL": 3, "OPENCV": 4}
 _OTHER_NAMES = ("PERSPECTIVE", "BROWN", "BROWN_CONRADY", "PLUMB_BOB", "RADTAN")
 
 
+def _named(*keys: str, **more: Any) -> Any:
+    return Field(validation_alias=AliasChoices(*keys), **more)
+
+
 class _Lens(BaseModel):
-    """A camera; accepts keys of other tools, but no misspelt key."""
+    """A camera; refuses unknown keys, for a lens under another name would be none."""
 
     model_config = ConfigDict(frozen=True)
     K: Matrix | None = None
-    distortion: Distortion | None = Field(None, validation_alias=AliasChoices(*_DISTORTION_KEYS))
-    model: str | None = Field(None, validation_alias=AliasChoices(*_MODEL_KEYS))
+    distortion: Distortion | None = _named("distortion", "dist_k1k2p1p2", default=None)
+    model: str | None = _named(*_MODEL_KEYS, default=None)
 
     @model_validator(mode="before")
     @classmethod
-    def _no_near_misses(cls, data: Any) -> Any:
-        for key in set(data) - {*_OWN_KEYS} if isinstance(data, dict) else ():
-            near = difflib.get_close_matches(str(key), _OWN_KEYS, n=1, cutoff=_NEAR_MISS)
-            if near:
-                raise ValueError(f"unknown key {str(key)[:80]!r} (did you mean {near[0]!r}?)")
+    def _no_unknown_keys(cls, data: Any) -> Any:
+        aliases = {name: field.validation_alias for name, field in cls.model_fields.items()}
+        known = [
+            *(
+                key
+                for one in aliases.values()
+                if isinstance(one, AliasChoices)
+                for key in one.choices
+            ),
+            *(name for name, one in aliases.items() if one is None),
+        ]
+        for key in data if isinstance(data, dict) else ():
+            if key not in (*known, *_UNREAD_KEYS):
+                near = difflib.get_close_matches(key, map(str, known), n=1, cutoff=_NEAR_MISS)
+                hint = f" (did you mean {near[0]!r}?)" if near else ""
+                raise ValueError(f"unknown key {key[:80]!r}{hint}")
         return data
 
     @field_validator("model")
@@ -71,8 +83,8 @@ class _Lens(BaseModel):
 
 
 class _Image(_Lens):
-    rotation: Matrix = Field(validation_alias="R_w2c")
-    centre: Row = Field(validation_alias=AliasChoices(*_CENTRE_KEYS))
+    rotation: Matrix = _named("R_w2c")
+    centre: Row = _named("center", "center_utm")
 
 
 class _File(_Lens):
@@ -101,7 +113,7 @@ def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
             expected="JSON with crs, K, distortion and images: {name: {R_w2c, center}}, each once",
             fix="see docs/brighton.md",
         ) from error
-    names = _shared(list(file.images), sizes)
+    names, absent = _shared(list(file.images), sizes)
     images = [file.images[name] for name in names]
     matrices = [image.K or file.K for image in images]
     if None in matrices:
@@ -113,7 +125,7 @@ def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
     rotations = check_rotations(np.array([image.rotation for image in images]), names)
     poses = Poses.from_centres(rotations, np.array([image.centre for image in images]), names)
     cameras = _cameras(names, matrices, lenses, sizes)
-    return PosedPhotos(tuple(names), cameras, poses, file.crs or "")
+    return PosedPhotos(tuple(names), cameras, poses, file.crs or "", absent)
 
 
 def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
@@ -126,9 +138,9 @@ def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
     ):
         model = load_pycolmap().Reconstruction(str(path))
     images = {image.name: image for image in model.images.values() if image.has_pose}
-    names = _shared(list(images), sizes)
-    cameras = [model.cameras[images[name].camera_id] for name in names]
-    for name, camera in zip(names, cameras, strict=True):
+    names, absent = _shared(list(images), sizes)
+    found = [model.cameras[images[name].camera_id] for name in names]
+    for name, camera in zip(names, found, strict=True):
         if (camera.width, camera.height) != sizes[name] or camera.model.name not in _MODELS:
             raise CameraError(
                 f"the camera of {name} is {camera.model.name} of {camera.width}x{camera.height} px",
@@ -137,15 +149,15 @@ def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
                 fix="use the photos that the model was made from; undistort other lenses (colmap "
                 "image_undistorter)",
             )
-    lenses = [camera.params[_MODELS[camera.model.name] :] for camera in cameras]
-    matrices = [camera.calibration_matrix() for camera in cameras]
+    lenses = [camera.params[_MODELS[camera.model.name] :] for camera in found]
+    cameras = _cameras(names, [one.calibration_matrix() for one in found], lenses, sizes)
     from_world = [images[name].cam_from_world() for name in names]
     poses = Poses.from_translations(
         np.array([pose.rotation.matrix() for pose in from_world]),
         np.array([pose.translation for pose in from_world]),
         names,
     )
-    return PosedPhotos(tuple(names), _cameras(names, matrices, lenses, sizes), poses)
+    return PosedPhotos(tuple(names), cameras, poses, "", absent)
 
 
 def _cameras(
@@ -159,7 +171,7 @@ def _cameras(
     return Cameras.from_matrices(matrix, width, height, distortion, names=names)
 
 
-def _shared(posed: Sequence[str], sizes: Sizes) -> list[str]:
+def _shared(posed: Sequence[str], sizes: Sizes) -> tuple[list[str], tuple[str, ...]]:
     names = sorted(set(posed) & set(sizes))
     if not names:
         raise CameraError(
@@ -167,4 +179,4 @@ def _shared(posed: Sequence[str], sizes: Sizes) -> list[str]:
             f"{counted(len(sizes), 'photo')}: it has {first_of(posed)}",
             expected=f"names such as {min(sizes)}",
         )
-    return names
+    return names, tuple(sorted(set(posed) - set(names)))

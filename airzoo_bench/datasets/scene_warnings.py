@@ -12,6 +12,7 @@ from airzoo_bench.core.errors import agreeing, counted, first_of
 from airzoo_bench.datasets.facts import SceneFacts
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
+from airzoo_bench.geometry.rasters import gsd_m
 
 _FAR_M = 10.0  # receivers without correction are good to 5 m in plan; altitudes to 10 m
 _FAR_SHARE = 0.1  # of the height above take-off: ground is not level
@@ -19,6 +20,7 @@ _TURNED_DEG = 45.0  # no gimbal is so far off; a mistake of convention is
 _MEDIAN_TURN_DEG = 20.0
 _CLOUD_M = 5.0  # a cloud also holds what lies below roofs and crowns
 _HALF = 0.5
+_LEAST_FOOTPRINTS = 3.0  # that a map is wide, for tiles as large as footprints to differ
 _WHOLE_MAP = 0.95
 _LOWEST_SHARE, _FAR_BELOW_M = 0.01, 10.0
 _TRUTH_STEP_M = 1e-4
@@ -47,8 +49,8 @@ def _heights(facts: SceneFacts) -> Iterator[str]:
         off, take_off = float(np.nanmedian(difference)), float(np.nanmedian(facts.relative_m))
         if abs(off) > max(_FAR_M, _FAR_SHARE * take_off):
             yield (
-                f"cameras are {off:+.1f} m higher above the surface model than above take-off by "
-                f"their own metadata ({take_off:.1f} m): {_DATUMS}"
+                f"cameras are {take_off + off:.1f} m above the surface model, and {take_off:.1f} m "
+                f"above take-off by their own metadata (medians): {_DATUMS}"
             )
     if gps is not None and abs(gps.up_m) > _FAR_M:
         yield f"poses are {gps.up_m:+.1f} m from their photos' GPS in height (median): {_DATUMS}"
@@ -87,12 +89,17 @@ def _turned(facts: SceneFacts) -> Iterator[str]:
     priors = facts.priors
     if priors is None:
         return
-    turned = [priors.ids[row] for row in np.flatnonzero(priors.angles_deg > _TURNED_DEG)]
-    if turned or priors.rotation_deg > _MEDIAN_TURN_DEG:
-        many = f" and more than {_TURNED_DEG:g} in {first_of(turned, len(priors.ids))}"
+    rows = np.flatnonzero(priors.angles_deg > _TURNED_DEG)
+    if rows.size or priors.rotation_deg > _MEDIAN_TURN_DEG:
+        turned = first_of([priors.ids[row] for row in rows], len(priors.ids))
+        by = (
+            f", and by about {np.median(priors.angles_deg[rows]):.0f} in {turned}"
+            if rows.size
+            else ""
+        )
         yield (
-            f"the priors' rotation is {priors.rotation_deg:.0f} degrees off (median)"
-            f"{many if turned else ''}: look at the gimbal angles in the metadata or --priors, and "
+            f"the priors are turned from the poses by {priors.rotation_deg:.0f} degrees (median)"
+            f"{by}: look at the gimbal angles in the metadata or --priors, and "
             "at the angles of the poses (convention, unit, signs, axes)"
         )
 
@@ -108,22 +115,38 @@ def _map_beside(facts: SceneFacts) -> Iterator[str]:
         yield "the true cloud has no point over a height of the surface model"
 
 
+def _advise_tiles(facts: SceneFacts, advice: str) -> str:
+    """Return advice on tiles if the map has room for them, else advice on the map."""
+    info = facts.inputs.gallery_map
+    width, height = np.multiply((info.width, info.height), gsd_m(info))
+    if min(width, height) >= _LEAST_FOOTPRINTS * facts.footprint_m:
+        return advice
+    return (
+        f"the map, {width:.0f} x {height:.0f} m, is too small for retrieval by photos that see "
+        f"{facts.footprint_m:.0f} m: take a larger one"
+    )
+
+
 def _trivial(facts: SceneFacts) -> Iterator[str]:
     if facts.positive_share > _HALF:
-        share = f"{facts.positive_share:.0%}"
-        yield f"a random tile answers a photo in {share} of cases: take smaller tiles"
+        advice = _advise_tiles(facts, "take smaller tiles")
+        yield f"a random tile answers a photo in {facts.positive_share:.0%} of cases: {advice}"
     if facts.crop_share > _WHOLE_MAP:
         share = f"{facts.crop_share:.0%}"
         yield f"a crop is {share} of the map (mean), whatever the prior: take a larger map"
 
 
 def _small_tiles(facts: SceneFacts) -> Iterator[str]:
-    if facts.nearest_missed > _HALF:
-        yield (
-            f"the tile nearest to a photo's centre is a miss for {facts.nearest_missed:.0%} of the "
-            f"photos, which see {facts.footprint_m:.0f} m: take tiles as large, and --rule iou "
-            "--iou-above 0.39, or tiles larger than that"
-        )
+    for what, share in (
+        (
+            "of the photos are not answered by the tile nearest to their centre",
+            facts.nearest_missed,
+        ),
+        ("of the photos are left out, since no tile answers them", facts.unanswered),
+    ):
+        if share > _HALF:
+            fit = f"take tiles of {facts.footprint_m:.0f} m, and --rule iou --iou-above 0.39"
+            yield f"{share:.0%} {what}: {_advise_tiles(facts, fit)}"
 
 
 def _off_map(facts: SceneFacts) -> Iterator[str]:

@@ -25,7 +25,8 @@ class NativeScene:
     Attributes
     ----------
     names : tuple of N str
-        Photos with a pose, relative to the folder `images`; `unposed` are the others.
+        Photos with a pose, relative to the folder `images`; `unposed` are the others, `absent`
+        names that have a pose and no photo.
     crs : str
         Of `poses`: projected, in metres; `geometry.crs.LOCAL_CRS` for a frame in metres, z up, that
         has no place on the earth, where there is neither map nor surface model.
@@ -55,6 +56,7 @@ class NativeScene:
     cameras: Cameras
     poses: Poses
     crs: str
+    absent: tuple[str, ...] = ()
     dom: Path | None = None
     dsm: Path | None = None
     gallery: Path | None = None
@@ -98,17 +100,19 @@ class ImageScene:
 
 
 class PosedPhotos(NamedTuple):
-    """N photos with cameras and poses; no CRS where it is not stated."""
+    """N photos with cameras and poses; no CRS where it is not stated; `absent` have no photo."""
 
     names: tuple[str, ...]
     cameras: Cameras
     poses: Poses
     crs: str = ""
+    absent: tuple[str, ...] = ()
 
     def take(self, rows: Sequence[int]) -> PosedPhotos:
         """Return some of the photos, by their rows."""
         names, chosen = tuple(self.names[row] for row in rows), np.asarray(rows, dtype=np.int64)
-        return PosedPhotos(names, self.cameras.take(chosen), self.poses.take(chosen), self.crs)
+        cameras, poses = self.cameras.take(chosen), self.poses.take(chosen)
+        return self._replace(names=names, cameras=cameras, poses=poses)
 
 
 def check_centred(photos: PosedPhotos, path: Path) -> None:

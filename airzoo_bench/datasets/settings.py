@@ -61,13 +61,17 @@ class TrackSummary:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """Lines that `prepare` prints about a scene; `facts` has one for each part."""
+    """Lines that `prepare` prints about a scene; `facts` has one for each part.
+
+    `without_truth` says why a track has no truth, where the dataset's own reason is not the one.
+    """
 
     photos: int
     facts: tuple[str, ...] = ()
     tracks: Mapping[str, TrackSummary] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    without_truth: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

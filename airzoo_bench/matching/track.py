@@ -72,6 +72,7 @@ class MatchingTrack(Track):
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
         assignment = assign_queries(predictions, truths, protocol)
         assignment.notes.append(f"{predictions.content.kind} are scored")
+        assignment.notes.extend(_fine_thresholds(truths, protocol.scores))
         for number, truth in enumerate(truths):
             rows, assignment.parts[number] = assignment.parts[number].rows, None
             content, answered = predictions.content.take(rows), rows >= 0
@@ -216,6 +217,16 @@ def _record(
     }
     table = pd.DataFrame(known | {**columns, **known} | pose_columns(errors, scores))
     return pd.concat([table, conditions_of(truth.queries)], axis=1)
+
+
+def _fine_thresholds(truths: Sequence[MatchingTruth], scores: MatchingScores) -> list[str]:
+    """Return a note on thresholds finer than three times the true positions' standard error."""
+    error = max(truth.accuracy_m for truth in truths)
+    limits = {f"@{m:g}m": m for m in scores.translation_below_m}
+    if scores.orientation_is_trusted:
+        limits |= {f"@{m:g}m,{deg:g}°": m for m, deg in scores.pose_below_m_deg}
+    fine = ", ".join(name for name, m in limits.items() if m < 3 * error)
+    return [f"the truth is good to {error:g} m: {fine} measure it too"] if fine else []
 
 
 def _notes(counts: Mapping[str, int]) -> Iterator[str]:

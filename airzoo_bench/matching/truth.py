@@ -106,6 +106,7 @@ class MatchingTruth:
     maps: tuple[ReferenceMap, ...]  # one of the whole scene, or one a query
     excluded: pd.DataFrame  # photos that are no queries, with the reason
     map_per_query: bool = False  # each query has a map of its own
+    accuracy_m: float = 0.0  # standard error of the true positions, where it is stated
 
     def map_of(self, query: int) -> ReferenceMap:
         """Return the map that a query is matched to."""
@@ -209,7 +210,8 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     sizes = np.array([(one.dom.width, one.dom.height) for one in maps]).reshape(-1, 2)
     outside = (crops < (0, 0, 1, 1)).any(axis=1) | (crops[:, :2] + crops[:, 2:] > sizes).any(axis=1)
     refuse_cells(home / "crops.csv", "id", ids, outside, "windows inside the map")
-    return MatchingTruth(scene, queries, crops, maps, excluded, entry.maps is not None)
+    rest = entry.maps is not None, entry.truth_accuracy_m or 0.0
+    return MatchingTruth(scene, queries, crops, maps, excluded, *rest)
 
 
 def _read_rows(path: Path, columns: Sequence[str], ids: list[str]) -> pd.DataFrame:

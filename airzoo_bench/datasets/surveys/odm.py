@@ -26,7 +26,6 @@ from airzoo_bench.core.errors import (
     CameraError,
     UserError,
     counted,
-    first_of,
     readable,
 )
 from airzoo_bench.core.files import read_text
@@ -216,9 +215,7 @@ def _join_parts(
             f"{counted(len(differences), 'photo')} of two submodels: their two poses differ by "
             f"{apart:.2f} m (median), and the first submodel's is taken"
         )
-    absent = [name for name in first if name not in meant]
-    if absent:
-        notes.append(f"shots whose photo is not there: {first_of(absent, len(first))}")
+    absent = tuple(sorted(first.keys() - meant))
     names = tuple(photo for photo, _, _ in chosen)
     lenses = [_lens(part.cameras[row], sizes[photo], part.path) for photo, part, row in chosen]
     poses = Poses.from_centres(
@@ -227,7 +224,7 @@ def _join_parts(
         names,
     )
     cameras = cameras_of_lenses(lenses, names, sizes)
-    return PosedPhotos(names, cameras, poses, crs.to_string()), notes, apart
+    return PosedPhotos(names, cameras, poses, crs.to_string(), absent), notes, apart
 
 
 ODM = _OdmProjects()

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 from pyproj import CRS
 
-from airzoo_bench.core.errors import CameraError, UsageError
+from airzoo_bench.core.errors import CameraError, UsageError, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import load_about
@@ -153,6 +153,9 @@ def posed_scene(
         metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
         named |= {"metadata": metadata, "priors": metadata_priors(metadata, crs)}
     named["truth_accuracy_m"] = options.truth_accuracy or parts.get("truth_accuracy_m")
+    if photos.absent:
+        counts = first_of(photos.absent, len(photos.absent) + len(photos.names))
+        named["notes"] = (*parts.get("notes", ()), f"poses without a photo: {counts}")
     return NativeScene(
         scene,
         images,
