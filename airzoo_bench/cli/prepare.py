@@ -12,14 +12,14 @@ import typer
 
 from airzoo_bench.cli import common as cli
 from airzoo_bench.cli.data import about_lines, find_about
-from airzoo_bench.core.errors import counted
-from airzoo_bench.core.files import data_root
+from airzoo_bench.core.errors import UsageError, counted
+from airzoo_bench.core.files import check_new_folder, data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.about import About
+from airzoo_bench.datasets.settings import OPTIONS, PrepareSettings
 from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
 
 if TYPE_CHECKING:
-    from airzoo_bench.datasets.dataset import Dataset
     from airzoo_bench.datasets.settings import Prepared
 
 _SOURCES = "source scene name images poses dom dsm cloud priors crs truth-accuracy"
@@ -34,7 +34,7 @@ Parts = Literal["windows", "files"]
 
 
 class _PrepareGroup(cli.LightGroup):
-    """A command for each dataset, made when it is called: other packages' take long to import."""
+    """A command for each dataset, made when it is called; built-in ones are imported when run."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return DATASETS.names()
@@ -49,9 +49,8 @@ class _PrepareGroup(cli.LightGroup):
         """Return the command of a dataset."""
         if cmd_name not in DATASETS:  # which does not look at all packages, as its names do
             return None
-        dataset = DATASETS.get(cmd_name)
         app = typer.Typer(add_completion=False)
-        app.command(cmd_name, cls=cli.PanelCommand)(_command_of(dataset))
+        app.command(cmd_name, cls=cli.PanelCommand)(_command_of(cmd_name))
         return typer.main.get_command(app)
 
 
@@ -61,15 +60,17 @@ app = typer.Typer(
 app.callback()(lambda: None)
 
 
-def _command_of(dataset: Dataset[Any]) -> Any:
+def _command_of(name: str) -> Any:
     """Return a function with the options of a dataset, by the texts of its about-file."""
 
     def command(**given: Any) -> None:
-        _prepare(dataset, **given)
+        _prepare(name, **given)
 
-    own, hints = [], get_type_hints(dataset.options)
-    for field in fields(dataset.options):
-        text, default = dataset.about.options[field.name.replace("_", "-")], field.default
+    about: Any = find_about(name)
+    options, own = OPTIONS.get(name) or DATASETS.get(name).options, []
+    hints = get_type_hints(options)
+    for field in fields(options):
+        text, default = about.options[field.name.replace("_", "-")], field.default
         flag = f"--{text.name}/--no-{text.name}" if default is True else f"--{text.name}"
         bounds = {} if hints[field.name] is bool else {"min": text.least, "max": text.most}
         panel = _PANELS.get(text.name, "How it is read")
@@ -83,20 +84,17 @@ def _command_of(dataset: Dataset[Any]) -> Any:
             )
         )
     for one in Signature.from_callable(_prepare, eval_str=True).parameters.values():
-        is_idle = dataset.jobs is None and one.name in ("jobs", "engine")
-        if one.kind is Parameter.KEYWORD_ONLY and not is_idle:
+        if one.kind is Parameter.KEYWORD_ONLY:
             own.append(one)
-    about = dataset.about
     data = f"\n\nData: {about.page}\n\nLicence: {about.licence}." if about.is_published else ""
-    last = f"Example: airzoo-bench prepare {about.example}"
-    command.__doc__ = f"{about.summary}{data}\n\n{last}"
+    command.__doc__ = f"{about.summary}{data}\n\nExample: airzoo-bench prepare {about.example}"
     command.__signature__ = Signature(own)  # type: ignore[attr-defined]
     command.__annotations__ = {one.name: one.annotation for one in own}
     return command
 
 
 def _prepare(
-    dataset: Any,
+    name: str,
     /,
     *,
     out: Annotated[
@@ -120,10 +118,12 @@ def _prepare(
     engine: cli.EngineOption = LOCAL,
     **options: Any,
 ) -> None:
-    from airzoo_bench.core.files import check_new_folder
-    from airzoo_bench.datasets.settings import PrepareSettings
-
-    chosen, root, jobs = dataset.options(**options), data_root(), jobs or dataset.jobs or 1
+    for option, path in options.items():
+        if isinstance(path, Path) and not path.exists():
+            fix = f"correct --{option.replace('_', '-')}"
+            raise UsageError("no such file or folder", where=path, fix=fix)
+    dataset = DATASETS.get(name)
+    chosen, root, jobs = dataset.options(**options), data_root(), jobs or dataset.jobs
     with cli.working("getting ready"):
         folder = out or root / dataset.folder_name(chosen, root)
         settings = PrepareSettings(

@@ -20,7 +20,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from airzoo_bench.core.errors import BenchmarkError, CameraError, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.validation import nearest
+from airzoo_bench.datasets.settings import Convention
 from airzoo_bench.formats.photos import open_photo
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
@@ -125,8 +126,6 @@ def film_focal_px(path: Path, size: tuple[int, int]) -> tuple[float | None, int]
 
 
 # --- rotations from three angles ---
-
-Convention = Literal["gimbal", "airframe", "omega-phi-kappa"]
 
 # Rows of a camera that looks ahead, to those of one fixed below the same body: its right stays, its
 # down is the body's tail, its forward the body's down.

@@ -25,8 +25,7 @@ class Dataset(Generic[OptionsT]):
     It states what it is, names the scenes below its source (`scenes`) and reads one (`read`).
     `name` is that of the benchmark and of its folder in the data root; `options` a frozen dataclass
     whose fields become options of the command, with texts in `about`; `protocols` names or files of
-    the protocols that its truth is made for; `jobs` the default of ``--jobs``, None where there is
-    nothing to share out.
+    the protocols that its truth is made for; `jobs` the default of ``--jobs``.
 
     Parameters of its methods
     -------------------------
@@ -46,7 +45,7 @@ class Dataset(Generic[OptionsT]):
     about: ClassVar[About]
     options: type[Any] = SourceOptions
     protocols: ClassVar[Sequence[str]] = ()
-    jobs: ClassVar[int | None] = 1
+    jobs: ClassVar[int] = 1
 
     def scenes(self, options: OptionsT) -> Mapping[str, Sequence[Path]]:
         """Return the scenes below the source by id, with the files that each is read from.

@@ -50,26 +50,18 @@ class _Lens(BaseModel):
     """A camera; refuses unknown keys, for a lens under another name would be none."""
 
     model_config = ConfigDict(frozen=True)
-    K: Matrix | None = None
+    K: Matrix | None = _named("K", default=None)
     distortion: Distortion | None = _named("distortion", "dist_k1k2p1p2", default=None)
     model: str | None = _named(*_MODEL_KEYS, default=None)
 
     @model_validator(mode="before")
     @classmethod
     def _no_unknown_keys(cls, data: Any) -> Any:
-        aliases = {name: field.validation_alias for name, field in cls.model_fields.items()}
-        known = [
-            *(
-                key
-                for one in aliases.values()
-                if isinstance(one, AliasChoices)
-                for key in one.choices
-            ),
-            *(name for name, one in aliases.items() if one is None),
-        ]
+        fields: Any = cls.model_fields.values()
+        known = [key for field in fields for key in field.validation_alias.choices]
         for key in data if isinstance(data, dict) else ():
             if key not in (*known, *_UNREAD_KEYS):
-                near = difflib.get_close_matches(key, map(str, known), n=1, cutoff=_NEAR_MISS)
+                near = difflib.get_close_matches(key, known, n=1, cutoff=_NEAR_MISS)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 raise ValueError(f"unknown key {key[:80]!r}{hint}")
         return data
@@ -88,8 +80,8 @@ class _Image(_Lens):
 
 
 class _File(_Lens):
-    crs: str | None = None
-    images: Annotated[dict[str, _Image], Field(min_length=1)]
+    crs: str | None = _named("crs", default=None)
+    images: dict[str, _Image] = _named("images", min_length=1)
 
 
 def read_poses(path: Path, sizes: Sizes) -> PosedPhotos:

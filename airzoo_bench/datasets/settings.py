@@ -1,4 +1,4 @@
-"""Options of every dataset, and the result of `prepare`."""
+"""Options of every dataset, and the result of `prepare`; imports little, for the help's sake."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any, Literal
 
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.engines.engine import HERE, Engine
 
+Convention = Literal["gimbal", "airframe", "omega-phi-kappa"]
+"""What three angles mean, see `datasets.cameras`."""
 Files = list[str] | None
 """What is given as SCENE=FILE, repeated."""
 
@@ -20,6 +23,143 @@ class SourceOptions:
 
     source: Path
     scene: list[str] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """The further parts of a scene, and what differs from the protocols to start from."""
+
+    dsm: Path | None = None
+    cloud: Path | None = None
+    priors: Path | None = None
+    crs: str | None = None
+    plane_height: float | None = None
+    truth_accuracy: float | None = None
+    protocol: list[str] | None = None
+    tile_size: list[int] | None = None
+    rule: Literal["plane", "dsm", "iou"] | None = None
+    iou_above: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurveyOptions(SceneOptions, SourceOptions):
+    """Options of surveys from other programs."""
+
+    name: str | None = None
+    images: Path | None = None
+    dom: Path | None = None
+
+
+@dataclass(frozen=True)
+class PhotoOptions(SceneOptions):
+    """Where the parts of a scene lie."""
+
+    name: str
+    images: Path
+    poses: Path
+    dom: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColmapOptions(SurveyOptions):
+    """Options of a COLMAP model."""
+
+    georeference: Path | None = None
+    from_exif: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class DjiOptions(SurveyOptions):
+    """Options of a folder of DJI photos."""
+
+    camera: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseTableOptions(SurveyOptions):
+    """Choices that a table of poses leaves open."""
+
+    camera: Path | None = None
+    angles: Convention | None = None
+
+
+@dataclass(frozen=True)
+class UavVisLocOptions(SourceOptions):
+    """Choices that UAV-VisLoc leaves open."""
+
+    fov_across: float = 52.0
+    fov_along: float = 36.0
+    plane_height: list[str] | None = None
+    protocol: str = "uav-visloc-retrieval"
+
+
+@dataclass(frozen=True)
+class UavScenesOptions(SourceOptions):
+    """Which photos of a run are reconstructed, and what its files do not settle."""
+
+    interval: int = 5
+    every: int = 10
+    cloud: Files = None
+
+
+@dataclass(frozen=True)
+class UrbanScene3DOptions(SourceOptions):
+    """Scans, and how the frame of the poses leads to theirs."""
+
+    scan: Files = None
+    transform: Files = None
+    same_frame: bool = False
+    every: int = 1
+
+
+@dataclass(frozen=True)
+class AirZooTestOptions(SourceOptions):
+    """Which frames are reconstructed, and how depth is encoded."""
+
+    name: str = "airzoo-test"
+    every: int = 30
+    depth_kind: Literal["z", "ray"] = "z"
+    depth_scale: float | None = None
+
+
+@dataclass(frozen=True)
+class AirZooRealOptions(SourceOptions):
+    """Choices that the release leaves open, and files of one kind to tell apart."""
+
+    dom: Files = None
+    dsm: Files = None
+    satellite: Files = None
+    priors: Files = None
+    prior: Literal["metadata", "truth"] = "metadata"
+    cloud: Files = None
+
+
+@dataclass(frozen=True)
+class ExtreMatchOptions(SourceOptions):
+    """Differences from the paper's protocol."""
+
+    reference: Literal["hq", "lq"] = "hq"
+    prior: Literal["metadata", "truth"] = "metadata"
+    priors: Path | None = None
+
+
+OPTIONS: dict[str, type[Any]] = {
+    "photos": PhotoOptions,
+    "poses": PoseTableOptions,
+    "odm": SurveyOptions,
+    "dji": DjiOptions,
+    "colmap": ColmapOptions,
+    "uav-visloc": UavVisLocOptions,
+    "uavscenes": UavScenesOptions,
+    "urbanscene3d": UrbanScene3DOptions,
+    "airzoo-test": AirZooTestOptions,
+    "airzoo-real": AirZooRealOptions,
+    "aerialextrematch": ExtreMatchOptions,
+    **dict.fromkeys(
+        ("ortholoc", "university-1652", "sues-200", "denseuav", "gta-uav"), SourceOptions
+    ),
+}
+"""The options of built-in datasets by name, for a help that imports none of them."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.cameras import (
-    Convention,
     attitudes_to_rotations,
     cameras_of_lenses,
     lens_of,
@@ -21,7 +20,7 @@ from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.settings import Convention, SourceOptions
 from airzoo_bench.datasets.tables import match_names, read_table
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses

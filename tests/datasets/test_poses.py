@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,8 @@ def test_json(tmp_path):
     np.testing.assert_array_equal(photos.cameras.matrices[0], K)
     np.testing.assert_array_equal(photos.cameras.distortion, np.zeros((2, 5)))
     assert photos.cameras.width.tolist() == [64, 64]
+    some = read_poses(tmp_path / "poses.json", {"a.jpg": (64, 48)})
+    assert (some.names, some.absent) == (("a.jpg",), ("sub/b.jpg",))
 
 
 def test_an_image_goes_before_the_top_and_rounded_rotations_become_exact(tmp_path):
@@ -58,6 +61,19 @@ def test_an_image_goes_before_the_top_and_rounded_rotations_become_exact(tmp_pat
     rotation = photos.poses.rotation[0]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(rotation, TILTED, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"dist": [0.1, 0.2, 0.3, 0.4]}, "'dist' (did you mean 'distortion'?)"),
+        ({"center": [1, 2, 3]}, "'center'"),  # is of images
+        ({"images": {"a.jpg": {"R_w2c": DOWN, "centre": [1, 2, 3]}}}, "'center'"),
+    ],
+)
+def test_an_unknown_key_is_refused(changes: Any, said: str, tmp_path: Path) -> None:
+    with pytest.raises(CameraError, match=re.escape(said)):
+        read_poses(json_file(tmp_path, **changes), SIZES)
 
 
 def colmap(folder: Path, model: str, params: tuple[float, ...], *, text: bool = False) -> Path:

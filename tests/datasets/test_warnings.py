@@ -86,7 +86,7 @@ CASES: dict[str, tuple[str, Change]] = {
     "cloud beside": ("map-beside-surface", partial(cloud, 300, 400, 100.0)),
     "few tiles": ("trivial", lambda place: {"tile_size": [150]}),
     "small tiles": ("small-tiles", lambda place: {"tile_size": [32]}),
-    "small map": ("trivial off-map", partial(map_at, (88, 100), 10, 20)),
+    "small map": ("trivial small-tiles off-map", partial(map_at, (88, 100), 10, 20)),
     "cut surface": ("off-map", lambda p: write_raster(p.dsm, LEVEL[:, :100, :100]) and None),
     "no gimbal": ("no-prior", lambda place: tag(place, "a.jpg", GimbalYawDegree=None)),
     "no metadata": ("no-prior", lambda place: write_photo(place.images / "a.jpg", (64, 48))),

@@ -18,9 +18,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -49,7 +48,7 @@ from airzoo_bench.datasets.published.places import (
     with_georeference,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.settings import Files, SourceOptions
+from airzoo_bench.datasets.settings import AirZooRealOptions
 from airzoo_bench.datasets.surveys.dji import (
     photo_cameras,
     photo_time_stamps,
@@ -89,26 +88,14 @@ _LAYOUT = (
 )
 
 
-@dataclass(frozen=True)
-class _AirZooRealOptions(SourceOptions):
-    """Choices that the release leaves open, and files of one kind to tell apart."""
-
-    dom: Files = None
-    dsm: Files = None
-    satellite: Files = None
-    priors: Files = None
-    prior: Literal["metadata", "truth"] = "metadata"
-    cloud: Files = None
-
-
-class _AirZooReal(Dataset[_AirZooRealOptions]):
+class _AirZooReal(Dataset[AirZooRealOptions]):
     """AirZoo's own flights."""
 
     name = "airzoo-real"
     about = load_about("airzoo-real")
-    options = _AirZooRealOptions
+    options = AirZooRealOptions
 
-    def benchmark_protocols(self, options: _AirZooRealOptions, root: Path) -> BenchmarkProtocols:
+    def benchmark_protocols(self, options: AirZooRealOptions, root: Path) -> BenchmarkProtocols:
         matching = protocol_of_track(f"{self.name}-matching", root, MatchingProtocol)
         if options.prior == "truth":
             changes = {"prior": {"source": "truth"}}
@@ -120,7 +107,7 @@ class _AirZooReal(Dataset[_AirZooRealOptions]):
         names += ["reconstruction"] * (len(wanted) > len(regions))
         return BenchmarkProtocols.find([f"{self.name}-{track}" for track in names], root)
 
-    def scenes(self, options: _AirZooRealOptions) -> Mapping[str, Sequence[Path]]:
+    def scenes(self, options: AirZooRealOptions) -> Mapping[str, Sequence[Path]]:
         home, found = _home(options), {}
         for scene, folder in _REGIONS.items():
             part = sub_path(home, folder)
@@ -133,32 +120,32 @@ class _AirZooReal(Dataset[_AirZooRealOptions]):
                 found[scene] = [part for part in parts if part is not None]
         return found
 
-    def read(self, options: _AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
         if scene in _REGIONS:
             return _read_region(options, scene, progress)
         return _read_site(options, scene, progress)
 
 
-def _home(options: _AirZooRealOptions) -> Path:
+def _home(options: AirZooRealOptions) -> Path:
     parts = (*_REGIONS.values(), _RECON, *_SITES.values())
     return find_home(options.source, lambda f: any(sub_path(f, part) for part in parts), _LAYOUT)
 
 
-def _files_by_option(options: _AirZooRealOptions, scene: str) -> dict[str, Path]:
+def _files_by_option(options: AirZooRealOptions, scene: str) -> dict[str, Path]:
     """Return the files that the user names for a region, by option."""
     names = ("dom", "dsm", "satellite", "priors")
     given = {n: values_by_scene(getattr(options, n), n, list(_REGIONS)).get(scene) for n in names}
     return {name: Path(file) for name, file in given.items() if file is not None}
 
 
-def _cloud_by_option(options: _AirZooRealOptions, scene: str) -> Path | None:
+def _cloud_by_option(options: AirZooRealOptions, scene: str) -> Path | None:
     """Return the true cloud that the user names for a scene."""
     known = published_scenes("airzoo-real-reconstruction")
     file = values_by_scene(options.cloud, "cloud", known).get(scene)
     return None if file is None else Path(file)
 
 
-def _maps(options: _AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
+def _maps(options: AirZooRealOptions, scene: str) -> tuple[dict[str, Path], list[str]]:
     """Return DOM, surface model and retrieval's map, each with its georeference, and notes."""
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
     given, made = _files_by_option(options, scene), data_root() / "made" / "airzoo-real" / scene
@@ -193,7 +180,7 @@ def _maps(options: _AirZooRealOptions, scene: str) -> tuple[dict[str, Path], lis
     return found, notes
 
 
-def _read_region(options: _AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
+def _read_region(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
     """Read photos, cameras and true positions of a region."""
     maps, notes = _maps(options, scene)
     home = needed_path(_home(options), _REGIONS[scene], _LAYOUT)
@@ -265,7 +252,7 @@ def _surface(home: Path, site: Path) -> Path | None:
     return sub_path(site.parent.parent, "dom", _SURFACE) or sub_path(home, "dom", _SURFACE)
 
 
-def _read_site(options: _AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
+def _read_site(options: AirZooRealOptions, scene: str, progress: Progress) -> NativeScene:
     """Read the photos, cameras and poses of a site at some hours, and its true cloud."""
     home = _home(options)
     site = _site_folder(home, scene) or home

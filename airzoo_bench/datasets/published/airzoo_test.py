@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -31,7 +29,7 @@ from airzoo_bench.datasets.published.places import (
     stem_of,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.settings import AirZooTestOptions
 from airzoo_bench.datasets.tables import Table, read_table
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -59,24 +57,14 @@ _OPTIONAL = (*PLACE_COLUMNS, *_ECEF, *_DISTORTION, *_CONDITIONS)
 _DECIMALS = 4
 
 
-@dataclass(frozen=True)
-class _AirZooTestOptions(SourceOptions):
-    """Which frames are reconstructed, and how depth is encoded."""
-
-    name: str = _NAME
-    every: int = 30
-    depth_kind: Literal["z", "ray"] = "z"
-    depth_scale: float | None = None
-
-
-class _AirZooTest(Dataset[_AirZooTestOptions]):
+class _AirZooTest(Dataset[AirZooTestOptions]):
     """Trajectories of AirZoo."""
 
     name = _NAME
     about = load_about("airzoo-test")
-    options = _AirZooTestOptions
+    options = AirZooTestOptions
 
-    def benchmark_protocols(self, options: _AirZooTestOptions, root: Path) -> BenchmarkProtocols:
+    def benchmark_protocols(self, options: AirZooTestOptions, root: Path) -> BenchmarkProtocols:
         shipped = _protocol(root)
         if options.name == _NAME:
             return BenchmarkProtocols((shipped,))
@@ -89,7 +77,7 @@ class _AirZooTest(Dataset[_AirZooTestOptions]):
         protocol = protocol_for(shipped, options.name, {})
         return BenchmarkProtocols((protocol.model_copy(update={"scenes": scenes}),))
 
-    def scenes(self, options: _AirZooTestOptions) -> Mapping[str, Sequence[Path]]:
+    def scenes(self, options: AirZooTestOptions) -> Mapping[str, Sequence[Path]]:
         tables = [p for depth in ("", "*/", "*/*/") for p in options.source.glob(depth + _TABLE)]
         folders = sorted((path.resolve().parent for path in tables), key=_name_order)
         ids = [folder.name for folder in folders]
@@ -107,7 +95,7 @@ class _AirZooTest(Dataset[_AirZooTestOptions]):
             )
         return {one: [folder] for one, folder in zip(ids, folders, strict=True)}
 
-    def read(self, options: _AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: AirZooTestOptions, scene: str, progress: Progress) -> NativeScene:
         folder = self.scenes(options)[scene][0]
         columns = {name: (name,) for name in ("name", *_LENS, *_OPTIONAL)}
         table = read_table(folder / _TABLE, columns, _OPTIONAL)
@@ -200,7 +188,7 @@ def _cloud(
     names: tuple[str, ...],
     cameras: Cameras,
     poses: Poses,
-    options: _AirZooTestOptions,
+    options: AirZooTestOptions,
     label: str,
     progress: Progress,
 ) -> Path:

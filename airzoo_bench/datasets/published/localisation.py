@@ -17,9 +17,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from affine import Affine
@@ -46,7 +45,7 @@ from airzoo_bench.datasets.published.places import (
     with_georeference,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.settings import ExtreMatchOptions, SourceOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols, variant_of
 from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.cameras import Cameras
@@ -62,34 +61,25 @@ _FOLDERS = {"hq": "HQref", "lq": "LQref"}
 _PARTS = "rgb/*.JPG, gt_pose.txt, intrinsic.txt, and HQref/*.tif or LQref/*.tif"
 
 
-@dataclass(frozen=True)
-class _Options(SourceOptions):
-    """Differences from the paper's protocol."""
-
-    reference: Literal["hq", "lq"] = "hq"
-    prior: Literal["metadata", "truth"] = "metadata"
-    priors: Path | None = None
-
-
-class _AerialExtreMatch(Dataset[_Options]):
+class _AerialExtreMatch(Dataset[ExtreMatchOptions]):
     """The localisation set of _AerialExtreMatch."""
 
     name = "aerialextrematch"
     about = load_about("aerialextrematch")
-    options = _Options
+    options = ExtreMatchOptions
 
-    def benchmark_protocols(self, options: _Options, root: Path) -> BenchmarkProtocols:
+    def benchmark_protocols(self, options: ExtreMatchOptions, root: Path) -> BenchmarkProtocols:
         lq, by_truth = options.reference == "lq", options.prior == "truth"
         benchmark = self.name + "-lq" * lq + "-truth-prior" * by_truth
         base = protocol_of_track("aerialextrematch-matching", root, MatchingProtocol)
         changes = {"prior": {"source": options.prior}}
         return BenchmarkProtocols((variant_of(base, benchmark, changes),))
 
-    def scenes(self, options: _Options) -> Mapping[str, Sequence[Path]]:
+    def scenes(self, options: ExtreMatchOptions) -> Mapping[str, Sequence[Path]]:
         priors = () if options.priors is None else (options.priors,)
         return {_SCENE: (*_parts(options), *priors)}
 
-    def read(self, options: _Options, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: ExtreMatchOptions, scene: str, progress: Progress) -> NativeScene:
         images, poses, cameras, references = _parts(options)
         photos = files_by_key(images, stem_key, _PARTS)
         posed = read_posed_lines(images, photos, poses, cameras, stem_key, progress, crs=_CRS)
@@ -117,7 +107,7 @@ class _AerialExtreMatch(Dataset[_Options]):
         )
 
 
-def _parts(options: _Options) -> tuple[Path, ...]:
+def _parts(options: ExtreMatchOptions) -> tuple[Path, ...]:
     """Return photos, poses, cameras and references of the localisation set."""
     home = find_home(options.source, lambda f: sub_path(f, "gt_pose.txt") is not None, _PARTS)
     parts = ("rgb", "gt_pose.txt", "intrinsic.txt", _FOLDERS[options.reference])

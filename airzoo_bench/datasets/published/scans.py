@@ -19,7 +19,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,7 @@ from airzoo_bench.datasets.published.places import (
     stem_of,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import Files, SourceOptions
+from airzoo_bench.datasets.settings import UavScenesOptions, UrbanScene3DOptions
 from airzoo_bench.datasets.surveys.colmap import read_similarity
 from airzoo_bench.datasets.tables import values_by_scene
 from airzoo_bench.formats.foreign_arrays import read_tensors
@@ -57,28 +56,19 @@ _RUNS = f"interval5_CAM_LIDAR/interval5_<run>/ with interval5_CAM/ and {_POSES}"
 _LIMIT_BYTES = 128 << 20
 
 
-@dataclass(frozen=True)
-class _UavScenesOptions(SourceOptions):
-    """Which photos of a run are reconstructed, and what its files do not settle."""
-
-    interval: int = 5
-    every: int = 10
-    cloud: Files = None
-
-
-class _UavScenes(Dataset[_UavScenesOptions]):
+class _UavScenes(Dataset[UavScenesOptions]):
     """The runs of UAVScenes."""
 
     name = "uavscenes"
     about = load_about("uavscenes")
-    options = _UavScenesOptions
+    options = UavScenesOptions
     protocols = ("uavscenes-reconstruction",)
 
-    def scenes(self, options: _UavScenesOptions) -> Mapping[str, Sequence[Path]]:
+    def scenes(self, options: UavScenesOptions) -> Mapping[str, Sequence[Path]]:
         runs = _find_runs(options)
         return {run: [folder, *_clouds(options, run, runs)] for run, folder in runs.items()}
 
-    def read(self, options: _UavScenesOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: UavScenesOptions, scene: str, progress: Progress) -> NativeScene:
         runs = _find_runs(options)
         folder, path = runs[scene] / f"interval{options.interval}_CAM", runs[scene] / _POSES
         photos = files_by_key(folder, stem_of, _RUNS)
@@ -112,7 +102,7 @@ class _UavScenes(Dataset[_UavScenesOptions]):
         )
 
 
-def _find_runs(options: _UavScenesOptions) -> dict[str, Path]:
+def _find_runs(options: UavScenesOptions) -> dict[str, Path]:
     """Return the folders of the runs below a source, in the order of the protocol."""
     source, prefix = options.source.resolve(), f"interval{options.interval}_"
     pack = f"{prefix}CAM_LIDAR"
@@ -133,7 +123,7 @@ def _find_runs(options: _UavScenesOptions) -> dict[str, Path]:
     return {run: found[run] for run in known if run in found}
 
 
-def _clouds(options: _UavScenesOptions, run: str, runs: Mapping[str, Path]) -> list[Path]:
+def _clouds(options: UavScenesOptions, run: str, runs: Mapping[str, Path]) -> list[Path]:
     """Return the clouds that a run may have, the most special first."""
     given = values_by_scene(options.cloud, "cloud", list(runs)).get(run)
     if given is not None:
@@ -178,25 +168,15 @@ _TO_COLMAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _TO_OPENCV = np.array([1.0, -1.0, -1.0])
 
 
-@dataclass(frozen=True)
-class _UrbanScene3DOptions(SourceOptions):
-    """Scans, and how the frame of the poses leads to theirs."""
-
-    scan: Files = None
-    transform: Files = None
-    same_frame: bool = False
-    every: int = 1
-
-
-class _UrbanScene3D(Dataset[_UrbanScene3DOptions]):
+class _UrbanScene3D(Dataset[UrbanScene3DOptions]):
     """The real scenes of _UrbanScene3D."""
 
     name = "urbanscene3d"
     about = load_about("urbanscene3d")
-    options = _UrbanScene3DOptions
+    options = UrbanScene3DOptions
     protocols = ("urbanscene3d-reconstruction",)
 
-    def scenes(self, options: _UrbanScene3DOptions) -> Mapping[str, Sequence[Path]]:
+    def scenes(self, options: UrbanScene3DOptions) -> Mapping[str, Sequence[Path]]:
         found = _find_scenes(options.source)
         named = (("scan", options.scan), ("transform", options.transform))
         given = [values_by_scene(texts, option, list(found)) for option, texts in named]
@@ -205,7 +185,7 @@ class _UrbanScene3D(Dataset[_UrbanScene3DOptions]):
             for scene, folder in found.items()
         }
 
-    def read(self, options: _UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: UrbanScene3DOptions, scene: str, progress: Progress) -> NativeScene:
         scenes = _find_scenes(options.source)
         folder, known = scenes[scene], list(scenes)
         scan = values_by_scene(options.scan, "scan", known).get(scene)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ from airzoo_bench.datasets.content import utm_zone
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.published.places import find_home, join_maps, missing
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.settings import UavVisLocOptions
 from airzoo_bench.datasets.tables import read_table
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.arrays import Floats
@@ -41,16 +40,6 @@ _COLUMNS, _HEADING = ("filename", "lat", "lon", "height"), "Phi1"
 _WITHOUT_HEADING = "07"  # whose table as published has no column of a heading
 _SEA_LEVEL_SPREAD_M = 100.0
 _ABOVE_GROUND_M = 500.0  # median of flights whose heights vary as above the sea
-
-
-@dataclass(frozen=True)
-class UavVisLocOptions(SourceOptions):
-    """Choices that UAV-VisLoc leaves open."""
-
-    fov_across: float = 52.0
-    fov_along: float = 36.0
-    plane_height: list[str] | None = None
-    protocol: str = "uav-visloc-retrieval"
 
 
 class _UavVisLoc(Dataset[UavVisLocOptions]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.metadata import read_prior
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
+from airzoo_bench.datasets.settings import ColmapOptions
 from airzoo_bench.datasets.surveys.survey import (
     Survey,
-    SurveyOptions,
     map_crs,
     posed_scene,
     stated_crs,
@@ -36,23 +35,15 @@ _TOLERANCE = 1e-4
 Places = Mapping[str, Sequence[float]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _ColmapOptions(SurveyOptions):
-    """Options of a COLMAP model."""
-
-    georeference: Path | None = None
-    from_exif: bool = False
-
-
-class _ColmapModels(Survey[_ColmapOptions]):
+class _ColmapModels(Survey[ColmapOptions]):
     """Photos registered by COLMAP."""
 
     about = load_about("colmap")
-    options = _ColmapOptions
+    options = ColmapOptions
     needs = ("images", "dom")
     needs_ground = True
 
-    def read(self, options: _ColmapOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: ColmapOptions, scene: str, progress: Progress) -> NativeScene:
         images, source = options.images or Path(), options.source
         sizes = photo_sizes(images, progress)
         photos, notes, left = _placed(options, images, read_poses(source, sizes))
@@ -61,7 +52,7 @@ class _ColmapModels(Survey[_ColmapOptions]):
 
 
 def _placed(
-    options: _ColmapOptions, images: Path, photos: PosedPhotos
+    options: ColmapOptions, images: Path, photos: PosedPhotos
 ) -> tuple[PosedPhotos, tuple[str, ...], float | None]:
     """Bring the photos to a projected CRS; return notes too, and what remains of the fit."""
     stated, file = stated_crs(options), options.georeference

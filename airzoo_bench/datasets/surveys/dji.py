@@ -32,7 +32,8 @@ from airzoo_bench.datasets.metadata import (
     read_prior_file,
 )
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, posed_scene, stated_crs
+from airzoo_bench.datasets.settings import DjiOptions
+from airzoo_bench.datasets.surveys.survey import Survey, posed_scene, stated_crs
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.cameras import Cameras
@@ -53,22 +54,14 @@ Std = tuple[float, float, float]
 """Standard deviations to the east and north, and of the height, in metres."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _DjiOptions(SurveyOptions):
-    """Options of a folder of DJI photos."""
-
-    priors: Path | None = None
-    camera: Path | None = None
-
-
-class _DjiFolders(Survey[_DjiOptions]):
+class _DjiFolders(Survey[DjiOptions]):
     """Photos with their own metadata as truth: RTK position, gimbal angles."""
 
     about = load_about("dji")
-    options = _DjiOptions
+    options = DjiOptions
     needs = ("dom",)
 
-    def benchmark_protocols(self, options: _DjiOptions, root: Path) -> BenchmarkProtocols:
+    def benchmark_protocols(self, options: DjiOptions, root: Path) -> BenchmarkProtocols:
         kept = []
         for protocol in super().benchmark_protocols(options, root).every:
             if isinstance(protocol, MatchingProtocol):
@@ -79,7 +72,7 @@ class _DjiFolders(Survey[_DjiOptions]):
             kept.append(protocol)
         return BenchmarkProtocols(tuple(kept))
 
-    def read(self, options: _DjiOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: DjiOptions, scene: str, progress: Progress) -> NativeScene:
         images = options.images or options.source
         sizes = photo_sizes(images, progress)
         shown = list(progress(sorted(sizes), "metadata", len(sizes)))
@@ -109,7 +102,7 @@ class _DjiFolders(Survey[_DjiOptions]):
         return posed_scene(options, scene, images, sizes, posed, images, progress, **parts)
 
 
-def _crs(options: _DjiOptions, truth: Mapping[str, PhotoPrior], notes: list[str]) -> str:
+def _crs(options: DjiOptions, truth: Mapping[str, PhotoPrior], notes: list[str]) -> str:
     """Return the CRS that is stated, else the map's, else the UTM zone of the photos."""
     crs = stated_crs(options)
     if crs is None:

@@ -34,7 +34,8 @@ from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.cameras import Lens, cameras_of_lenses
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.surveys.survey import Survey, SurveyOptions, posed_scene
+from airzoo_bench.datasets.settings import SurveyOptions
+from airzoo_bench.datasets.surveys.survey import Survey, posed_scene
 from airzoo_bench.datasets.tables import match_names
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import horizontal_crs

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +14,15 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.cameras import (
-    Convention,
     attitudes_to_rotations,
     read_camera_file,
     stated_cameras,
 )
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
+from airzoo_bench.datasets.settings import Convention, PoseTableOptions
 from airzoo_bench.datasets.surveys.survey import (
     Survey,
-    SurveyOptions,
     map_crs,
     posed_scene,
     stated_crs,
@@ -60,23 +58,15 @@ _EXPECTED = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _PoseTableOptions(SurveyOptions):
-    """Choices that a table of poses leaves open."""
-
-    camera: Path | None = None
-    angles: Convention | None = None
-
-
-class _PoseTables(Survey[_PoseTableOptions]):
+class _PoseTables(Survey[PoseTableOptions]):
     """Photos with their poses in a table."""
 
     about = load_about("poses")
-    options = _PoseTableOptions
+    options = PoseTableOptions
     needs = ("images", "dom", "camera")
     needs_ground = True
 
-    def read(self, options: _PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
+    def read(self, options: PoseTableOptions, scene: str, progress: Progress) -> NativeScene:
         images, path = options.images or Path(), options.source
         sizes = photo_sizes(images, progress)
         table, notes = _read(path)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from pyproj import CRS
 
@@ -19,7 +19,7 @@ from airzoo_bench.datasets.dataset import Dataset, path_options
 from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
-from airzoo_bench.datasets.settings import SourceOptions
+from airzoo_bench.datasets.settings import PhotoOptions, SceneOptions
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.crs import describe_crs, horizontal_crs, vertical_m
 from airzoo_bench.geometry.rasters import open_info
@@ -27,31 +27,6 @@ from airzoo_bench.protocol.model import find_protocol, protocol_for
 
 _LONGEST_NAME = 48  # of which more names are made
 _TRACKS = ("retrieval", "matching", "reconstruction")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneOptions:
-    """The further parts of a scene, and what differs from the protocols to start from."""
-
-    dsm: Path | None = None
-    cloud: Path | None = None
-    priors: Path | None = None
-    crs: str | None = None
-    plane_height: float | None = None
-    truth_accuracy: float | None = None
-    protocol: list[str] | None = None
-    tile_size: list[int] | None = None
-    rule: Literal["plane", "dsm", "iou"] | None = None
-    iou_above: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurveyOptions(SceneOptions, SourceOptions):
-    """Options of surveys from other programs."""
-
-    name: str | None = None
-    images: Path | None = None
-    dom: Path | None = None
 
 
 OptionsT = TypeVar("OptionsT", bound=SceneOptions)
@@ -165,16 +140,6 @@ def posed_scene(
         crs_from=place,
         **named,
     )
-
-
-@dataclass(frozen=True)
-class PhotoOptions(SceneOptions):
-    """Where the parts of a scene lie."""
-
-    name: str
-    images: Path
-    poses: Path
-    dom: Path
 
 
 class _Photos(Survey[PhotoOptions]):
