@@ -29,7 +29,6 @@ _MEASURED = (
 _PANELS = dict.fromkeys(_SOURCES.split(), "Sources")
 _PANELS |= dict.fromkeys(_MEASURED.split(), "What is measured")
 
-
 Parts = Literal["windows", "files"]
 
 
