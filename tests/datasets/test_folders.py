@@ -79,26 +79,6 @@ def test_missing_entries_are_written(folder, capsys):
     assert Benchmark.open(folder).name == "park"
 
 
-def test_a_changed_file_gets_a_new_checksum_only_if_that_is_asked(folder, capsys):
-    table = folder / "scenes" / "park" / "queries.csv"
-    table.write_text(table.read_text().replace("64", "65"))
-    assert run_main("manifest", folder) == 2
-    assert "was changed since" in capsys.readouterr().err
-    assert run_main("manifest", folder, "--force") == 0
-    Benchmark.open(folder)
-
-
-@pytest.mark.parametrize("name", ["error_m", "within_5m", "scene", "tile@9"])
-def test_a_condition_named_as_another_column_of_the_records(folder, name, capsys):
-    """Averages would be those of both columns."""
-    table = folder / "scenes" / "park" / "queries.csv"
-    pd.read_csv(table).assign(**{name: 0.0, "wind": 1.5}).to_csv(table, index=False)
-    assert run_main("manifest", folder, "--force") == 2
-    said = capsys.readouterr().err
-    assert name in said
-    assert "queries.csv" in said
-
-
 def test_a_folder_that_eval_refuses_gets_no_checksums(folder):
     """For reasons in tests/goldens/refusals.txt, and this one."""
     before = strip(folder, "checksums")

@@ -1,4 +1,7 @@
-"""Tables of benchmarks: columns by name, separators, encodings, and what is refused."""
+"""Tables of benchmarks: columns by name, separators, encodings.
+
+What are no tables is in tests/goldens/refusals.txt.
+"""
 
 from __future__ import annotations
 
@@ -49,28 +52,6 @@ def test_optional_and_further_columns(path):
     np.testing.assert_array_equal(table.numbers("Phi1", empty=True), [np.nan, -3.0])
     with pytest.raises(BenchmarkError, match=r"line 2: column phi1: ''"):
         table.numbers("Phi1")
-
-
-@pytest.mark.parametrize(
-    ("content", "names"),
-    [
-        ("", ["filename", "lat", "height"]),
-        ("filename,latt,height\na,1,2\n", ["'latt'"]),
-        ("filename,lat,height,LAT\na,1,2,3\n", ["'lat'", "'LAT'"]),
-        ("filename,lat,height\na,29,5,405\n", ["line 2"]),
-        ("filename,lat,height\na,1,2\nb,1", ["line 3"]),
-        ('filename,lat,height\n"a,1,2\n', []),
-        ("<!DOCTYPE html><html>not found</html>", []),
-        ("version https://git-lfs.github.com/spec/v1\n", []),
-        (b"PK\x03\x04workbook", []),
-        ("filename,lat,height\n".encode("utf-16"), []),
-        (b"filename,lat,height\na,1,\0\0\0", []),
-    ],
-)
-def test_refused(path, content, names):
-    with pytest.raises(BenchmarkError) as error:
-        read(path, content)
-    assert all(name in str(error.value) for name in [str(path), *names])
 
 
 @pytest.mark.parametrize("value", ["", "x", "nan", "inf", "91", "1_0", "29,5", "1.000,5"])

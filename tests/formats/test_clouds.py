@@ -1,4 +1,7 @@
-"""Every format of clouds: what writers wrote comes back, and what a file lies about is refused."""
+"""Every format of clouds: what writers wrote comes back, and what a file lies about is refused.
+
+Wrong texts and headers are in tests/goldens/refusals.txt.
+"""
 
 from __future__ import annotations
 
@@ -175,24 +178,6 @@ def test_kinds_of_ply(tmp_path):
     np.testing.assert_array_equal(read(path).points, POINTS)
 
 
-@pytest.mark.parametrize(
-    ("line", "other"),
-    [
-        ("end_header", "end"),
-        ("format binary_little_endian 1.0", "format zipped 1.0"),
-        ("property double z", "property double w"),
-        ("property double z", "property double x"),
-        ("property double z", "property list uchar double z"),
-        ("element vertex 40", "element vertex -4"),
-    ],
-)
-def test_wrong_headers_of_ply(line, other, tmp_path):
-    path = write_ply(tmp_path / "a.ply", COLUMNS)
-    path.write_bytes(path.read_bytes().replace(line.encode(), other.encode()))
-    with pytest.raises(PredictionError):
-        read(path)
-
-
 def test_padding_and_repeated_fields_of_pcd(tmp_path):
     record = np.dtype([("x", "<f4"), ("_", "V4"), ("y", "<f4"), ("h", "<f4", 3), ("z", "<f4")])
     rows = np.zeros(3, record)
@@ -263,29 +248,6 @@ def test_columns_of_text_are_guessed_and_said(text, columns, tmp_path):
     assert cloud.points.tolist() == [[1, 2, 3]]
     assert opened(tmp_path / "a.txt").notes[0].endswith(columns)
     assert (cloud.confidence is not None) == ("conf" in text)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("1,5 2,5 3,5\n", "decimal commas"),
-        ("1.5;2;3\n1,5;2;3\n", "decimal commas"),
-        ("lat,lon,alt\n30.1,120.2,50\n", "lat,lon,alt"),
-        ("1 2\n", "2 columns"),
-        ("1 2 3\n\n4 5 6 7\n", "line 3 is '4 5 6 7'"),
-        ("x,y,z\n1,2,3\n4,,6\n", "line 3 is '4,,6'"),
-        ("1 2 3\n4 five 6\n", "line 2 is '4 five 6'"),
-        ("3\n1 2 3\n4 5 6\n", "3 points, and holds 2"),
-        ("1\n1 2 3\n4 5 6\n", "1 point, and holds 2"),
-        ("a 1 b\n", "no line with a point"),
-        ("nothing here\n", "no cloud"),
-        ("1 2 3\0", "no cloud"),
-    ],
-)
-def test_text_that_is_refused(text, message, tmp_path):
-    (tmp_path / "a.txt").write_text(text)
-    with refused(message):
-        read(tmp_path / "a.txt")
 
 
 @given(

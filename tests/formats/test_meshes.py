@@ -138,19 +138,6 @@ def test_obj(tmp_path):
     assert (points[-50:, 0] >= 50).all()
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        *("v 1 2", "v 1 2 x", "f 1 2 x", "f 0 1 2", "f -3 1 2", "f 1 2 99", "f 1 1 1"),
-        "f 1 2 99999999999999999999",
-    ],
-)
-def test_wrong_obj(line, tmp_path):
-    (tmp_path / "a.obj").write_text(f"v 0 0 0\nv 1 0 0\n{line}\n")
-    with pytest.raises(PredictionError):
-        read(tmp_path / "a.obj")
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 99, -1])
 def test_meshes_that_cannot_be_sampled(value, tmp_path):
     columns, faces = COLUMNS | {"x": COLUMNS["x"].copy()}, BINARY_QUADS["<"]
