@@ -54,10 +54,6 @@ class Survey:
         return "table.csv"
 
 
-def gimbal_table(made: Survey) -> NativeScene:
-    return made.read("poses", "poses.csv", camera=made.folder / "camera.json")
-
-
 def pix4d_table(made: Survey) -> NativeScene:
     """Write Pix4D's external camera parameters: blanks, projected, omega phi kappa by SciPy."""
     to_world = made.rotation.transpose(0, 2, 1) @ np.diag((1.0, -1.0, -1.0))
@@ -118,16 +114,6 @@ def write_dji(made: Survey) -> None:
         write_photo(made.folder / "photos" / name, SIZE, gps, packet(**texts))
 
 
-def dji_photos(made: Survey) -> NativeScene:
-    write_dji(made)
-    return made.read("dji", "photos")
-
-
-def stamped_dji_photos(made: Survey) -> NativeScene:
-    """Read photos whose own positions are half a metre off, and time stamps that are not."""
-    return made.read("dji", "DJI_202405", "DJI_202405")
-
-
 def colmap_in_the_crs(made: Survey) -> NativeScene:
     xyzw = Rotation.from_matrix(made.rotation).as_quat()
     lines = []
@@ -139,35 +125,47 @@ def colmap_in_the_crs(made: Survey) -> NativeScene:
     return made.read("colmap", "sparse/0", crs=made.crs)
 
 
-def colmap_with_matrix(made: Survey) -> NativeScene:
-    return made.read("colmap", "sparse/0", georeference=made.folder / "to_utm.txt")
-
-
-def colmap_with_gps(made: Survey) -> NativeScene:
+def with_dji_photos(made: Survey, *source: str, **more: Any) -> NativeScene:
     write_dji(made)
-    return made.read("colmap", "sparse/0", from_exif=True)
+    return made.read(*source, **more)
 
 
 # With the most that a centre may be off, in metres: tables of DJI hold so many digits.
-LAYOUTS: list[tuple[Callable[[Survey], NativeScene], float]] = [
-    *((gimbal_table, 1e-6), (pix4d_table, 1e-6), (metashape_table, 1e-6)),
-    *((odm_project, 1e-6), (newer_odm_project, 1e-6)),
-    *((dji_photos, 1e-3), (stamped_dji_photos, 1e-3)),
-    *((colmap_in_the_crs, 1e-6), (colmap_with_matrix, 1e-6), (colmap_with_gps, 1e-2)),
-]
+LAYOUTS: dict[str, tuple[Callable[[Survey], NativeScene], float]] = {
+    "gimbal table": (
+        lambda made: made.read("poses", "poses.csv", camera=made.folder / "camera.json"),
+        1e-6,
+    ),
+    "Pix4D": (pix4d_table, 1e-6),
+    "Metashape": (metashape_table, 1e-6),
+    "ODM": (odm_project, 1e-6),
+    "newer ODM": (newer_odm_project, 1e-6),
+    "DJI": (lambda made: with_dji_photos(made, "dji", "photos"), 1e-3),
+    # Their own positions are half a metre off, and time stamps are not.
+    "stamped DJI": (lambda made: made.read("dji", "DJI_202405", "DJI_202405"), 1e-3),
+    "COLMAP in the CRS": (colmap_in_the_crs, 1e-6),
+    "COLMAP with matrix": (
+        lambda made: made.read("colmap", "sparse/0", georeference=made.folder / "to_utm.txt"),
+        1e-6,
+    ),
+    "COLMAP with GPS": (
+        lambda made: with_dji_photos(made, "colmap", "sparse/0", from_exif=True),
+        1e-2,
+    ),
+}
 
 
-@pytest.mark.parametrize(("layout", "metres"), LAYOUTS)
-def test_same_truth_as_own_photos(layout, metres, tmp_path, tree):
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_same_truth_as_own_photos(layout, tmp_path, tree):
     folder = Path(shutil.copytree(tree("surveys"), tmp_path / "a b 测区"))
-    made = Survey(folder)
-    found = layout(made)
+    made, (read, metres) = Survey(folder), LAYOUTS[layout]
+    found = read(made)
     assert [*found.names] == made.names
     assert found.crs == made.crs
     np.testing.assert_allclose(found.poses.centres, made.centres, rtol=0, atol=metres)
-    turn = 1e-4 if layout is colmap_with_gps else 1e-8
+    turn = 1e-4 if layout == "COLMAP with GPS" else 1e-8
     np.testing.assert_allclose(found.poses.rotation, made.rotation, rtol=0, atol=turn)
-    lens = [*made.lens[:4], 0.0] if "colmap" in layout.__name__ else made.lens  # without k3
+    lens = [*made.lens[:4], 0.0] if "COLMAP" in layout else made.lens  # without k3
     assert found.cameras.distortion == pytest.approx(np.tile(lens, (5, 1)), abs=2e-9)
     assert found.cameras.focal == pytest.approx(np.full((5, 2), made.focal), abs=2e-9)
     assert found.cameras.principal_point == pytest.approx(np.tile(made.centre, (5, 1)), abs=2e-9)
