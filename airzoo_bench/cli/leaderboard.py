@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import suppress
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from airzoo_bench.cli.common import Text, examples, option, progress, put, say, working
-from airzoo_bench.core.errors import UsageError, counted
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, data_root
 from airzoo_bench.core.sandbox import Limits, check_limits
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard import scoring, sealing
 from airzoo_bench.leaderboard.answers import now
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board, write_starter
 from airzoo_bench.leaderboard.comment import Found, comment_on, read_found
-from airzoo_bench.leaderboard.data_branch import DataBranch, Try
-from airzoo_bench.leaderboard.pages import build_board, serve_folder
-from airzoo_bench.leaderboard.pull_request import RefusedError, read_event
-from airzoo_bench.leaderboard.scoring import (
-    Rules,
-    score_against_truth,
-    score_merged,
-    score_pull_request,
-)
-from airzoo_bench.leaderboard.sealing import read_key, recipient
-from airzoo_bench.leaderboard.sealing import seal as seal_folder
+from airzoo_bench.leaderboard.git import DataBranch, RefusedError, Try, read_event
+from airzoo_bench.leaderboard.pages import build_board
+from airzoo_bench.leaderboard.scoring import Rules
 
 app = typer.Typer(help="A board: its files, CI and pages.", no_args_is_help=True)
 
@@ -68,19 +64,22 @@ def score(
     2 if the event or the board is wrong.
     """
     check_limits()
-    run = Run(_MEMORY_BYTES, jobs=os.cpu_count() or 1, limits=Limits(_MEMORY_BYTES))
+    run = Run(_MEMORY_BYTES, os.cpu_count() or 1, keep=True, limits=Limits(_MEMORY_BYTES))
     rules = Rules(read_board(root / BOARD_FILE), root, data_root(), run)
     if sealed is not None:
-        _finish(score_against_truth(read_found(sealed), work.resolve(), rules, read_key()), out)
+        found = scoring.score_against_truth(
+            read_found(sealed), work.resolve(), rules, sealing.read_key()
+        )
+        _finish(found, out)
         return
     folder = out if event is None else work
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError("is not a new or empty folder", where=folder, fix="name another one")
     if event is not None:
-        _finish(score_pull_request(read_event(event), remote, rules, work.resolve()), out)
+        _finish(scoring.score_pull_request(read_event(event), remote, rules, work.resolve()), out)
         return
     faults = 0
-    for place, said in score_merged(remote, rules, out):
+    for place, said in scoring.score_merged(remote, rules, out):
         faults += not isinstance(said, str)
         _say(f"{place.path}: {said}")
     raise typer.Exit(min(faults, 1))
@@ -141,7 +140,7 @@ def build(
         raise UsageError("no folder of runs", where=runs, expected="the --out of `score`")
     rules = read_board(root / BOARD_FILE)
     with working("building the board"):
-        faults = build_board(runs / "runs", root / "submissions", rules, data_root(), out)
+        faults = build_board(runs, root / "submissions", rules, data_root(), out)
     for fault in faults:
         say(fault)
     put(f"{out / 'index.html'}\n")
@@ -153,29 +152,27 @@ def serve(
     port: Annotated[int, option("0: any free port.", min=0, max=65535)] = 8000,
 ) -> None:
     """Serve a built site to this machine only, until Ctrl-C."""
-    serve_folder(site, port, put)
+    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
+    with ThreadingHTTPServer(("127.0.0.1", port), handler) as server, suppress(KeyboardInterrupt):
+        put("http://{}:{}/ (Ctrl-C ends it)\n".format(*server.server_address))
+        server.serve_forever()
 
 
 def seal(
     folder: Annotated[Path, typer.Argument(help="Benchmark folder, with all its data in it.")],
-    out: Annotated[Path, option("The public folder to write.", "--out", "-o")],
-    archive: Annotated[Path, option("The archive of the truth.")],
+    out: Annotated[Path, option("The public folder; the archive is OUT.age.", "--out", "-o")],
     to: Annotated[str, option("The host's public key, age1...")],
-    force: Annotated[bool, option("Replace what is there.", "--force")] = False,
 ) -> None:
     """Split a benchmark folder into a public one without the truth, and an archive with it.
 
     Methods get photos without metadata, cameras, priors, tiles, crops and maps;
     docs/leaderboard.md says what else to consider. Only the key opens the archive.
 
-    Example: airzoo-bench seal mine --out public/mine --archive public/mine.age --to age1...
+    Example: airzoo-bench seal mine --out public/mine --to age1...
     """
-    to_key = recipient(to)
-    committed, counts = seal_folder(folder, out, archive, to_key, replace=force, progress=progress)
+    archive, commitment = sealing.seal(folder, out, sealing.recipient(to), progress)
     put(f"{out}\n{archive}\n")
-    files = counted(counts["public"], "file"), counted(counts["cut"], "photo")
-    say(f"{files[0]} public, {counts['sealed']:,} in the archive, {files[1]} freed of metadata")
-    say(f"commitment {committed}")
+    say(f"commitment {commitment}")
 
 
 def _finish(found: Found, out: Path | None) -> None:

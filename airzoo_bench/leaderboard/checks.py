@@ -8,28 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.core.errors import (
-    BenchmarkError,
-    SubmissionError,
-    UserError,
-    agreeing,
-    counted,
-    printable,
-)
+from airzoo_bench.core.errors import BenchmarkError, SubmissionError, UserError, counted, printable
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.predictions import Reading
 from airzoo_bench.evaluation.track import Run
+from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
-from airzoo_bench.leaderboard.submission import (
-    EARLIER_KEYS,
-    SUBMISSION_FILE,
-    Submission,
-    read_submission,
-    skeleton,
-)
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.results.result import Result
 
@@ -53,10 +41,18 @@ class CheckedSubmission:
     errors: list[UserError] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
+    @property
+    def sound(self) -> Submission:
+        """The submission, if it has no errors; else the first one is raised."""
+        for error in self.errors:
+            raise type(error)(error.what, where=Place.from_folder(self.folder).path, fix=error.fix)
+        assert self.submission is not None  # without errors it was read
+        return self.submission
+
     def score(self, data: Path, run: Run) -> Evaluation:
         """Score a sound submission; an error of its pipeline shows only then."""
-        given = self.submission
-        if given is None or self.predictions is None:
+        given = self.sound
+        if self.predictions is None:
             raise BenchmarkError("the predictions are not here; add --fetch", where=self.folder)
         names: Any = {"protocol": given.protocol, "method": given.method}
         reading = Reading(given.predictions.reader)
@@ -82,11 +78,9 @@ def check_submission(
     try:
         refuse_files(folder, board.limits)
         found.submission = given = read_submission(folder / SUBMISSION_FILE)
-        for said in _check_claims(given, place, known):
-            if isinstance(said, str):
-                found.warnings.append(said)
-            else:
-                found.errors.append(said)
+        claims = [*_check_claims(given, place, known)]
+        found.warnings += [one for one in claims if isinstance(one, str)]
+        found.errors += [one for one in claims if isinstance(one, UserError)]
         _check_place(place, given, board, data)
         found.predictions = _find_predictions(folder, given, board.limits, data, seconds)
         if (path := found.predictions) is not None:
@@ -116,11 +110,11 @@ def check_listing(listing: Iterable[tuple[str, int, int]], where: object, limits
     for path, mode, size in listing:
         is_file, parts = stat.S_ISREG(mode), path.split("/")
         total += size * is_file
+        is_other = not is_file and not stat.S_ISDIR(mode)
         faults = {
             "the name is not plain": not all(map(plain_name, parts)),
             f"lies in more than {_DEPTH} folders": len(parts) > _DEPTH,
-            "is no file: a link, a submodule, a pipe or a device": not is_file
-            and not stat.S_ISDIR(mode),
+            "is no file: a link, a submodule, a pipe or a device": is_other,
             "is an executable file": is_file and bool(mode & stat.S_IXUSR),
             "differs from another name only in case": path.casefold() in names,
         }
@@ -156,7 +150,8 @@ def _check_claims(
     given: Submission, place: Place, known: Mapping[Place, Submission]
 ) -> Iterator[UserError | str]:
     """Yield names that readers would take for another's, and notes on claims for the reviewer."""
-    yield from (f"key '{key}' is ignored" for key in EARLIER_KEYS if key in given.model_fields_set)
+    ignored = (key for key in rules.EARLIER_KEYS if key in given.model_fields_set)
+    yield from (f"key '{key}' is ignored" for key in ignored)
     others = {at: one for at, one in known.items() if at != place}
     for at, one in others.items():
         is_rival, whose = at[:2] == place[:2], f"of team {one.team!r}, in {at.path}"
@@ -166,7 +161,7 @@ def _check_claims(
             if name != other and name.casefold() == other.casefold():
                 what = f"{key} {name!r} differs from {other!r} only in case"
                 yield _wrong(what, f"write {other!r} if it is the same, else another name")
-            elif name != other and skeleton(name) == skeleton(other):
+            elif name != other and rules.skeleton(name) == rules.skeleton(other):
                 yield f"{key} {name!r} looks like {other!r} {whose}"
         if is_rival and one.method == given.method:
             yield f"{one.method!r} is on this board already, {whose}"
@@ -227,8 +222,6 @@ def check_pipeline(given: Submission, result: Result) -> None:
     near = sum(counts.get("near_prior", 0) for counts in result.counts.values())
     total = sum(counts["queries"] for counts in result.counts.values())
     if near > _NEAR_PRIOR * total and "prior" not in given.pipeline.uses:
-        raise SubmissionError(
-            f"{near:,} of {counted(total, 'pose')} {agreeing(near, 'is', 'are')} the photo's own "
-            "prior, which pipeline.uses does not name",
-            fix='add "prior" to pipeline.uses, or leave queries without an answer out',
-        )
+        what = f"{near:,} of {counted(total, 'pose')}: the photo's own prior, which pipeline.uses "
+        fix = 'add "prior" to pipeline.uses, or leave queries without an answer out'
+        raise SubmissionError(f"{what}does not name", fix=fix)

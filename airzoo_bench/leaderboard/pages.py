@@ -13,10 +13,8 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from functools import lru_cache, partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -26,8 +24,9 @@ from markupsafe import Markup
 
 from airzoo_bench.core.files import atomic_folder, check_new_folder
 from airzoo_bench.core.version import __version__
-from airzoo_bench.leaderboard.answers import read_entries
+from airzoo_bench.leaderboard.answers import Entry, read_entries
 from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.pictures import read_pictures
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.report.packing import content_policy, page_json
@@ -38,38 +37,37 @@ Json = Mapping[str, Any]
 BOARD_JSON = "board.json"
 """The file by which the folder of a site is known."""
 
-_ADDRESS = "127.0.0.1"
 _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored", "code", "paper")
 _PARTS = ("value", "low", "high", "standard_error")
 _SCORED = ("re-scored", "sealed")
+_SHOWN = ("scenes", "conditions")  # by the script of a table
+_COMPARED = ("id", "method", "team", "scores", "scenes", "history")
 _LEADING = 3
 
 
-def build_board(runs: Path, submissions: Path, board: Board, data: Path, out: Path) -> list[str]:
+def build_board(scored: Path, submissions: Path, board: Board, data: Path, out: Path) -> list[str]:
     """Build the site in place of an earlier one, and return why submissions are not shown.
 
-    Folders of runs and submissions may be missing.
+    `scored` holds the folder of runs, which may be missing, as may that of submissions.
     """
     check_new_folder(out, replace=True, mark=BOARD_JSON)
-    content = board_json(runs, submissions, board, data, out.with_name(f"{out.name}.cache"))
+    entries, cache = read_entries(scored / "runs", submissions), out.with_name(f"{out.name}.cache")
+    content = board_json(entries, board, data, cache)
     tables = content["tables"].values()
     files = {f"tables/{table['id']}/table.csv": table_csv(table) for table in tables}
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    files |= {BOARD_JSON: f"{text}\n"} | render_pages(content)
+    files |= {BOARD_JSON: f"{text}\n"} | render_pages(content, scored)
     with atomic_folder(out, replace=True, mark=BOARD_JSON) as folder:
         for path, page in files.items():
-            target = folder / path
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(page, encoding="utf-8", newline="")
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_text(page, encoding="utf-8", newline="")
     failed = [row for table in tables for row in table["rows"] if row["kind"] == "failed"]
     return [f"{row['id']}: no score: {row['reason']}" for row in failed]
 
 
-def board_json(
-    runs: Path, submissions: Path, board: Board, data: Path, cache: Path
-) -> dict[str, Any]:
-    """Return all that the pages show, tables in the order of leaderboard.toml."""
-    entries, tables = read_entries(runs, submissions), {}
+def board_json(entries: Sequence[Entry], board: Board, data: Path, cache: Path) -> dict[str, Any]:
+    """Return all numbers and texts of the pages, tables in the order of leaderboard.toml."""
+    tables = {}
     for benchmark in board.benchmarks:
         for name in benchmark.protocols:
             made = make_table(find_protocol(name, data), benchmark.title, entries, cache)
@@ -77,19 +75,13 @@ def board_json(
             for row in tables[name]["rows"]:
                 row["bibtex"] = bibtex(row, board.title)
     dates = [row["rescored"] for table in tables.values() for row in table["rows"]]
-    return {
-        "schema": 3,
-        "title": board.title,
-        "url": board.url,
-        "repository": board.repository,
-        "updated": max(filter(None, dates), default=None),
-        "made_with": __version__,
-        "benchmarks": [
-            {"name": one.name, "title": one.title, "tables": list(one.protocols)}
-            for one in board.benchmarks
-        ],
-        "tables": tables,
-    }
+    benchmarks = [
+        {"name": one.name, "title": one.title, "tables": list(one.protocols)}
+        for one in board.benchmarks
+    ]
+    head = {"schema": 3, **board.model_dump(include={"title", "url", "repository"})}
+    head |= {"updated": max(filter(None, dates), default=None), "made_with": __version__}
+    return head | {"benchmarks": benchmarks, "tables": tables}
 
 
 def table_csv(table: Json) -> str:
@@ -128,47 +120,34 @@ def bibtex(row: Json, board: str) -> str:
     return f"@misc{{{key},\n" + ",\n".join(lines) + "\n}\n"
 
 
-def serve_folder(site: Path, port: int, show: Callable[[str], None]) -> None:
-    """Serve a site until Ctrl-C."""
-    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
-    with (
-        ThreadingHTTPServer((_ADDRESS, port), handler) as server,
-        suppress(KeyboardInterrupt),
-    ):
-        show(f"http://{_ADDRESS}:{server.server_address[1]}/ (Ctrl-C ends it)\n")
-        server.serve_forever()
-
-
 # --- pages ---
 
 
-def render_pages(board: Json) -> dict[str, str]:
-    """Return the HTML of every page by its path from the site's root."""
-    found = {}
+def render_pages(board: Json, scored: Path) -> dict[str, str]:
+    """Return the HTML of every page by its path from the site's root.
+
+    `scored` holds the pictures of runs.
+    """
+    found, places = {}, ("airzoo_bench.leaderboard", "airzoo_bench.report")
     env = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_read),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(place, "html") for place in places]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         finalize=_show_visible,
         trim_blocks=True,
         lstrip_blocks=True,
-        auto_reload=False,
     )
     env.filters["number"] = float  # infinite ones are texts in board.json
     env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
-    style = _read("style.css", "airzoo_bench.report") + _read("board.css")
+    shared = (_read(name, places[1]) for name in ("style.css", "pictures.css"))
+    style = "".join(shared) + _read("board.css")
 
     def page(path: str, template: str, script: str = "", data: Any = None, **values: Any) -> None:
         code = f'(function () {{\n"use strict";\n{_read(script)}}})();\n' if script else ""
-        found[path] = env.get_template(template).render(
-            policy=content_policy(code, style),
-            style=Markup(style),
-            script=Markup(code),
-            data=None if data is None else Markup(page_json(data)),
-            root="../" * path.count("/"),
-            here=path,
-            **values,
-        )
+        values |= {"policy": content_policy(code, style), "script": Markup(code), "here": path}
+        values |= {"data": None if data is None else Markup(page_json(data))}
+        values |= {"style": Markup(style), "root": "../" * path.count("/")}
+        found[path] = env.get_template(template).render(values)
 
     page("index.html", "front.html")
     page("about.html", "about.html", tables=[*board["tables"].values()])
@@ -177,16 +156,20 @@ def render_pages(board: Json) -> dict[str, str]:
         values = [*_values(table["rows"], lead, "value", "low", "high")] or [0.0]
         ends = (min(values), max(values)) if min(values) < max(values) else None
         views = {"table": table, "lead": lead, "ends": ends, "curve": _timeline(table, lead)}
-        data = {name: table[name] for name in ("scores", "rows")}
+        shown = [{name: row[name] for name in _SHOWN} for row in table["rows"]]
+        data = {"scores": table["scores"], "rows": shown}
         page(f"{home}/index.html", "table.html", "board.js", data, **views)
         ranked = next(iter(table["pairs"].values()), {"ids": ()})["ids"]
         if ranked:
-            data |= {name: table[name] for name in ("scenes", "pairs")}
+            members = [row for row in table["rows"] if row["id"] in ranked]
+            data = {name: table[name] for name in ("scores", "scenes", "pairs")}
+            data["rows"] = [{name: row[name] for name in _COMPARED} for row in members]
             page(f"{home}/compare.html", "compare.html", "compare.js", data, table=table)
         for row in table["rows"]:
             if row["kind"] != "floor":
-                path, comparable = f"{home}/{row['id']}.html", row["id"] in ranked
-                page(path, "method.html", "copy.js", table=table, row=row, comparable=comparable)
+                views = {"table": table, "row": row, "comparable": row["id"] in ranked}
+                views["pictures"] = read_pictures(scored, row["history"])
+                page(f"{home}/{row['id']}.html", "method.html", "copy.js", **views)
     return found
 
 
@@ -197,10 +180,10 @@ def _read(name: str, package: str = "airzoo_bench.leaderboard") -> str:
 
 def _show_visible(value: Any) -> Any:
     """Return a value of a page without letters that are not seen, except line breaks."""
-    if not isinstance(value, str) or hasattr(value, "__html__"):
+    if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable():
         return value
-    return re.sub(r"[^\n]", lambda c: c[0] if c[0].isprintable() else "\N{REPLACEMENT CHARACTER}",
-                  value)  # fmt: skip
+    shown = (c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in value)
+    return "".join(shown)
 
 
 def _text(column: Json, value: Any) -> str:

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,13 @@ from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.evaluate import save, truth_fingerprint
 from airzoo_bench.evaluation.predictions import read_truths
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard import answers, checks, pull_request
+from airzoo_bench.leaderboard import answers, checks, git
 from airzoo_bench.leaderboard.answers import Answer, run_folders
 from airzoo_bench.leaderboard.board import Board, Place, known_submissions
 from airzoo_bench.leaderboard.checks import FETCHED, FETCHING_S, CheckedSubmission
 from airzoo_bench.leaderboard.comment import Found
-from airzoo_bench.leaderboard.data_branch import DataBranch
+from airzoo_bench.leaderboard.git import DataBranch
+from airzoo_bench.leaderboard.pictures import draw_pictures
 from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
 from airzoo_bench.leaderboard.sealing import commitment_of
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
@@ -32,7 +34,7 @@ from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
 
 # No submitter can put these right.
-_OF_BOARD = (pull_request.BoardError, errors.BenchmarkError, errors.ProtocolError)
+_OF_BOARD = (git.BoardError, errors.BenchmarkError, errors.ProtocolError)
 _SAME = 0.99  # of all records: few methods agree in so many
 
 
@@ -71,51 +73,33 @@ class Rules:
         options: Any = {"known": known, "seconds": seconds, "run": self.run}
         return checks.check_submission(folder, self.board, self.data, **options)
 
-    def check_sound(
-        self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
-    ) -> tuple[CheckedSubmission, Submission]:
-        """Return a submission without errors, or raise its first one."""
-        checked = self.check(folder, known, seconds)
-        for error in checked.errors:
-            raise type(error)(error.what, where=Place.from_folder(folder).path, fix=error.fix)
-        assert checked.submission is not None  # without errors it was read
-        return checked, checked.submission
-
     def score(self, checked: CheckedSubmission, tree: str, run: Path) -> Answer:
         """Score a sound submission into the folder of a run."""
-        save(checked.score(self.data, self.run), run)
+        scored = checked.score(self.data, self.run)
+        save(scored, run, partial(draw_pictures, scored, self.run))
         answer = answers.measure(run, tree)
-        if checked.submission is not None:
-            answers.write_run(run, checked.submission, answer)
+        answers.write_run(run, checked.sound, answer)
         return answer
 
 
 # --- a pull request ---
 
 
-def score_pull_request(
-    pull: pull_request.PullRequest, remote: str, rules: Rules, work: Path
-) -> Found:
+def score_pull_request(pull: git.PullRequest, remote: str, rules: Rules, work: Path) -> Found:
     """Check a pull request, and score it where the truth is public."""
     found = Found(pull_request=pull.number, account=pull.account, head=pull.head)
     about: dict[str, Any] = {}
     if pull.base != rules.board.branch:
         return found
-    repository = pull_request.Repository(work / "pull", remote)
+    repository = git.Repository(work / "pull", remote)
     branch = DataBranch(work / "data", remote)
-
-    def former_owner(place: Place) -> int | None:
-        runs = run_folders(branch.folder / place.runs)[:1]
-        files = (run / SUBMISSION_FILE for run in runs)
-        return next((read_submission(file, public=True).account or 0 for file in files), None)
-
     try:
-        changed = pull_request.fetch_changed(repository, pull, rules.board, former_owner)
+        changed = git.fetch_changed(repository, pull, rules.board, branch.find_owner)
         if changed is None:
             return found
         about = {"place": changed[0], "kind": "withdrawn"}
         if changed[1]:
-            pull_request.write_files(repository, pull.head, changed[0], rules.board, work)
+            git.write_files(repository, pull.head, changed[0], rules.board, work)
             about |= _score_written(changed[0], pull, branch, rules, work)
     except _OF_BOARD:
         raise
@@ -128,7 +112,7 @@ def score_pull_request(
 
 
 def _score_written(
-    place: Place, pull: pull_request.PullRequest, branch: DataBranch, rules: Rules, work: Path
+    place: Place, pull: git.PullRequest, branch: DataBranch, rules: Rules, work: Path
 ) -> dict[str, Any]:
     """Check and score the one submission that a pull request changes; return its findings."""
     known, folder = known_submissions(rules.root), work / place.path
@@ -138,11 +122,9 @@ def _score_written(
     if pull.account not in (own, *rules.board.maintainers):
         what = f"key 'account' is {own or 'missing'}, but that of the pull request is "
         fix = f"write account = {pull.account}"
-        error = pull_request.RefusedError(f"{what}{pull.account}", where=place.path, fix=fix)
-        checked.errors.append(error)
-    for fault in checked.errors:
-        if isinstance(fault, _OF_BOARD):
-            raise fault
+        checked.errors.append(git.RefusedError(f"{what}{pull.account}", where=place.path, fix=fix))
+    for fault in (one for one in checked.errors if isinstance(one, _OF_BOARD)):
+        raise fault
     if checked.errors or given is None or predictions is None:
         return {"kind": "refused", "problems": checked.errors}
     tree = sha256_of_tree(folder)
@@ -197,7 +179,7 @@ def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Fou
         raise SubmissionError("the truth of this benchmark is not sealed")
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
-    checked, _ = rules.check_sound(work / place.path, {})
+    checked = rules.check(work / place.path, {})
     if sha256_of_tree(checked.folder) != found.tree:
         raise SubmissionError("not the files that the first job has checked", where=place.path)
     try:
@@ -256,8 +238,8 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
         for at, one in known_submissions(rules.root).items()
         if at == place or run_folders(out / at.runs)
     }
-    checked, given = rules.check_sound(folder, known)
-    run = answers.next_run(out / place.runs)
+    checked, run = rules.check(folder, known), answers.next_run(out / place.runs)
+    given = checked.sound
     if sealed:
         path = branch.answer_path(tree)
         answer = answers.read_answer(path) if path.is_file() else None
@@ -276,7 +258,7 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
         return "new words, the same scores"
     else:
         if checked.predictions is None:
-            checked, _ = rules.check_sound(folder, known, FETCHING_S)
+            checked = rules.check(folder, known, FETCHING_S)
         rules.score(checked, tree, run)
     return "scored" if before is None or counts else "scored again: another protocol or truth"
 

@@ -14,7 +14,6 @@ import secrets
 import shutil
 import tarfile
 import tempfile
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +22,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile, SealedTruth, write_benchmark_file
+from airzoo_bench.benchmark.images import bare_photo
 from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, POSE_COLUMNS, PRIOR_COLUMNS, poses_of
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core import files
@@ -94,27 +94,15 @@ def recipient(text: str) -> Any:
 # --- sealing ---
 
 
-def seal(
-    folder: Path,
-    public: Path,
-    archive: Path,
-    to: Any,
-    *,
-    replace: bool = False,
-    progress: Progress = silent,
-) -> tuple[str, Counter[str]]:
-    """Write the public folder and the archive, both or neither.
+def seal(folder: Path, public: Path, to: Any, progress: Progress = silent) -> tuple[Path, str]:
+    """Write the public folder and, beside it, the archive, both or neither.
 
-    Return the commitment, and how many files are public, sealed and cut.
+    Return the archive and the commitment.
     """
-    out, counts = public.resolve(), Counter[str]()
-    if out.parent != archive.resolve().parent or out.is_relative_to(folder.resolve()):
-        expected = "both in one folder, which is not the one that is sealed"
-        raise UsageError("a wrong place", where="--out, --archive", expected=expected)
-    files.check_new_folder(public, replace=replace)
-    files.check_output_file(archive)
-    if archive.exists() and not replace:
-        raise UsageError("exists already", where=archive, fix="name another, or --force")
+    archive = public.with_name(f"{public.name}.age")
+    for path in (public, archive):
+        if path.exists():
+            raise UsageError("exists already", where=path, fix="name another, or move it away")
     benchmark = Benchmark.open(folder)
     _refuse_known_truth(benchmark)
     kinds = public_files(benchmark)
@@ -135,7 +123,6 @@ def seal(
                     member.size = path.stat().st_size
                     with path.open("rb") as stream:
                         tar.addfile(member, stream)
-                counts["public" if is_same else "cut" if kind == "photo" else "sealed"] += 1
         plain.flush()
         commitment = files.sha256_of(Path(plain.name))
         update = {
@@ -148,7 +135,7 @@ def seal(
             load_pyrage().encrypt_io(plain, stream, [to])
         for path in (*target.rglob("*"), target):
             os.utime(path, (_TIME, _TIME))
-    return commitment, counts
+    return archive, commitment
 
 
 def commitment_of(public: Benchmark) -> str:
@@ -158,22 +145,16 @@ def commitment_of(public: Benchmark) -> str:
 
 def _refuse_known_truth(benchmark: Benchmark) -> None:
     """Refuse a benchmark if the priors that methods are given are the truth."""
-    prior = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source", "metadata")
-    if prior != "metadata":
-        what = f"its methods are given the truth: prior.source is {prior!r}"
-        raise BenchmarkError(what, where=benchmark.folder, expected="priors from metadata")
+    source = benchmark.file.tracks.get("matching", {}).get("prior", {}).get("source", "metadata")
+    near = source != "metadata"
     for scene in benchmark.file.scenes:
-        path, columns = (
-            benchmark.scene_folder(scene.id) / "queries.csv",
-            POSE_COLUMNS + PRIOR_COLUMNS,
-        )
-        photos = read_table(path, ("id",))
-        if {*columns} <= {*photos.columns}:
-            known = photos.dropna(subset=[*columns])
-            poses, priors = poses_of(known), poses_of(known, PRIOR_COLUMNS)
-            if near := count_near(poses, priors, _SAME_M, _SAME_DEG):
-                what = f"priors equal the true pose: {near} of {len(photos)}"
-                raise BenchmarkError(what, where=path, expected="priors that were measured apart")
+        photos = read_table(benchmark.scene_folder(scene.id) / "queries.csv", ("id",))
+        known = photos.reindex(columns=[*POSE_COLUMNS, *PRIOR_COLUMNS]).dropna()
+        poses, priors = poses_of(known), poses_of(known, PRIOR_COLUMNS)
+        near += count_near(poses, priors, _SAME_M, _SAME_DEG)
+    if near:
+        what = f"priors equal the true pose: {near}, and prior.source is {source!r}"
+        raise BenchmarkError(what, where=benchmark.folder, expected="priors that were measured")
 
 
 # --- the public folder ---
@@ -273,79 +254,16 @@ def opened_truth(public: Path, archive: Path, key: Any) -> Iterator[Path]:
 
 def _extract(archive: Path, key: Any, committed: str, target: Path) -> None:
     """Write the sealed files of the archive that was committed to."""
-    pyrage, said = load_pyrage(), "belongs to another public folder"
+    pyrage = load_pyrage()
     with tempfile.NamedTemporaryFile(dir=target) as plain, archive.open("rb") as stream:
         try:
             pyrage.decrypt_io(stream, plain, [key])
             plain.flush()
-            if files.sha256_of(Path(plain.name)) == committed:
-                with tarfile.open(plain.name) as tar:
-                    return tar.extractall(target, filter="data")
         except (pyrage.DecryptError, OSError) as error:
             if isinstance(error, OSError) and error.errno:  # pyrage's has no number
                 raise
-            said = "was sealed to another key" if "No matching keys" in str(error) else "is damaged"
-    expected = "the archive, and its key, of the run of `airzoo-bench seal` that made the folder"
-    raise BenchmarkError(said, where=archive, expected=expected, fix="copy the archive again")
-
-
-# --- photos without metadata: cut, not encoded again ---
-
-_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
-_END, _SCAN, _JFIF, _ADOBE = 0xD9, 0xDA, 0xE0, 0xEE
-# Frames (except hierarchical ones), tables of Huffman, arithmetic and quantisation, DNL, DRI.
-_JPEG_KEPT = frozenset((*range(0xC0, 0xC5), *range(0xC9, 0xCD), 0xDB, 0xDC, 0xDD, _END, _SCAN))
-_JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD8), _END))
-# A scan, with its coded data: up to a marker that is no stuffed byte and no restart.
-_CODED = re.compile(rb"(?:[^\xff]|\xff[\x00\xd0-\xd7])*+", re.DOTALL)
-_PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
-
-
-def bare_photo(data: bytes, where: Path) -> bytes:
-    """Return the parts of a JPEG or PNG that make the picture."""
-    try:
-        for mark, parts in ((_JPEG, _jpeg_parts), (_PNG, _png_parts)):
-            if data.startswith(mark):
-                return b"".join(parts(data))
-    except (IndexError, ValueError):
-        pass
-    what, fix = "its metadata cannot be taken out", "write it again, and prepare the benchmark anew"
-    raise BenchmarkError(what, where=where, expected="a complete JPEG or PNG", fix=fix)
-
-
-def _jpeg_parts(data: bytes) -> Iterator[bytes]:
-    """Yield the parts that stay; a scan has its coded data with it."""
-    yield data[:2]
-    place, code = 2, 0
-    while code != _END:
-        if data[place] != 0xFF:
-            raise ValueError("no marker")
-        while data[place + 1] == 0xFF:  # fill bytes
-            place += 1
-        code, end = data[place + 1], place + 2
-        if code not in _JPEG_ALONE:
-            end += int.from_bytes(data[end : end + 2], "big")
-            if end > len(data) or end < place + 4:
-                raise ValueError("a segment without an end")
-        body = data[place + 4 : end]
-        # JFIF without a preview, and how the colours are coded.
-        plain = len(body) == 14 and body.startswith(b"JFIF\0") and body[12:] == b"\0\0"
-        plain = plain if code == _JFIF else len(body) == 12 and body.startswith(b"Adobe")
-        if code == _SCAN and (coded := _CODED.match(data, end)):
-            end = coded.end()
-        if code in _JPEG_KEPT or (code in (_JFIF, _ADOBE) and plain):
-            yield data[place:end]
-        place = end
-
-
-def _png_parts(data: bytes) -> Iterator[bytes]:
-    yield _PNG
-    place, kind = len(_PNG), b""
-    while kind != b"IEND":
-        kind = data[place + 4 : place + 8]
-        end = place + 12 + int.from_bytes(data[place : place + 4], "big")
-        if len(kind) < 4 or end > len(data):
-            raise ValueError("a chunk without an end")
-        if kind in _PNG_KEPT:
-            yield data[place:end]
-        place = end
+        if files.sha256_of(Path(plain.name)) != committed:
+            what = "is damaged, or not of this public folder and key"
+            raise BenchmarkError(what, where=archive, fix="copy it again, from the run of `seal`")
+        with tarfile.open(plain.name) as tar:
+            tar.extractall(target, filter="data")

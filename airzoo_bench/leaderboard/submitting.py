@@ -20,14 +20,10 @@ from pydantic import TypeAdapter, ValidationError
 from airzoo_bench.core.errors import SubmissionError, UsageError
 from airzoo_bench.core.files import atomic_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, validated
+from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import Board, Limits, Place
 from airzoo_bench.leaderboard.checks import check_listing, size_of_tree
-from airzoo_bench.leaderboard.submission import (
-    SUBMISSION_FILE,
-    Pipeline,
-    Submission,
-    submission_text,
-)
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission
 from airzoo_bench.protocol.model import find_protocol
 
 _LISTS = ("authors", "training_data")
@@ -45,10 +41,8 @@ def ask_missing(given: Mapping[str, Any], more: Sequence[str]) -> dict[str, Any]
         fix = "add these options, or call it on a terminal, where it asks"
         raise UsageError(f"missing: {', '.join(names)}", fix=fix)
     values = dict(given) | {key: _ask(key) for key in missing}
-    for key in _LISTS:
-        values[key] = [] if [*values[key]] == ["none"] else [*values[key]]
-    values["pipeline"] = {"stages": values.pop("stages")}
-    values["date"] = datetime.datetime.now(datetime.UTC).date()
+    values |= {key: [] if [*values[key]] == ["none"] else [*values[key]] for key in _LISTS}
+    values |= {"pipeline": {"stages": values.pop("stages")}, "date": datetime.date.today()}
     for text in more:
         name, _, value = text.partition("=")
         try:
@@ -61,7 +55,7 @@ def ask_missing(given: Mapping[str, Any], more: Sequence[str]) -> dict[str, Any]
 
 def _ask(key: str) -> Any:
     """Ask until the answer is one that submission.toml takes."""
-    field: Any = (Pipeline if key == "stages" else Submission).model_fields[key]
+    field: Any = (rules.Pipeline if key == "stages" else Submission).model_fields[key]
     adapter: TypeAdapter[Any] = TypeAdapter(field.rebuild_annotation())
 
     def convert(answer: str) -> Any:
@@ -109,7 +103,7 @@ def write_submission(
             shutil.copytree(predictions, staged / name, copy_function=shutil.copyfile)
         elif url is None:
             shutil.copyfile(predictions, staged / name)
-        (staged / SUBMISSION_FILE).write_text(submission_text(stated), "utf-8", newline="")
+        (staged / SUBMISSION_FILE).write_text(rules.submission_text(stated), "utf-8", newline="")
 
 
 # --- git ---

@@ -17,28 +17,16 @@ from airzoo_bench.core.registry import load_track
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.about import about_file, load_about
 from airzoo_bench.geometry.arrays import Bools, Floats
-from airzoo_bench.leaderboard.answers import (
-    Answer,
-    Conditions,
-    Entry,
-    Head,
-    Row,
-    Scene,
-    Score,
-    make_row,
-    pack,
-)
+from airzoo_bench.leaderboard import answers as kept
+from airzoo_bench.leaderboard.answers import Answer, Entry, Head, Row, Score
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics import significance
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.tables.published import (
-    OVERALL,
-    published_sources,
-    published_values,
-    read_source_file,
-)
+from airzoo_bench.tables import published
+from airzoo_bench.tables.layouts import MethodRow, MethodTable, with_published
+from airzoo_bench.tables.published import OVERALL
 
 _OLD = "scored by another protocol or truth, earlier"
 
@@ -51,7 +39,7 @@ class Table(Head):
     summary: str
     benchmark_title: str
     scores: tuple[ScoreColumn, ...]
-    conditions: tuple[Conditions, ...] = ()
+    conditions: tuple[kept.Conditions, ...] = ()
     rows: tuple[Row, ...] = ()
     pairs: dict[str, dict[str, Any]]
     about_intervals: str = ""
@@ -67,26 +55,15 @@ def make_table(
 
     Ranked are those of the newest protocol and truth, in the order of their folders.
     """
-    place = protocol.benchmark, protocol.track
-    mine = [e for e in entries if e.place[:2] == place and e.protocol in ("", protocol.name)]
+    name, at = protocol.benchmark, (protocol.benchmark, protocol.track)
+    mine = [e for e in entries if e.place[:2] == at and e.protocol in ("", protocol.name)]
     scored = [(entry, entry.answer) for entry in mine if entry.answer is not None]
     newest = _basis(max((answer for _, answer in scored), key=_age)) if scored else ()
     ranked = [(entry, answer) for entry, answer in scored if _basis(answer) == newest]
     members, answers = [entry for entry, _ in ranked], [answer for _, answer in ranked]
     places = {entry.place for entry in members}
     first = answers[0] if answers else None
-    head = (
-        first.head
-        if first
-        else Head(
-            benchmark=protocol.benchmark,
-            track=protocol.track,
-            protocol=protocol.name,
-            protocol_version=protocol.version,
-            protocol_fingerprint=protocol.fingerprint,
-            scenes=tuple(Scene(id=s.id, title=s.title, queries=s.queries) for s in protocol.scenes),
-        )
-    )
+    head = first.head if first else _head_of(protocol)
     columns = _columns(answers, protocol)
     pairs = {c.key: _rank(members, answers, c, cache) for c in columns if c.headline and members}
     reported = [] if head.sealed else _reported(head, columns)
@@ -98,14 +75,13 @@ def make_table(
     lead = next((column for column in columns if column.key in known), columns[0])
     floors = {row.method: row for answer in reversed(answers) for row in answer.floors}
     unscored: dict[str, Any] = {"kind": "failed", "scores": {}, "scenes": {}, "conditions": {}}
-    unscored["history"] = ()
     failed = [
-        entry.row.model_copy(update=unscored | {"reason": entry.row.reason or _OLD})
-        for entry in mine
-        if entry.place not in places
+        e.row.model_copy(update=unscored | {"history": (), "reason": e.row.reason or _OLD})
+        for e in mine
+        if e.place not in places
     ]
     rows = [*sorted(shown, key=lambda row: _order(lead, row)), *floors.values(), *failed]
-    name, papers = head.benchmark, map(read_source_file, published_sources().values())
+    papers = map(published.read_source_file, published.published_sources().values())
     versions = ", ".join(sorted({answer.version for answer in answers}))
     return Table(
         **dict(head),
@@ -122,6 +98,14 @@ def make_table(
         data=(load_about(name).page or None) if about_file(name).is_file() else None,
         paper=next((one.url for one in papers if name in one.benchmarks.values()), None),
     )
+
+
+def _head_of(protocol: Protocol) -> Head:
+    """Return the head of a table in which nothing was scored yet."""
+    scenes = [{"id": s.id, "title": s.title, "queries": s.queries} for s in protocol.scenes]
+    facts = {"benchmark": protocol.benchmark, "track": protocol.track, "protocol": protocol.name}
+    facts |= {"protocol_version": protocol.version, "scenes": scenes}
+    return Head.model_validate(facts | {"protocol_fingerprint": protocol.fingerprint})
 
 
 def _basis(answer: Answer) -> tuple[Any, ...]:
@@ -148,23 +132,21 @@ def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]
 
 def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
     """Return the methods that papers print numbers of; a number comes from the first that does."""
-    factors = {column.key: 100 if column.unit == "share" else 1 for column in columns}
-    scenes = {scene.title: scene.id for scene in head.scenes} | {OVERALL: OVERALL}
-    numbers: dict[str, dict[str, dict[str, float]]] = {}
-    sources: dict[str, dict[str, None]] = {}
-    cells = published_values(head.benchmark, head.track)
-    printed = [cell for cell in cells if cell.scene in scenes and cell.metric in factors]
-    scenic = {cell.table for cell in printed if cell.scene != OVERALL}
-    for cell in sorted(printed, key=lambda cell: cell.table not in scenic):
-        found = numbers.setdefault(cell.method, {}).setdefault(scenes[cell.scene], {})
-        if cell.metric not in found:
-            found[cell.metric] = float(cell.value) / factors[cell.metric]
-            sources.setdefault(cell.method, {})[cell.table] = None
-    return [
-        make_row(numbers[method].pop(OVERALL, {}), numbers[method], kind="reported", method=method,
-                 source="; ".join(tables))
-        for method, tables in sources.items()
-    ]  # fmt: skip
+    titles, found = {scene.id: scene.title for scene in head.scenes}, dict[str, MethodRow]()
+    empty = MethodTable("", head.benchmark, head.track, tuple(columns), titles)
+    cells = published.published_values(head.benchmark, head.track)
+    for scenes in ([OVERALL], [*titles, OVERALL]):  # a row by scene replaces that of averages
+        found |= {row.method: row for row in with_published(empty, cells, scenes).rows}
+    factors, rows = {column.key: 100 if column.unit == "share" else 1 for column in columns}, []
+    for name, row in found.items():
+        values = {
+            scene: {key: value / factors[key] for key, value in part.items()}
+            for scene, part in row.values.items()
+        }
+        overall = values.pop(OVERALL, {})
+        facts = {"kind": "reported", "method": name, "source": row.reported}
+        rows.append(kept.make_row(overall, values, **facts))
+    return rows
 
 
 def _order(lead: ScoreColumn, row: Row) -> tuple[bool, float, str, str]:
@@ -212,7 +194,7 @@ def _rank(
         return {}
     upper, found = np.triu_indices(len(members), 1), (*limits, p_values, corrected)
     packed = {
-        name: pack(matrix[upper] + 0.0, "<f4")  # no -0.0
+        name: kept.pack(matrix[upper] + 0.0, "<f4")  # no -0.0
         for name, matrix in zip(("low", "high", "p", "p_holm"), found, strict=True)
     }
     return {"ids": [one.place.folder for one in members]} | packed
@@ -244,20 +226,18 @@ def _compare_pairs(
     mark = [*_basis(answers[0]), column.key, resampling.resamples, __version__]
     path = cache / f"pairs-{fingerprint(mark)}.npz"
     names = [fingerprint([one, answer.values]) for one, answer in zip(ids, answers, strict=True)]
-    then, matrices = dict[str, int](), np.zeros((3, 0, 0))
+    then, matrices = list[str](), np.zeros((3, 0, 0))
     if path.is_file():
         with np.load(path, allow_pickle=False) as stored:
-            then = {name: n for n, name in enumerate(stored["names"].tolist())}
-            matrices = stored["pairs"]
+            then, matrices = stored["names"].tolist(), stored["pairs"]
     known = [n for n, name in enumerate(names) if name in then]
-    old = [then[names[n]] for n in known]
+    old = [then.index(names[n]) for n in known]
     wanted: Bools = np.ones((len(names),) * 2, np.bool_)
     wanted[np.ix_(known, known)] = False
     found = np.ones((3, *wanted.shape))
     if np.triu(wanted, 1).any():
         found = significance.compare_all(_sample_of(answers, column), resampling, wanted)
-    for matrix, stored_one in zip(found, matrices, strict=True):
-        matrix[np.ix_(known, known)] = stored_one[np.ix_(old, old)]
+    found[:, *np.ix_(known, known)] = matrices[:, *np.ix_(old, old)]
     with atomic_write(path) as stream:
         write_npz(stream, {"names": np.array(names), "pairs": found})
     return found

@@ -51,7 +51,7 @@ _TRACKS = {
     "reconstruction": "Multi-view reconstruction",
 }
 _SCRIPTS = ("core.js", "tables.js", "queries.js", "map.js", "clouds.js", "main.js")
-_STYLES = ("style.css", "report.css")
+_STYLES = ("style.css", "pictures.css", "report.css")
 
 
 def make_report(

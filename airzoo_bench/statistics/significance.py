@@ -134,7 +134,8 @@ def compare_pairs(
     """
     draws = _Draws(sample, resampling)
     units = sum(part.shape[1] for part in sample.values)
-    step = max(1, _CELLS // max(units, resampling.resamples))
+    cells = max(1, units, 0 if sample.are_shares.all() else resampling.resamples)
+    step = max(1, _CELLS // cells)
     starts = range(0, max(1, len(pairs)), step)
     parts = [_compare(draws, pairs[start : start + step], tails) for start in starts]
     return PairNumbers(*(np.concatenate(field) for field in zip(*parts, strict=True)))
@@ -208,8 +209,11 @@ def _permute(
     if len(rest):
         count, observed = draws.resampling.resamples, np.abs(scaled[rest].sum(axis=1))
         largest = np.max([np.abs(gap[rest]).max(axis=1) for gap in gaps], axis=0)
-        sums = np.abs(draws.signed[one[rest]] - draws.signed[other[rest]])
-        extreme = (sums >= (observed - TIE * largest)[:, None]).sum(axis=1)
+        signed, least = draws.signed, observed - TIE * largest
+        # Pair by pair: two rows of draws stay in the processor's cache.
+        trios = zip(one[rest], other[rest], least, strict=True)
+        are_extreme = (np.abs(signed[a] - signed[b]) >= limit for a, b, limit in trios)
+        extreme = np.array([*map(np.count_nonzero, are_extreme)])
         p_values[rest] = (extreme + 1) / (count + 1)
         few = rest[extreme < _RESOLVED]
         if tails and len(few):
@@ -290,11 +294,6 @@ def correct_pairs(p_values: Floats) -> Floats:
     return np.minimum(corrected, corrected.T)
 
 
-def differ_significantly(values: Floats, corrected: Floats) -> Bools:
-    """Return which two variables (V, V) differ significantly; equal values never do."""
-    return np.asarray((corrected <= LEVEL) & (values[:, None] != values))
-
-
 def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) -> NDArray[np.int64]:
     """Return the range of ranks (V, 2) of variables, by values (V,) and corrected p (V, V).
 
@@ -302,7 +301,7 @@ def rank_ranges(values: Floats, corrected: Floats, *, higher_is_better: bool) ->
     chance of at least 95 % all true ranks lie in them (Mogstad, Romano, Shaikh and Wilhelm 2024).
     """
     signed = values if higher_is_better else -values
-    apart = differ_significantly(signed, corrected)
+    apart = (corrected <= LEVEL) & (signed[:, None] != signed)  # equal values never differ
     better, worse = apart & (signed > signed[:, None]), apart & (signed < signed[:, None])
     return np.stack([1 + better.sum(axis=1), len(signed) - worse.sum(axis=1)], axis=1)
 

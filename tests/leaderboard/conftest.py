@@ -8,16 +8,21 @@ import json
 import os
 import shutil
 import subprocess
+import tomllib
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
+import pandas as pd
 import pytest
 import tomli_w
+from PIL import Image, PngImagePlugin
 from typer.testing import CliRunner, Result
 
+from airzoo_bench.benchmark.folder import BenchmarkFile, write_benchmark_file
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.leaderboard import answers
@@ -27,9 +32,10 @@ from airzoo_bench.leaderboard.pages import build_board
 from airzoo_bench.leaderboard.submission import Submission, submission_text
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
+from tests.api.place import NAME, make_field
 from tests.report.conftest import browser
 from tests.statistics.support import HIT, made_method, write_method
-from tests.support import protocol, write_predictions
+from tests.support import made_once, protocol, write_predictions
 
 __all__ = ["browser"]
 
@@ -99,6 +105,46 @@ def checked(folder: Path, data: Path, seconds: float = 0.0) -> CheckedSubmission
     return check_submission(folder, board, data, known=known_submissions(root), seconds=seconds)
 
 
+# --- a benchmark of every track ---
+
+SCENE, TRUE_PLACE = f"scenes/{NAME}", "401234.5 3120234.5"
+
+
+def write_sums(folder: Path) -> None:
+    """Write the checksums of a folder whose files were changed by hand."""
+    values = tomllib.loads((folder / "benchmark.toml").read_text())
+    write_benchmark_file(folder, BenchmarkFile.model_validate(values))
+
+
+def make_host(root: Path) -> None:
+    """Make a benchmark of every track with all files that `prepare` can write, and a host's own."""
+    with mock.patch.dict("os.environ", {"AIRZOO_BENCH_DATA": str(root / "data")}):
+        folder = make_field(root, "--copy", "--tiles", "files", "--crops", "files")
+    notes = PngImagePlugin.PngInfo()
+    notes.add_text("place", TRUE_PLACE)
+    with Image.open(path := folder / "data" / NAME / "images/a.png") as image:
+        image.save(path, pnginfo=notes)
+    tiles, photos = (
+        folder / SCENE / name for name in ("retrieval/tiles.parquet", "reconstruction/photos.csv")
+    )
+    pd.read_parquet(tiles).assign(seen_share=0.5).to_parquet(tiles)
+    pd.read_csv(photos).assign(seen_share=0.5).to_csv(photos, index=False)
+    write_sums(folder)
+
+
+@pytest.fixture(scope="session")
+def host(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made_once(tmp_path_factory, "host", make_host) / "data" / NAME
+
+
+def write_template(track: str, data: Path, folder: Path) -> Path:
+    """Write random predictions for a track of it, where a submission would have them."""
+    path = folder / NAME / track / "m" / ("p" if track == "reconstruction" else "p.npz")
+    path.parent.mkdir(parents=True)
+    run("template", f"{NAME}-{track}", "--data", data, "--out", path)
+    return path
+
+
 # --- runs, and the board that is built of them ---
 
 
@@ -156,7 +202,7 @@ def built(root: Path, out: str = "site") -> tuple[Path, list[str]]:
     place.write_text(tomli_w.dumps(keys), encoding="utf-8")
     (root / BOARD_FILE).write_text(BOARD)
     board, site = read_board(root / BOARD_FILE), root / out
-    return site, build_board(root / "runs", root / "submissions", board, root / "data", site)
+    return site, build_board(root, root / "submissions", board, root / "data", site)
 
 
 def board_of(site: Path) -> Any:

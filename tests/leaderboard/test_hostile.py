@@ -12,7 +12,7 @@ import pytest
 
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.leaderboard import pull_request
+from airzoo_bench.leaderboard import git as board_git
 from airzoo_bench.leaderboard.board import Board as Rules
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.comment import MARK, Found, comment_on
@@ -67,16 +67,16 @@ THEIRS_GONE: dict[str, File] = dict.fromkeys([*ON_MAIN][1:3])
 def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: str = "") -> str:
     """Return what is wrong with a pull request; a sound one lies in `folder` / out then."""
     hosted.pull(1, pulled or head)
-    repository = pull_request.Repository(folder / "pull", str(hosted.folder))
-    pull = pull_request.PullRequest(1, head, "main", account)
+    repository = board_git.Repository(folder / "pull", str(hosted.folder))
+    pull = board_git.PullRequest(1, head, "main", account)
     owners = {"gone": BOB}
     try:
-        found = pull_request.fetch_changed(
+        found = board_git.fetch_changed(
             repository, pull, RULES, lambda place: owners.get(place.folder)
         )
         assert found is not None
         if found[1]:
-            pull_request.write_files(repository, head, found[0], RULES, folder / "out")
+            board_git.write_files(repository, head, found[0], RULES, folder / "out")
     except SubmissionError as error:
         return str(error)
     return ""

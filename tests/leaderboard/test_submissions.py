@@ -270,7 +270,7 @@ def test_names_and_predictions_that_are_there_already(root: Path, data: Path, pe
 def test_poses_that_are_the_prior_belong_to_its_class() -> None:
     result = made_method({"east": {"recall@1": [1.0] * 10}}).result
     result = result.model_copy(update={"counts": {"east": {"queries": 10, "near_prior": 2}}})
-    with pytest.raises(SubmissionError, match="2 of 10 poses are the photo's own prior"):
+    with pytest.raises(SubmissionError, match="2 of 10 poses"):
         checks.check_pipeline(submission(), result)
     pipeline = {"stages": "single-stage", "uses": ["prior"]}
     checks.check_pipeline(submission(pipeline=pipeline), result)

@@ -1,26 +1,32 @@
-"""Pull requests: they may change one submission, in one folder, which is their author's own.
+"""Git: pull requests, which may change one submission of their author's own, and the data branch.
 
-Git is a store of strangers' objects: no work tree of theirs, no filters, no hooks.
+Git is a store of strangers' objects: no work tree of theirs, no filters, no hooks. The branch with
+the board's data (runs, tries, answers of sealed truths) is written by CI only.
 """
 
 from __future__ import annotations
 
 import base64
+import csv
+import datetime
 import json
 import os
 import re
+import shutil
 import stat
 import subprocess
+import time
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from airzoo_bench.core.errors import SubmissionError, first_of, printable, readable
+from airzoo_bench.core.errors import SubmissionError, counted, first_of, printable, readable
 from airzoo_bench.core.files import read_text
-from airzoo_bench.leaderboard.board import Board, Place
+from airzoo_bench.leaderboard.answers import FAULT_FILE, TIME, Answer, run_folders
+from airzoo_bench.leaderboard.board import Board, Limits, Place
 from airzoo_bench.leaderboard.checks import MOST_FILES, check_listing
-from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, read_submission
 
 TOKEN_VARIABLE = "GIT_TOKEN"
 """The variable of the environment with a token for the remote; it never stands in arguments."""
@@ -42,6 +48,11 @@ _LISTING_BYTES = (MOST_FILES + 1) * 512  # of an entry's line; paths are some th
 _EMPTY_TREE = "4b825dc642cb6eb9a060e54bf8d69288fbee4904"
 _HEAD, _BASE = "refs/heads/head", "refs/heads/base"
 _BATCH = 64
+_DATA, _COPY = "refs/heads/leaderboard-data", "refs/remotes/origin/data"
+_PUSHES = 8
+
+FindOwner = Callable[[Place], int | None]
+_TRIES_FILE = "tries.csv"
 
 
 class BoardError(SubmissionError):
@@ -148,14 +159,12 @@ def read_event(path: Path) -> PullRequest:
 
 
 def fetch_changed(
-    repository: Repository,
-    pull: PullRequest,
-    board: Board,
-    former_owner: Callable[[Place], int | None],
+    repository: Repository, pull: PullRequest, board: Board, find_owner: FindOwner
 ) -> tuple[Place, bool] | None:
     """Fetch a pull request without the files' content, and return which submission it changes.
 
-    Also return whether it leaves it there; None where it changes none.
+    Also return whether it leaves it there; None where it changes none. `find_owner` knows the
+    accounts of submissions that were withdrawn.
     """
     refs = {f"refs/pull/{pull.number}/head": _HEAD, f"refs/heads/{pull.base}": _BASE}
     repository.fetch(refs, "--filter=blob:none")
@@ -173,7 +182,7 @@ def fetch_changed(
     then, at_head, at_base = (
         repository.resolve(f"{at}:{place.path}") for at in (base, pull.head, _BASE)
     )
-    owner = former_owner(place) if at_base is None else _find_owner(repository, place)
+    owner = find_owner(place) if at_base is None else _find_owner(repository, place)
     is_new = at_base is None and owner is None
     if pull.account not in (owner, *board.maintainers) and not is_new:
         what = "this folder is or was on the board, and belongs to another account"
@@ -190,13 +199,10 @@ def _find_place(repository: Repository, base: str, head: str) -> Place:
     while len(parts) < 4:
         changed = repository.changes(base, head, "/".join(parts))
         names = sorted(changed, key=lambda name: name == "submissions")
-        if not parts and names != ["submissions"]:
-            what = "changes other files than those of a submission"
-            raise RefusedError(what, where=printable(names[0]), fix=fix)
-        if len(names) != 1:
-            raise RefusedError(
-                f"changes more than one folder: {first_of(map(printable, names))}", fix=fix
-            )
+        is_other = not parts and names != ["submissions"]
+        if is_other or len(names) != 1:
+            what = "other files than those of a submission" if is_other else "more than one folder"
+            raise RefusedError(f"changes {what}: {first_of(map(printable, names))}", fix=fix)
         parts += names
         if not changed[names[0]] or not Place("a", "a", names[0]).is_plain:
             expected = "submissions/<benchmark>/<track>/<folder>/..., with plain names"
@@ -219,16 +225,14 @@ def write_files(
     repository: Repository, commit: str, place: Place, board: Board, into: Path
 ) -> None:
     """Write the files of a submission into a fresh folder, if names, kinds and sizes are right."""
-    text = repository.read_listing(
-        "ls-tree", "-r", "-t", "-z", "--full-tree", f"{commit}:{place.path}"
-    )
-    entries = [line.split(b"\t", 1) for line in text.split(b"\0")[:-1]]
-    files, listing = list[tuple[str, str]](), list[tuple[str, int, int]]()
-    for head, name in entries:
+    options = ("-r", "-t", "-z", "--full-tree")
+    text = repository.read_listing("ls-tree", *options, f"{commit}:{place.path}")
+    entries = []
+    for head, name in (line.split(b"\t", 1) for line in text.split(b"\0")[:-1]):
         mode, _, object_id = head.decode("ascii").split(" ")
-        listing.append((os.fsdecode(name), int(mode, 8), 0))
-        files += [(os.fsdecode(name), object_id)] * stat.S_ISREG(int(mode, 8))
-    check_listing(listing, place.path, board.limits)
+        entries.append((os.fsdecode(name), int(mode, 8), object_id))
+    check_listing(((name, mode, 0) for name, mode, _ in entries), place.path, board.limits)
+    files = [(name, object_id) for name, mode, object_id in entries if stat.S_ISREG(mode)]
     (into / place.path).mkdir(parents=True)
     total = 0
     for start in range(0, len(files), _BATCH):  # the rest is not fetched where this is too much
@@ -243,3 +247,104 @@ def write_files(
         target = into / place.path / path
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(repository.run("cat-file", "blob", of))
+
+
+# --- the branch with the board's data ---
+
+
+class Try(NamedTuple):
+    """A line of the list of tries at sealed truths, by account and commit."""
+
+    account: str
+    benchmark: str
+    head: str
+    outcome: str  # started, scored, or failed by no fault of the submission: it comes back
+    time: str
+
+
+def check_tries(tries: Sequence[Try], new: Try, limits: Limits) -> None:
+    """Refuse one more try than an account has on a sealed benchmark; a commit counts once."""
+    last = {one.head: one for one in tries if one[:2] == new[:2] and one.head != new.head}
+    since = datetime.datetime.fromisoformat(new.time) - datetime.timedelta(days=limits.days)
+    counting = [t for t in last.values() if t.outcome != "failed" and t.time > f"{since:{TIME}}"]
+    if len(counting) >= limits.tries:
+        had, days = counted(len(counting), "try", "tries"), counted(limits.days, "day")
+        what = f"this account has had {had} on {new.benchmark} within {days}"
+        raise RefusedError(what, expected=f"at most {limits.tries}", fix="push again later")
+
+
+class DataBranch:
+    """A clone of the branch, with a work tree: nobody but CI writes to it."""
+
+    def __init__(self, folder: Path, remote: str) -> None:
+        self.folder, self._repository = folder, Repository(folder, remote)
+        self._update()
+
+    def answer_path(self, tree: str) -> Path:
+        """Return where the answer to a sealed submission is kept until it is merged."""
+        return self.folder / f"answers/{tree}.json"
+
+    def find_owner(self, place: Place) -> int | None:
+        """Return the account of a place's last run; 0 if it names none, None without a run."""
+        files = (run / SUBMISSION_FILE for run in run_folders(self.folder / place.runs)[:1])
+        return next((read_submission(file, public=True).account or 0 for file in files), None)
+
+    def copy_runs(self, places: Iterable[Place], out: Path) -> None:
+        """Copy the runs of some submissions into a folder, below ``runs/``."""
+        for place in places:
+            if (self.folder / place.runs).is_dir():
+                shutil.copytree(self.folder / place.runs, out / place.runs, dirs_exist_ok=True)
+
+    def tries(self) -> list[Try]:
+        """Return the list of tries."""
+        path = self.folder / _TRIES_FILE
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        return [Try(*row) for row in list(csv.reader(text.splitlines()))[1:]]
+
+    def add_try(self, line: Try, limits: Limits, answer: Answer | None = None) -> None:
+        """Add a line to the list of tries, refused where it starts one too many, and an answer."""
+
+        def change() -> None:
+            tries = self.tries()
+            if line.outcome == "started":
+                check_tries(tries, line, limits)
+            with (self.folder / _TRIES_FILE).open("w", encoding="utf-8", newline="") as stream:
+                csv.writer(stream, lineterminator="\n").writerows([Try._fields, *tries, line])
+            if answer is not None:
+                path = self.answer_path(answer.tree)
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(answer.model_dump_json(), encoding="utf-8")
+
+        self._write(change, f"{line.outcome}: {line.benchmark}")
+
+    def add_runs(self, root: Path) -> None:
+        """Add the runs below a folder, in place of runs of the same number."""
+        fault, target = shutil.ignore_patterns(FAULT_FILE), self.folder / "runs"
+        self._write(
+            lambda: shutil.copytree(root / "runs", target, dirs_exist_ok=True, ignore=fault), "runs"
+        )
+
+    def _write(self, change: Callable[[], object], message: str) -> None:
+        """Commit a change and push it; where somebody else was faster, again on top of that."""
+        git = self._repository
+        for number in range(_PUSHES):
+            change()
+            git.run("add", "--all", "--force")
+            if not git.run("status", "--porcelain"):
+                return
+            git.run("commit", "--quiet", "-m", message)
+            done = git.call("push", "--quiet", "--porcelain", "origin", f"HEAD:{_DATA}")
+            if not done.returncode:
+                return
+            time.sleep(0.1 * number)
+            self._update()
+        said = done.stderr.decode(errors="replace")[-500:]
+        raise BoardError(f"git push failed: {said}", where=git.remote, fix="run the job again")
+
+    def _update(self) -> None:
+        """Bring the work tree to the branch, which may not be there yet."""
+        git = self._repository
+        if git.run("ls-remote", "origin", _DATA).strip():
+            git.fetch({_DATA: _COPY}, "--depth=1")
+            git.run("reset", "--quiet", "--hard", _COPY)
+            git.run("clean", "--quiet", "-dffx")
