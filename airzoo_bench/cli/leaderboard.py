@@ -67,10 +67,7 @@ def score(
     run = Run(_MEMORY_BYTES, os.cpu_count() or 1, keep=True, limits=Limits(_MEMORY_BYTES))
     rules = Rules(read_board(root / BOARD_FILE), root, data_root(), run)
     if sealed is not None:
-        found = scoring.score_against_truth(
-            read_found(sealed), work.resolve(), rules, sealing.read_key()
-        )
-        _finish(found, out)
+        _finish(scoring.score_against_truth(read_found(sealed), work.resolve(), rules), out)
         return
     folder = out if event is None else work
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

@@ -105,9 +105,8 @@ def check(
 def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     """Check a submission, score it where that can be done, print, and say whether it passes."""
     data, rules, run = data_root(), read_board(root / BOARD_FILE), Run(progress=progress)
-    checked = check_submission(
-        folder, rules, data, known=known_submissions(root), seconds=FETCHING_S * fetch, run=run
-    )
+    known, seconds = known_submissions(root), FETCHING_S * fetch
+    checked = check_submission(folder, rules, data, known, seconds, run)
     done = "checked"
     if not checked.errors:
         try:

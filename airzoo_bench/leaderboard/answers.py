@@ -1,8 +1,8 @@
 """Answers: the numbers of scored submissions, which a board keeps, and the rows of board.json.
 
 A run is the folder ``runs/<benchmark>/<track>/<folder>/<number>/`` with the answer in ``run.json``,
-with ``submission.toml`` (without ``contact``) and, where the truth is public, with ``result.json``
-and ``records.csv``. The highest number is shown; the others are history.
+with ``submission.toml`` (without ``contact``) and, where the truth is public, with ``result.json``,
+``records.csv`` and pictures. The highest number is shown; the others are history.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import base64
 import datetime
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -32,11 +32,8 @@ from airzoo_bench.tables import breakdown
 from airzoo_bench.tables.comparison import describe_intervals
 
 RUN_FILE, RESULT_FILE = "run.json", "result.json"
-FAULT_FILE = "fault.txt"
-"""Why CI could not score the files of a submission that were merged last."""
-
-TIME = "%Y-%m-%dT%H:%M:%SZ"
-"""The form of times, in UTC."""
+FAULT_FILE = "fault.txt"  # why CI could not score the files that were merged last
+TIME = "%Y-%m-%dT%H:%M:%SZ"  # in UTC
 
 Number = float | None
 Limits = tuple[Number, Number, Number]  # a value, and the ends of its interval
@@ -215,21 +212,20 @@ def make_row(
 
 def head_of(result: Result) -> Head:
     """Return what a result measures."""
-    truth, used = result.truth, result.protocol
-    return Head(
-        benchmark=truth.benchmark,
-        benchmark_version=truth.version,
-        track=result.track,
-        protocol=used.name,
-        protocol_version=used.version,
-        protocol_fingerprint=used.fingerprint,
-        truth=truth.fingerprint,
-        unit=result.unit,
-        scenes=tuple(
-            Scene(id=s, title=truth.scene_titles[s], queries=result.counts[s]["queries"])
-            for s in result.scenes
-        ),
-    )
+    truth, counts = result.truth, result.counts
+    scenes = ((s, truth.scene_titles[s], counts[s]["queries"]) for s in result.scenes)
+    facts = {"benchmark_version": truth.version, "truth": truth.fingerprint, "unit": result.unit}
+    return make_head(truth.benchmark, result.track, result.protocol, scenes, **facts)
+
+
+def make_head(
+    benchmark: str, track: str, protocol: Any, scenes: Iterable[tuple[Any, ...]], **facts: Any
+) -> Head:
+    """Return the head of numbers by a protocol, on scenes of an id, a title and a count."""
+    named = {f"protocol_{name}": getattr(protocol, name) for name in ("version", "fingerprint")}
+    listed = tuple(Scene(id=s, title=title, queries=count) for s, title, count in scenes)
+    facts |= {"benchmark": benchmark, "track": track, "protocol": protocol.name, "scenes": listed}
+    return Head(**facts, **named)
 
 
 def _by_condition(

@@ -63,9 +63,10 @@ class Board(Strict):
         """All protocols of the board, in its order."""
         return [name for benchmark in self.benchmarks for name in benchmark.protocols]
 
-    def archive(self, benchmark: str) -> str | None:
-        """Return the archive of a benchmark's truth, None where the truth is public."""
-        return next((one.sealed for one in self.benchmarks if one.name == benchmark), None)
+    @property
+    def archives(self) -> dict[str, str]:
+        """The archives of sealed truths, by benchmark."""
+        return {one.name: one.sealed for one in self.benchmarks if one.sealed is not None}
 
 
 def read_board(path: Path) -> Board:

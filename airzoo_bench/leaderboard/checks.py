@@ -21,10 +21,8 @@ from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, rea
 from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.results.result import Result
 
-MOST_FILES = 2000
-"""The most files and folders that the folder of a submission may hold."""
-FETCHED = "fetched-predictions"
-"""The folder in the data root that keeps predictions at an address, by their hash."""
+MOST_FILES = 2000  # and folders in the folder of a submission
+FETCHED = "fetched-predictions"  # the folder of the data root with those of an address, by hash
 FETCHING_S = 3600.0
 
 _DEPTH = 8  # parts of a path in the folder
@@ -65,10 +63,9 @@ def check_submission(
     folder: Path,
     board: Board,
     data: Path,
-    *,
     known: Mapping[Place, Submission],
-    seconds: float = 0.0,
-    run: Run = Run(),  # noqa: B008 - frozen
+    seconds: float,
+    run: Run,
 ) -> CheckedSubmission:
     """Find all errors of a submission that can be found without scoring it.
 

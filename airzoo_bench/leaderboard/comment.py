@@ -60,10 +60,8 @@ def read_found(path: Path) -> Found:
 
 def comment_on(found: Found) -> str:
     """Return the comment's text; the job's log has what is too long for it."""
-    parts = [f"{MARK}\n", *_parts(found)]
-    parts.append(
-        f"\nThis is about commit {found.head[:12]} alone; another push is looked at anew.\n"
-    )
+    about = f"\nThis is about commit {found.head[:12]} alone; another push is looked at anew.\n"
+    parts = [f"{MARK}\n", *_parts(found), about]
     if found.kind in ("scored", "sealed", "withdrawn"):
         merge = f"gh pr merge {found.pull_request} --squash --match-head-commit {found.head}"
         parts[-1] += f"Maintainers: `{merge}` merges it and nothing that was pushed later.\n"
@@ -98,10 +96,9 @@ def _scores(answer: Answer, ranked: int) -> Iterator[str]:
         ranks = " to ".join(map(str, dict.fromkeys(overall[0].rank)))
         yield f"Rank **{ranks}** of {ranked} by {code(columns[0].title)}.\n"
     scenes = answer.head.scenes
-    titles = ["Scene", "Queries"]
-    titles += [
-        f"{code(c.title)} {UNITS[c.unit]} {'↑' if c.higher_is_better else '↓'}" for c in columns
-    ]
+    ways = {True: "↑", False: "↓"}
+    heads = (f"{code(c.title)} {UNITS[c.unit]} {ways[c.higher_is_better]}" for c in columns)
+    titles = ["Scene", "Queries", *heads]
     lines = [titles, ["---", *["---:"] * (len(titles) - 1)]]
     lines += [
         [code(scene.title), f"{scene.queries or 0:,}"]

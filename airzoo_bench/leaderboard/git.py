@@ -28,8 +28,7 @@ from airzoo_bench.leaderboard.board import Board, Limits, Place
 from airzoo_bench.leaderboard.checks import MOST_FILES, check_listing
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, read_submission
 
-TOKEN_VARIABLE = "GIT_TOKEN"
-"""The variable of the environment with a token for the remote; it never stands in arguments."""
+TOKEN_VARIABLE = "GIT_TOKEN"  # of the environment: a token for the remote, never an argument
 
 _SETTINGS = {
     "GIT_CONFIG_NOSYSTEM": "1",

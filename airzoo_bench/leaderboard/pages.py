@@ -15,7 +15,6 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +33,7 @@ from airzoo_bench.tables.model import show_number
 
 Json = Mapping[str, Any]
 
-BOARD_JSON = "board.json"
-"""The file by which the folder of a site is known."""
+BOARD_JSON = "board.json"  # by which the folder of a site is known
 
 _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored", "code", "paper")
 _PARTS = ("value", "low", "high", "standard_error")
@@ -128,9 +126,10 @@ def render_pages(board: Json, scored: Path) -> dict[str, str]:
 
     `scored` holds the pictures of runs.
     """
-    found, places = {}, ("airzoo_bench.leaderboard", "airzoo_bench.report")
+    found, rooms = {}, ("airzoo_bench.leaderboard", "airzoo_bench.report")
+    loader = jinja2.ChoiceLoader([jinja2.PackageLoader(room, "html") for room in rooms])
     env = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(place, "html") for place in places]),
+        loader=loader,
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         finalize=_show_visible,
@@ -139,11 +138,11 @@ def render_pages(board: Json, scored: Path) -> dict[str, str]:
     )
     env.filters["number"] = float  # infinite ones are texts in board.json
     env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
-    shared = (_read(name, places[1]) for name in ("style.css", "pictures.css"))
-    style = "".join(shared) + _read("board.css")
+    read = lru_cache(lambda name: loader.get_source(env, name)[0])
+    style = "".join(map(read, ("style.css", "pictures.css", "board.css")))
 
     def page(path: str, template: str, script: str = "", data: Any = None, **values: Any) -> None:
-        code = f'(function () {{\n"use strict";\n{_read(script)}}})();\n' if script else ""
+        code = f'(function () {{\n"use strict";\n{read(script)}}})();\n' if script else ""
         values |= {"policy": content_policy(code, style), "script": Markup(code), "here": path}
         values |= {"data": None if data is None else Markup(page_json(data))}
         values |= {"style": Markup(style), "root": "../" * path.count("/")}
@@ -171,11 +170,6 @@ def render_pages(board: Json, scored: Path) -> dict[str, str]:
                 views["pictures"] = read_pictures(scored, row["history"])
                 page(f"{home}/{row['id']}.html", "method.html", "copy.js", **views)
     return found
-
-
-@lru_cache
-def _read(name: str, package: str = "airzoo_bench.leaderboard") -> str:
-    return (resources.files(package) / "html" / name).read_text(encoding="utf-8")
 
 
 def _show_visible(value: Any) -> Any:

@@ -86,9 +86,6 @@ def _draw_map(section: Section, place: Place, side_px: int) -> dict[str, Any]:
 
 
 def _path(shapes: Floats) -> str:
-    """Return closed shapes (N, K, 2) as a path of SVG, without those that are not known.
-
-    A shape of one point is drawn as a dot.
-    """
+    """Return the known of closed shapes (N, K, 2) as a path of SVG, in which a point is a dot."""
     known = shapes[np.isfinite(shapes).all(axis=(1, 2))].round().astype(int)
     return "".join(f"M{'L'.join(f'{x} {y}' for x, y in shape)}z" for shape in known.tolist())

@@ -27,8 +27,7 @@ from airzoo_bench.leaderboard.checks import FETCHED, FETCHING_S, CheckedSubmissi
 from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.git import DataBranch
 from airzoo_bench.leaderboard.pictures import draw_pictures
-from airzoo_bench.leaderboard.sealed_scoring import OpenedTruthError, score_sealed
-from airzoo_bench.leaderboard.sealing import commitment_of
+from airzoo_bench.leaderboard.sealing import OpenedTruthError, commitment_of, read_key, score_sealed
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
@@ -50,7 +49,10 @@ class Rules:
 
     def is_current(self, head: answers.Head) -> bool:
         """Whether an answer is by the present protocol and truth."""
-        protocol, is_sealed = find_protocol(head.protocol, self.data), self.is_sealed(head)
+        protocol, is_sealed = (
+            find_protocol(head.protocol, self.data),
+            head.benchmark in self.board.archives,
+        )
         stated = (head.protocol_version, head.protocol_fingerprint, head.sealed)
         if stated != (protocol.version, protocol.fingerprint, is_sealed):
             return False
@@ -62,16 +64,11 @@ class Rules:
             )
         return head.truth == self.truths[head.protocol]
 
-    def is_sealed(self, place: answers.Head | Place) -> bool:
-        """Whether the truth of a place's benchmark is sealed."""
-        return self.board.archive(place.benchmark) is not None
-
     def check(
         self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
     ) -> CheckedSubmission:
         """Check a submission as the command line does."""
-        options: Any = {"known": known, "seconds": seconds, "run": self.run}
-        return checks.check_submission(folder, self.board, self.data, **options)
+        return checks.check_submission(folder, self.board, self.data, known, seconds, self.run)
 
     def score(self, checked: CheckedSubmission, tree: str, run: Path) -> Answer:
         """Score a sound submission into the folder of a run."""
@@ -129,7 +126,7 @@ def _score_written(
         return {"kind": "refused", "problems": checked.errors}
     tree = sha256_of_tree(folder)
     facts: dict[str, Any] = {"method": given.method, "team": given.team, "tree": tree}
-    if rules.is_sealed(place):
+    if place.benchmark in rules.board.archives:
         if predictions.is_relative_to(rules.data / FETCHED):
             # The job that has no network finds them here.
             shutil.copytree(predictions.parent, work / FETCHED / predictions.parent.name)
@@ -167,14 +164,14 @@ def _find_copies(
 # --- a sealed truth ---
 
 
-def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Found:
+def score_against_truth(found: Found, work: Path, rules: Rules) -> Found:
     """Score a submission that an earlier job has checked, with the key and without network."""
     others = [name for _, name in socket.if_nameindex() if name != "lo"]
     if others:
         what = f"a sealed truth is not opened while there is a network ({', '.join(others)})"
         raise UsageError(what, fix="run it by `unshare --net`, as the workflow does")
     place = found.place
-    archive = rules.board.archive(place.benchmark) if place else None
+    archive = rules.board.archives.get(place.benchmark) if place else None
     if found.kind != "sealed" or place is None or archive is None:
         raise SubmissionError("the truth of this benchmark is not sealed")
     if (work / FETCHED).is_dir():
@@ -183,7 +180,8 @@ def score_against_truth(found: Found, work: Path, rules: Rules, key: Any) -> Fou
     if sha256_of_tree(checked.folder) != found.tree:
         raise SubmissionError("not the files that the first job has checked", where=place.path)
     try:
-        opened = score_sealed(checked, found.tree, rules.root / archive, key, rules.data, rules.run)
+        path, key = rules.root / archive, read_key()
+        opened = score_sealed(checked, found.tree, path, key, rules.data, rules.run)
     except OpenedTruthError as error:
         update = {"kind": "refused", "problems": (str(error.inside(place.path)),), "opened": True}
         return found.model_copy(update=update)
@@ -201,8 +199,7 @@ def score_merged(remote: str, rules: Rules, out: Path) -> Iterator[tuple[Place, 
     """
     names = {one.name for one in rules.board.benchmarks}
     found = sorted(rules.root.resolve().glob("submissions/*/*/*"))
-    folders = (path for path in found if path.is_dir() and path.resolve() == path)
-    every = (Place.from_folder(path) for path in folders)
+    every = (Place.from_folder(p) for p in found if p.is_dir() and p.resolve() == p)
     places = [place for place in every if place.benchmark in names and place.is_plain]
     with tempfile.TemporaryDirectory() as folder:
         branch = DataBranch(Path(folder), remote)
@@ -228,7 +225,7 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     with suppress(UserError):  # an answer that cannot be read does not count
         before = None if last is None else answers.read_answer(last / answers.RUN_FILE)
     checks.refuse_files(folder, rules.board.limits)  # or a hash would follow its links
-    tree, sealed = sha256_of_tree(folder), rules.is_sealed(place)
+    tree, sealed = sha256_of_tree(folder), place.benchmark in rules.board.archives
     counts = before is not None and rules.is_current(before.head)
     if before is not None and before.tree == tree and (sealed or counts):
         return "" if counts else "not scored again by another truth: commit it again to try"

@@ -15,8 +15,7 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.validation import Name, Strict, read_toml, validated
 
 SUBMISSION_FILE = "submission.toml"
-EARLIER_KEYS = ("supersedes", "cost", "baseline", "bibtex")
-"""Keys of earlier submissions, which are ignored."""
+EARLIER_KEYS = ("supersedes", "cost", "baseline", "bibtex")  # which are ignored
 
 # A key of this many dots takes tomllib a second, and four times that of twice.
 _LIMIT_BYTES = 16 << 10
@@ -51,7 +50,7 @@ def check_line(text: str) -> str:
     """Refuse a text with invisible characters, or ones that are shown out of order."""
     for letter in text:
         if not letter.isprintable() or _BLANK.match(letter):
-            raise ValueError(f"has {_describe(letter)}, which is not shown")
+            raise ValueError(f"has U+{ord(letter):04X}, which is not shown")
     if unicodedata.normalize("NFC", text) != text:
         raise ValueError("is not in Unicode's normal form NFC: type its letters anew")
     if text != " ".join(text.split()):
@@ -72,7 +71,7 @@ def check_name(text: str) -> str:
     for letter, script in scripts.items():
         if not (script or letter.isascii() or letter in _EXTRA):
             known = "Latin, Greek, Cyrillic, Chinese, Japanese or Korean letters"
-            raise ValueError(f"has {_describe(letter)}: names have {known}, digits and punctuation")
+            raise ValueError(f"has U+{ord(letter):04X}: names have {known}, digits, punctuation")
     # Greek letters stand in formulas.
     used = {script for letter, script in scripts.items() if letter not in "πΔλ"} & {*_ALPHABETS}
     if len(used) > 1:
@@ -89,10 +88,6 @@ def _script_of(letter: str) -> str:
     name, base = unicodedata.name(letter, ""), unicodedata.normalize("NFD", letter)[0]
     scripts = (*(s for s, letters in _ALPHABETS.items() if letters.match(base)), *_OTHER_SCRIPTS)
     return next((script for script in scripts if name.startswith(script)), "")
-
-
-def _describe(letter: str) -> str:
-    return f"U+{ord(letter):04X} {unicodedata.name(letter, 'without a name')}"
 
 
 def skeleton(name: str) -> str:
@@ -112,9 +107,7 @@ _URL = r"^https://[A-Za-z0-9][A-Za-z0-9.-]*(:[0-9]{1,5})?([/?#][A-Za-z0-9._~:/?#
 _CONTACT = r"[^@\s]+@[^@\s]+\.[^@\s]+|^https://\S+$|^@[A-Za-z0-9-]+$"
 
 Line = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(check_shown_line)]
-"""A line that pages show."""
 BoardName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(check_name)]
-"""What a board calls a method or a team."""
 Url = Annotated[str, Field(max_length=500, pattern=_URL)]
 Account = Annotated[int, Field(ge=1, lt=1 << 63)]
 Contact = Annotated[
@@ -122,9 +115,17 @@ Contact = Annotated[
 ]
 
 
-def _question(what: str, example: Any, default: Any = ...) -> Any:
-    """Return a key of the file that `submit` asks for where it is missing."""
-    return Field(default, description=what, examples=[example])
+# What `submit` asks for where it is missing, and an example.
+QUESTIONS = {
+    "protocol": ("The protocol that scores the predictions.", "airzoo-mini-retrieval"),
+    "method": ("The method's name in tables.", "SALAD"),
+    "team": ("Who submits; the same words for all submissions of a team.", "Example Lab"),
+    "authors": ("Authors of the method, in their order.", "Ada Example, Grace Example"),
+    "licence": ("Under which others may use these predictions, an id of SPDX.", "CC-BY-4.0"),
+    "training_data": ("Ids of all datasets that weights were trained on, or none.", "gsv-cities"),
+    "stages": ("Whether a second method re-orders or refines the answer.", "single-stage"),
+    "contact": ("Where the maintainers reach you; this file is public.", "first.last@example.org"),
+}
 
 
 class PredictionsGiven(Strict):
@@ -146,9 +147,7 @@ class PredictionsGiven(Strict):
 class Pipeline(Strict):
     """The class of a method: entries of different classes are not compared like with like."""
 
-    stages: Literal["single-stage", "re-ranked"] = _question(
-        "Whether a first answer is re-ordered or refined by a second method.", "single-stage"
-    )
+    stages: Literal["single-stage", "re-ranked"]
     uses: tuple[Literal["prior", "sequence", "heights"], ...] = ()
 
 
@@ -156,34 +155,21 @@ class Submission(Strict):
     """A method's predictions for one protocol; docs/submission.md explains each key."""
 
     schema_version: Literal[1] = Field(alias="schema")
-    protocol: Name = _question("The protocol that scores the predictions.", "airzoo-mini-retrieval")
-    method: BoardName = _question("The method's name in tables.", "SALAD")
+    protocol: Name
+    method: BoardName
     summary: Annotated[str, Field(max_length=300), AfterValidator(check_line)] = ""
-    team: BoardName = _question(
-        "Who submits; the same words for all submissions of a team.", "Example Lab"
-    )
+    team: BoardName
     account: Account | None = None
-    authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)] = _question(
-        "Authors of the method, in their order.", "Ada Example, Grace Example"
-    )
+    authors: Annotated[tuple[Line, ...], Field(min_length=1, max_length=100)]
     date: datetime.date
     paper: Url | None = None
     code: Url | None = None
     weights: Url | None = None
-    licence: Line = _question(
-        "Under which others may use these predictions, an id of SPDX.", "CC-BY-4.0"
-    )
-    training_data: Annotated[tuple[Name, ...], Field(max_length=100)] = _question(
-        "Ids of all datasets that any weights were trained on, as far as known, or none.",
-        "gsv-cities, university-1652",
-    )
+    licence: Line
+    training_data: Annotated[tuple[Name, ...], Field(max_length=100)]
     pipeline: Pipeline
     predictions: PredictionsGiven
-    contact: Contact | None = _question(
-        "Where the maintainers reach you; no page shows it, but this file is public.",
-        "first.last@example.org",
-        None,
-    )
+    contact: Contact | None = None
     supersedes: Any = Field(None, exclude=True)
     cost: Any = Field(None, exclude=True)
     baseline: Any = Field(None, exclude=True)

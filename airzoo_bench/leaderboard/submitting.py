@@ -65,7 +65,7 @@ def _ask(key: str) -> Any:
         except ValidationError as error:
             raise typer.BadParameter(f"{answer!r}: {error.errors()[0]['msg']}") from None
 
-    typer.echo(f"\n{field.description} (such as {field.examples[0]})", err=True)
+    typer.echo("\n{} (such as {})".format(*rules.QUESTIONS[key]), err=True)
     return typer.prompt(key, value_proc=convert, err=True)
 
 

@@ -63,7 +63,8 @@ def make_table(
     members, answers = [entry for entry, _ in ranked], [answer for _, answer in ranked]
     places = {entry.place for entry in members}
     first = answers[0] if answers else None
-    head = first.head if first else _head_of(protocol)
+    scenes = ((s.id, s.title, s.queries) for s in protocol.scenes)
+    head = first.head if first else kept.make_head(*at, protocol, scenes)
     columns = _columns(answers, protocol)
     pairs = {c.key: _rank(members, answers, c, cache) for c in columns if c.headline and members}
     reported = [] if head.sealed else _reported(head, columns)
@@ -98,14 +99,6 @@ def make_table(
         data=(load_about(name).page or None) if about_file(name).is_file() else None,
         paper=next((one.url for one in papers if name in one.benchmarks.values()), None),
     )
-
-
-def _head_of(protocol: Protocol) -> Head:
-    """Return the head of a table in which nothing was scored yet."""
-    scenes = [{"id": s.id, "title": s.title, "queries": s.queries} for s in protocol.scenes]
-    facts = {"benchmark": protocol.benchmark, "track": protocol.track, "protocol": protocol.name}
-    facts |= {"protocol_version": protocol.version, "scenes": scenes}
-    return Head.model_validate(facts | {"protocol_fingerprint": protocol.fingerprint})
 
 
 def _basis(answer: Answer) -> tuple[Any, ...]:
@@ -144,8 +137,8 @@ def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
             for scene, part in row.values.items()
         }
         overall = values.pop(OVERALL, {})
-        facts = {"kind": "reported", "method": name, "source": row.reported}
-        rows.append(kept.make_row(overall, values, **facts))
+        about: Any = {"method": name, "source": row.reported}
+        rows.append(kept.make_row(overall, values, kind="reported", **about))
     return rows
 
 
@@ -237,7 +230,8 @@ def _compare_pairs(
     found = np.ones((3, *wanted.shape))
     if np.triu(wanted, 1).any():
         found = significance.compare_all(_sample_of(answers, column), resampling, wanted)
-    found[:, *np.ix_(known, known)] = matrices[:, *np.ix_(old, old)]
+    for matrix, before in zip(found, matrices, strict=True):
+        matrix[np.ix_(known, known)] = before[np.ix_(old, old)]
     with atomic_write(path) as stream:
         write_npz(stream, {"names": np.array(names), "pairs": found})
     return found

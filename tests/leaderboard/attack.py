@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from airzoo_bench.leaderboard.sealed_scoring import round_score
+from airzoo_bench.leaderboard.sealing import round_score
 from airzoo_bench.retrieval.truth import read_truth
 from tests.statistics.support import HIT
 

@@ -25,6 +25,7 @@ from typer.testing import CliRunner, Result
 from airzoo_bench.benchmark.folder import BenchmarkFile, write_benchmark_file
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import answers
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
 from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
@@ -102,7 +103,7 @@ def checked(folder: Path, data: Path, seconds: float = 0.0) -> CheckedSubmission
     """Check a folder as the command line does."""
     root = folder.parents[3]
     board = read_board(root / BOARD_FILE)
-    return check_submission(folder, board, data, known=known_submissions(root), seconds=seconds)
+    return check_submission(folder, board, data, known_submissions(root), seconds, Run())
 
 
 # --- a benchmark of every track ---

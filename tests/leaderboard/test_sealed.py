@@ -28,8 +28,13 @@ from airzoo_bench.leaderboard import checks, sealing
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.git import DataBranch, RefusedError, Try, check_tries
-from airzoo_bench.leaderboard.sealed_scoring import round_score, score_sealed
-from airzoo_bench.leaderboard.sealing import KEY_VARIABLE, opened_truth, seal
+from airzoo_bench.leaderboard.sealing import (
+    KEY_VARIABLE,
+    opened_truth,
+    round_score,
+    score_sealed,
+    seal,
+)
 from airzoo_bench.results.result import ScoreColumn
 from tests.api.place import NAME
 from tests.leaderboard.conftest import (

@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 from airzoo_bench.cli.main import app
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import checks
 from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
@@ -281,9 +282,8 @@ def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> N
     board, known = read_board(CHECKOUT / BOARD_FILE), known_submissions(CHECKOUT)
     assert {place.benchmark for place in known} >= {"airzoo-demo", "airzoo-mini"}
     for place in known:
-        assert not checks.check_submission(
-            CHECKOUT / place.path, board, tmp_path, known=known
-        ).errors
+        at = CHECKOUT / place.path
+        assert not checks.check_submission(at, board, tmp_path, known, 0.0, Run()).errors
     assert checks.size_of_tree(CHECKOUT / "submissions") < 1_500_000
 
 
