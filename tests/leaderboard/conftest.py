@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import tomllib
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -40,7 +40,6 @@ from tests.support import made_once, protocol, write_predictions
 
 __all__ = ["browser"]
 
-Command = Callable[..., Result]
 ADA, BOB, MAINTAINER = 1001, 1002, 1
 PROTOCOL = "made-retrieval"
 HOME, RUNS = "submissions/made/retrieval", "runs/made/retrieval"
@@ -266,13 +265,11 @@ class Hosted:
         for name, file in files.items():
             path = b'"%s"\n' % b"".join(b"\\%03o" % letter for letter in os.fsencode(name))
             mode, content = file if isinstance(file, tuple) else ("100644", file)
-            if content is None:
-                lines.append(b"D " + path)
-            elif mode == "160000":
-                lines.append(b"M 160000 " + content + b" " + path)
-            else:
-                head = b"M %s inline %sdata %d\n" % (mode.encode(), path, len(content))
-                lines.append(head + content + b"\n")
+            line = b"D %s" % path if content is None else b"M 160000 %s %s" % (content, path)
+            if content is not None and mode != "160000":
+                head = (mode.encode(), path, len(content), content)
+                line = b"M %s inline %sdata %d\n%s\n" % head
+            lines.append(line)
         lines.append(b"get-mark :1\n")
         return git(self.folder, "fast-import", "--quiet", "--force", stdin=b"".join(lines))
 
@@ -370,9 +367,8 @@ class Board:
         return work
 
     def comment(self, *findings: Path) -> str:
-        out = self.home / "comment.md"
-        run("leaderboard", "comment", *findings, "--out", out)
-        return out.read_text()
+        run("leaderboard", "comment", *findings, "--out", self.home / "comment.md")
+        return (self.home / "comment.md").read_text()
 
     def ci(self, number: int, head: str, account: int = ADA, *, code: int = 0) -> str:
         """Play the jobs on a pull request, and return the comment."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-import itertools
 import re
 import socket
 import ssl
@@ -109,8 +108,6 @@ def refusal(into: Path, url: str = URL, **changes: Any) -> str:
 
 
 SIGNED = "/signed" + "a" * 2500 + "?Expires=5"  # as of Hugging Face and of GitHub's releases
-
-
 NAMES = {
     "/a/preds.npz?download=1": "preds.npz",
     "/api/records/7/files/salad.zip/content": "salad.zip",
@@ -156,31 +153,27 @@ def test_another_answer_and_a_certificate_of_nobody_are_refused(
     assert "certificate" in refusal(tmp_path)
 
 
-def test_an_endless_body_is_cut(web: Web, tmp_path: Path) -> None:
-    sent = itertools.count()
+def endless(begin: bytes, more: bytes, wait: float, sent: list[int]) -> Answer:
+    """Answer without an end."""
 
-    def endless(peer: socket.socket) -> None:
-        peer.sendall(head())
-        while True:
-            peer.sendall(bytes(1 << 16))
-            next(sent)
-
-    web.answers[PATH] = endless
-    assert "more than" in refusal(tmp_path, size=1 << 20)
-    time.sleep(0.1)
-    assert next(sent) < 1000  # 64 MB: as much as buffers hold, not as much as could be sent
-
-
-@pytest.mark.parametrize("begin", [b"HTTP/1.1 200 OK\r\n", head("Content-Length: 330000")])
-def test_a_host_that_drips_is_left(begin: bytes, web: Web, tmp_path: Path) -> None:
-    def drip(peer: socket.socket) -> None:
+    def answer(peer: socket.socket) -> None:
         peer.sendall(begin)
         while True:
-            time.sleep(0.02)
-            peer.sendall(b"X")
+            time.sleep(wait)
+            peer.sendall(more)
+            sent.append(len(more))
 
-    web.answers[PATH] = drip
-    assert "too slow" in refusal(tmp_path, seconds=0.3)
+    return answer
+
+
+def test_an_endless_body_is_cut_and_a_host_that_drips_is_left(web: Web, tmp_path: Path) -> None:
+    web.answers[PATH] = endless(head(), bytes(1 << 16), 0.0, sent := [])
+    assert "more than" in refusal(tmp_path, size=1 << 20)
+    time.sleep(0.1)
+    assert sum(sent) < 64 << 20  # as much as buffers hold, not as much as could be sent
+    for begin in (b"HTTP/1.1 200 OK\r\n", head("Content-Length: 330000")):
+        web.answers[PATH] = endless(begin, b"X", 0.02, [])
+        assert "too slow" in refusal(tmp_path, seconds=0.3)
 
 
 ADDRESSES = [

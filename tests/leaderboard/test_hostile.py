@@ -17,34 +17,17 @@ from airzoo_bench.leaderboard.board import Board as Rules
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.comment import MARK, Found, comment_on
 from airzoo_bench.leaderboard.submission import submission_text
-from tests.leaderboard.conftest import (
-    ADA,
-    BOB,
-    HOME,
-    MAINTAINER,
-    PROTOCOL,
-    Board,
-    File,
-    Hosted,
-    git,
-    made_answer,
-    submission,
-)
+from tests.leaderboard import conftest as world
+from tests.leaderboard.conftest import ADA, BOB, HOME, PROTOCOL, Board, File, Hosted
 from tests.statistics.support import HIT
 
-RULES = Rules.model_validate(
-    {
-        "schema": 1,
-        "title": "A board",
-        "benchmarks": [{"name": "made", "title": "Made", "protocols": ["made-retrieval"]}],
-        "maintainers": [MAINTAINER],
-        "limits": {"committed_bytes": 1_000_000},
-    }
-)
+_MADE = {"name": "made", "title": "Made", "protocols": ["made-retrieval"]}
+_LIMITS = {"limits": {"committed_bytes": 1_000_000}, "maintainers": [world.MAINTAINER]}
+RULES = Rules.model_validate({"schema": 1, "title": "A", "benchmarks": [_MADE], **_LIMITS})
 
 
 def toml(method: str, account: int = ADA) -> bytes:
-    return submission_text(submission(method=method, account=account)).encode()
+    return submission_text(world.submission(method=method, account=account)).encode()
 
 
 def only(path: str, content: File = b"x") -> dict[str, File]:
@@ -86,17 +69,12 @@ def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: st
 ANOTHER, OTHERS, TWO = "another account", "changes other files", "more than one folder"
 NO_FOLDER, A_LINK = "not the folder of a submission", "a link, a submodule"
 CASE, NOT_PLAIN = "only in case", "not plain"
+_OTHER_FILES = ".github/workflows/x.yml .github/CODEOWNERS .ci/requirements.txt leaderboard.toml "
+_OTHER_FILES += ".gitattributes .gitmodules README.md Submissions/made/retrieval/x/submission.toml"
 BESIDE: list[tuple[str, str, File]] = [
     (TWO, f"{HOME}/second/submission.toml", toml("Second")),
     (TWO, "submissions/x.toml", b"x"),
-    (OTHERS, ".github/workflows/x.yml", b"on: push\n"),
-    (OTHERS, "leaderboard.toml", b"maintainers = [1001]"),
-    (OTHERS, ".ci/requirements.txt", b"evil"),
-    (OTHERS, ".gitattributes", b"* filter=x\n"),
-    (OTHERS, ".gitmodules", b'[submodule "x"]\n'),
-    (OTHERS, ".github/CODEOWNERS", b"* @me\n"),
-    (OTHERS, "README.md", b"mine\n"),
-    (OTHERS, "Submissions/made/retrieval/x/submission.toml", b"x"),
+    *((OTHERS, path, b"x") for path in _OTHER_FILES.split()),
     (CASE, f"{MINE}/P.npz", b"2"),
     ("more than 8 folders", f"{MINE}/{'a/' * 20}x", b"x"),
     (A_LINK, f"{MINE}/link", ("120000", b"/etc/passwd")),
@@ -114,18 +92,13 @@ BESIDE: list[tuple[str, str, File]] = [
     ),
 ]
 ALONE: list[tuple[str, dict[str, File]]] = [
-    (ANOTHER, MINE_NOW),
-    (ANOTHER, only("theirs/submission.toml", toml("Theirs", ADA))),
+    *((ANOTHER, files) for files in (MINE_NOW, THEIRS_GONE, only("theirs/p.npz", None))),
+    *((ANOTHER, only(f"{n}/submission.toml", toml("Theirs"))) for n in ("theirs", "gone")),
     (ANOTHER, only("theirs/more.npz")),
-    (ANOTHER, THEIRS_GONE),
-    (ANOTHER, only("theirs/p.npz", None)),
-    (ANOTHER, only("gone/submission.toml", toml("Gone"))),
     (TWO, SOUND | MINE_NOW),
     (TWO, SOUND | THEIRS_GONE),  # renamed to one's own
     (OTHERS, only("mine/submission.toml") | {".github/workflows/board.yml": b"x"}),
-    (NO_FOLDER, {"submissions/x.toml": b"x"}),
-    (NO_FOLDER, {"submissions/made/x.toml": b"x"}),
-    (NO_FOLDER, only("x.toml")),
+    *((NO_FOLDER, {f"{at}/x.toml": b"x"}) for at in ("submissions", "submissions/made", HOME)),
     (NO_FOLDER, only("mine", ("120000", b"theirs"))),
     (NO_FOLDER, only("mine", ("160000", b"a" * 40))),
     *((NO_FOLDER, only(f"{n}/submission.toml")) for n in ("--help", ".hidden", "a\x07b", "aux")),
@@ -160,7 +133,7 @@ def test_a_hostile_pull_request_is_refused(
 def grafted(hosted: Hosted, tree: str, name: str = "mine") -> str:
     """Return a commit on main in whose folder of submissions a tree has this name."""
     for above in (HOME, *map(str, Path(HOME).parents[:-1]), ""):
-        listed = git(hosted.folder, "ls-tree", "-z", f"main:{above}").split("\0")[:-1]
+        listed = world.git(hosted.folder, "ls-tree", "-z", f"main:{above}").split("\0")[:-1]
         entries = {path: head.split() for head, path in (line.split("\t") for line in listed)}
         entries[name] = ["040000", "tree", tree]
         kept = sorted(entries.items())
@@ -215,13 +188,11 @@ TREES: list[tuple[str, Callable[[Hosted], str]]] = [
 ]
 
 
-@pytest.mark.parametrize(("said", "make"), TREES)
-def test_trees_that_only_plumbing_makes_are_refused(
-    tmp_path: Path, said: str, make: Callable[[Hosted], str]
-) -> None:
-    hosted = Hosted(tmp_path / "hosted.git", ON_MAIN)
-    assert said in look(hosted, tmp_path / "ci", make(hosted))
-    assert not (tmp_path / "ci/out").exists()
+def test_trees_that_only_plumbing_makes_are_refused(tmp_path: Path) -> None:
+    for number, (said, make) in enumerate(TREES):
+        hosted, ci = Hosted(tmp_path / f"{number}.git", ON_MAIN), tmp_path / f"ci{number}"
+        assert said in look(hosted, ci, make(hosted))
+        assert not (ci / "out").exists()
 
 
 def test_sound_pull_requests_and_what_main_has_meanwhile(tmp_path: Path) -> None:
@@ -230,7 +201,7 @@ def test_sound_pull_requests_and_what_main_has_meanwhile(tmp_path: Path) -> None
         hosted.commit(hosted.resolve(), files)
         for files in (SOUND, only("old/p.npz", b"newer"), MINE_NOW)
     )
-    assert look(hosted, tmp_path / "m", theirs, MAINTAINER) == ""  # may change every folder
+    assert look(hosted, tmp_path / "m", theirs, world.MAINTAINER) == ""  # may change every folder
     newer = hosted.commit(hosted.resolve(), only("x/1", b"") | only("old/p.npz", b"newest"))
     hosted.move("refs/heads/main", newer)
     assert "has changed on the board since" in look(hosted, tmp_path / "b", stale)
@@ -260,7 +231,7 @@ def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_run
     for write in FILES:
         write(file := board.home / "p.npz")
         given = {"file": "p.npz", "sha256": sha256_of_tree(file), "bytes": file.stat().st_size}
-        text = submission_text(submission(predictions=given)).encode()
+        text = submission_text(world.submission(predictions=given)).encode()
         hostile.append({f"{MINE}/submission.toml": text, f"{MINE}/p.npz": file.read_bytes()})
     for number, files in enumerate(hostile, 1):
         head = board.hosted.commit(board.hosted.resolve(), files)
@@ -313,7 +284,7 @@ def test_a_comment_renders_nothing_that_was_submitted(text: str) -> None:
     scores = {HIT.key: {"value": 0.5, "low": 0.25, "high": 0.75, "rank": (2, 5)}}
     scenes = {f"s{n}": {HIT.key: interval} for n in range(300)}
     row: dict[str, Any] = {"scores": scores, "scenes": scenes, "notes": (text,)}
-    answer = made_answer([text] * 300, kind="re-scored", **row)
+    answer = world.made_answer([text] * 300, kind="re-scored", **row)
     pull = Found(pull_request=5, account=7, head="a" * 40, place=Place("made", "retrieval", "mine"))
     facts = {"kind": "scored", "method": text or "x", "team": text, "warnings": (text,) * 9}
     scored = comment_on(pull.model_copy(update=facts | {"answer": answer}))

@@ -37,19 +37,8 @@ from airzoo_bench.leaderboard.sealing import (
 )
 from airzoo_bench.results.result import ScoreColumn
 from tests.api.place import NAME
-from tests.leaderboard.conftest import (
-    BOARD,
-    SCENE,
-    TRUE_PLACE,
-    Board,
-    Hosted,
-    files_of,
-    git,
-    run,
-    submission,
-    write_sums,
-    write_template,
-)
+from tests.leaderboard import conftest as world
+from tests.leaderboard.conftest import SCENE, Board, Hosted
 from tests.statistics.support import ERROR, HIT
 from tests.support import run_main, write_raster
 
@@ -95,7 +84,7 @@ TABLE = {
 def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_truth(
     sealed: Sealed,
 ) -> None:
-    whole, public, hidden = files_of(sealed.folder), files_of(sealed.public), []
+    whole, public, hidden = world.files_of(sealed.folder), world.files_of(sealed.public), []
     for name, content in whole.items():
         expected = next(what for pattern, what in TABLE.items() if fnmatchcase(name, pattern))
         there = "same" if public.get(name) == content else "cut" if name in public else "sealed"
@@ -106,9 +95,9 @@ def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_trut
     assert not {*POSE_COLUMNS, "altitude_m", "pitch_deg"} & set(after.columns)
     assert after.equals(before[list(after.columns)])  # digits as they were
     hidden += [text for name in ("x", "y", "z", "qw") for text in before[name] if len(text) > 5]
-    hidden += [TRUE_PLACE, SALT, "seen_share"]
+    hidden += [world.TRUE_PLACE, SALT, "seen_share"]
     assert len(hidden) > 30
-    for name, content in files_of(sealed.public.parent).items():
+    for name, content in world.files_of(sealed.public.parent).items():
         assert not [secret for secret in hidden if secret.encode() in content], name
     text = (sealed.public / "benchmark.toml").read_text()
     assert "cloud" not in text.split("[checksums]")[0].split("[[scenes]]")[1]
@@ -117,20 +106,18 @@ def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_trut
 def test_truth_that_methods_are_given_and_data_outside_are_not_sealed(
     sealed: Sealed, tmp_path: Path
 ) -> None:
-    folder = Path(shutil.copytree(sealed.folder, tmp_path / NAME))
-    queries, toml = folder / SCENE / "queries.csv", folder / "benchmark.toml"
-    table, images = pd.read_csv(queries), f"data/{NAME}/images"
+    queries, toml, images = f"{SCENE}/queries.csv", "benchmark.toml", f"data/{NAME}/images"
+    table = pd.read_csv(sealed.folder / queries)
     for name in POSE_COLUMNS:
         table[f"prior_{name}"] = table[f"prior_{name}"].where(table.index != 2, table[name])
-    for change, said in (
-        (lambda: table.to_csv(queries, index=False), "priors equal the true pose: 1,"),
-        (lambda: toml.write_text(toml.read_text().replace(images, "../x")), "outside the folder"),
-    ):
-        change()
-        write_sums(folder)
+    outside = (sealed.folder / toml).read_text().replace(images, "../x")
+    faults = {"pose: 1, and": (queries, table.to_csv(index=False)), "outside": (toml, outside)}
+    for said, (name, text) in faults.items():
+        folder = Path(shutil.copytree(sealed.folder, tmp_path / said[:4] / NAME))
+        (folder / name).write_text(text)
+        world.write_sums(folder)
         with pytest.raises(BenchmarkError, match=said):
             seal(folder, tmp_path / "public", KEY.to_public())
-        shutil.copy(sealed.folder / SCENE / "queries.csv", queries)
 
 
 # --- keys and archives ---
@@ -140,11 +127,11 @@ def opened(public: Path, archive: Path, key: Any = KEY) -> dict[str, bytes]:
     with opened_truth(public, archive, key) as truth:
         assert truth.stat().st_mode & 0o077 == 0
         Benchmark.open(truth)
-        return files_of(truth)
+        return world.files_of(truth)
 
 
 def test_opened_is_what_was_sealed_and_goes(sealed: Sealed) -> None:
-    whole, found = files_of(sealed.folder), opened(sealed.public, sealed.archive)
+    whole, found = world.files_of(sealed.folder), opened(sealed.public, sealed.archive)
     assert whole.keys() == found.keys()
     other = {name for name in whole if found[name] != whole[name]}
     assert other == {f"data/{NAME}/images/a.png"}  # it had metadata
@@ -166,7 +153,9 @@ def test_other_archives_open_nothing(sealed: Sealed, tmp_path: Path) -> None:
             opened(sealed.public, path, key)
 
 
-def test_faults_of_keys_repeat_no_key(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_faults_of_keys_repeat_no_key_and_the_command_replaces_nothing(
+    sealed: Sealed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(KEY_VARIABLE, f"# a comment\n{KEY}\n")
     assert str(sealing.read_key()) == str(KEY)
     for text in ("", f"{KEY}\n{KEY}\n", f"{KEY}!"):
@@ -175,9 +164,6 @@ def test_faults_of_keys_repeat_no_key(monkeypatch: pytest.MonkeyPatch) -> None:
             with pytest.raises(UsageError) as caught:
                 read()
             assert str(KEY)[20:40] not in str(caught.value)
-
-
-def test_the_command_replaces_nothing(sealed: Sealed, tmp_path: Path) -> None:
     call = ("seal", sealed.folder, "--out", tmp_path / "m", "--to", KEY.to_public())
     assert run_main(*call) == 0
     assert opened(tmp_path / "m", tmp_path / "m.age")
@@ -193,8 +179,8 @@ COLUMNS = {"share": HIT, "median": ERROR, "mean": MEAN}
 
 @pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
 def test_only_rounded_overall_scores_are_told(track: str, sealed: Sealed, tmp_path: Path) -> None:
-    path = write_template(track, sealed.public, tmp_path)
-    checked = CheckedSubmission(path.parent, submission(protocol=f"{NAME}-{track}"), path)
+    path = world.write_template(track, sealed.public, tmp_path)
+    checked = CheckedSubmission(path.parent, world.submission(protocol=f"{NAME}-{track}"), path)
     answer = score_sealed(checked, "7" * 64, sealed.archive, KEY, sealed.public.parent, Run())
     whole = evaluate(path, data=sealed.folder, method="M")
     shown = [column for column in whole.result.columns if column.headline]
@@ -246,14 +232,12 @@ def test_steps_by_hand() -> None:
 
 @pytest.mark.parametrize("column", [HIT, ERROR], ids=["share", "median"])
 def test_one_query_mostly_changes_nothing(column: ScoreColumn) -> None:
-    random, same = np.random.default_rng(3), 0
+    random, same, average = np.random.default_rng(3), 0, np.median if column is ERROR else np.mean
     for _ in range(400):
-        values = random.exponential(1.0, 60)
-        if column is HIT:
-            values = (random.random(60) < random.uniform(0.1, 0.9)).astype(float)
+        rate, values = random.uniform(0.1, 0.9), random.exponential(1.0, 60)
+        values = (random.random(60) < rate).astype(float) if column is HIT else values
         other, place = values.copy(), random.integers(60)
         other[place] = 1.0 - other[place] if column is HIT else random.exponential(1.0)
-        average = np.median if column is ERROR else np.mean
         one, two = (round_score(float(average(v)), [v], column) for v in (values, other))
         same += one == two
     assert same >= 400 * 0.7
@@ -307,7 +291,7 @@ def sealed_board(board: Board, data: Path, monkeypatch: pytest.MonkeyPatch) -> B
     write_raster(data / "made/dom.tif", np.full((3, 64, 64), 90, np.uint8))
     archive, _ = seal(data / "made", public / "made", KEY.to_public())
     archive.replace(board.main / "made.age")
-    limits = BOARD.replace("[[", "[limits]\ntries = 1\ndays = 30\n[[", 1)
+    limits = world.BOARD.replace("[[", "[limits]\ntries = 1\ndays = 30\n[[", 1)
     (board.main / "leaderboard.toml").write_text(f'{limits}sealed = "made.age"\n')
     board.push_main("A sealed board")
     monkeypatch.setenv(KEY_VARIABLE, str(KEY))
@@ -328,12 +312,12 @@ def propose(board: Board, arrays: Any, *more: str) -> Path:
 def open_sealed(board: Board, work: Path, code: int = 0) -> str:
     files = ("--work", work / "work", "--out", work / "found-sealed.json")
     call = ("leaderboard", "score", "--sealed", work / "found-score.json", *files)
-    return str(run(*call, "--root", board.main, code=code).exception)
+    return str(world.run(*call, "--root", board.main, code=code).exception)
 
 
 def test_a_sealed_submission_from_pull_request_to_board(sealed_board: Board, perfect: Any) -> None:
     board, work = sealed_board, propose(sealed_board, perfect)
-    head = git(fork := board.home / "ada", "rev-parse", "HEAD")
+    head = world.git(fork := board.home / "ada", "rev-parse", "HEAD")
     artifacts = [work / name for name in ("found-score.json", "try.json", "found-sealed.json")]
     board.step("keep", artifacts[0], "--started", "--out", artifacts[1])
     open_sealed(board, work)
@@ -347,10 +331,10 @@ def test_a_sealed_submission_from_pull_request_to_board(sealed_board: Board, per
     assert "has had 1 try on made within 30 days" in board.comment(refused)
 
     # What was pushed after the scoring is not what is merged: the board says so.
-    board.merge(1, git(fork, "rev-parse", "HEAD"))
+    board.merge(1, world.git(fork, "rev-parse", "HEAD"))
     board.rescore(code=1, said="were not scored against the sealed truth before they were merged")
-    git(board.main, "revert", "--no-edit", "HEAD")
-    git(board.main, "push", "--quiet", "origin", "HEAD:main")
+    world.git(board.main, "revert", "--no-edit", "HEAD")
+    world.git(board.main, "push", "--quiet", "origin", "HEAD:main")
 
     # The commit that was scored gets its answer on the board, without the key.
     board.hosted.pull(1, head)

@@ -27,23 +27,8 @@ from airzoo_bench.leaderboard.pictures import draw_pictures, read_pictures
 from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_methods
 from airzoo_bench.statistics.samples import ResamplingConfig
-from tests.leaderboard.conftest import (
-    COLUMNS,
-    HOME,
-    PROTOCOL,
-    RUNS,
-    board_of,
-    built,
-    files_of,
-    made_answer,
-    method,
-    rows_of,
-    submission,
-    unpack_pair,
-    write_run,
-    write_runs,
-    write_template,
-)
+from tests.leaderboard import conftest as world
+from tests.leaderboard.conftest import HOME, PROTOCOL, RUNS
 from tests.report.browser import NEEDS_CHROMIUM, Opened
 from tests.statistics.support import ERROR, HIT, SOFT, made_method
 
@@ -51,7 +36,7 @@ from tests.statistics.support import ERROR, HIT, SOFT, made_method
 
 
 def test_rows_their_facts_numbers_and_history(root: Path) -> None:
-    rows = rows_of(root / "site")
+    rows = world.rows_of(root / "site")
     assert list(rows) == ["m3", "m2", "m1", "m0"]  # the best first
     [scored] = read_methods([root / RUNS / "m2/1"])
     score, row = rows["m2"]["scores"]["recall@1"], rows["m0"]
@@ -63,7 +48,7 @@ def test_rows_their_facts_numbers_and_history(root: Path) -> None:
     assert [row[key] for key in facts] == ["re-scored", 2, "Team", "2026-03-01", "2026-04-01"]
     assert [one["files"] for one in row["history"]] == [f"{RUNS}/m0/2", f"{RUNS}/m0/1"]
     # Numbers of papers are there from the first day.
-    reported = rows_of(root / "site", "uav-visloc-retrieval")
+    reported = world.rows_of(root / "site", "uav-visloc-retrieval")
     salad = next(row for row in reported.values() if row["method"] == "SALAD")
     assert (salad["kind"], salad["scores"]["recall@1"]["rank"]) == ("reported", None)
     assert "airzoo-paper" in salad["source"]
@@ -71,9 +56,11 @@ def test_rows_their_facts_numbers_and_history(root: Path) -> None:
 
 def test_any_two_as_compare_prints_them(root: Path) -> None:
     scored = read_methods([root / RUNS / f"m{n}/{1 + (n == 0)}" for n in range(4)])
-    for column in COLUMNS:
-        pairs = board_of(root / "site")["tables"][PROTOCOL]["pairs"][column.key]
-        found = {name: unpack_pair(pairs, name, 0, 2) for name in ("low", "high", "p", "p_holm")}
+    for column in world.COLUMNS:
+        pairs = world.board_of(root / "site")["tables"][PROTOCOL]["pairs"][column.key]
+        found = {
+            name: world.unpack_pair(pairs, name, 0, 2) for name in ("low", "high", "p", "p_holm")
+        }
         first, other = (scored[int(pairs["ids"][n][1:])] for n in (0, 2))
         options: Any = {"reference": other.name, "resampling": ResamplingConfig()}
         [pair] = compare([other, first], [column], **options).pairs
@@ -88,24 +75,26 @@ def test_others_do_not_move_who_cannot_be_told_from_the_best(tmp_path: Path) -> 
     rates = {"a": 0.6, "b": 0.57, "c": 0.1}
     for more in ({}, {f"x{n}": 0.2 + n / 100 for n in range(12)}):
         for name, rate in (rates | more).items():
-            write_run(tmp_path, name, 1, method(name.upper(), rate))
-        rows = rows_of(built(tmp_path)[0])
+            world.write_run(tmp_path, name, 1, world.method(name.upper(), rate))
+        rows = world.rows_of(world.built(tmp_path)[0])
         near = [rows[name]["scores"]["recall@1"]["near_best"] for name in rates]
         assert near == [True, True, False]
 
 
 def test_infinite_medians_conditions_and_an_earlier_truth(tmp_path: Path) -> None:
     columns = (ERROR, HIT)
-    write_run(tmp_path, "early", 1, method("Early", 0.9, columns))
+    world.write_run(tmp_path, "early", 1, world.method("Early", 0.9, columns))
     for n in range(3):
-        made = method(f"Net {n}", 0.2 + n / 3, columns, truth="u" * 64)
+        made = world.method(f"Net {n}", 0.2 + n / 3, columns, truth="u" * 64)
         made.records["weather"] = np.where(np.arange(50) % 2, "fog", "sun")
-        write_run(tmp_path, f"n{n}", 1, made, day=20)
+        world.write_run(tmp_path, f"n{n}", 1, made, day=20)
     scenes = {"east": 30, "west": 20}.items()
     failing = {s: {"error_m": [np.inf] * size, "recall@1": [0.0] * size} for s, size in scenes}
-    write_run(tmp_path, "none", 1, made_method(failing, columns, "None", truth="u" * 64), day=20)
-    site, _ = built(tmp_path)
-    rows, text = rows_of(site), (site / "board.json").read_text(encoding="utf-8")
+    world.write_run(
+        tmp_path, "none", 1, made_method(failing, columns, "None", truth="u" * 64), day=20
+    )
+    site, _ = world.built(tmp_path)
+    rows, text = world.rows_of(site), (site / "board.json").read_text(encoding="utf-8")
     assert list(rows) == ["n2", "n1", "n0", "none", "early"]
     assert (rows["early"]["kind"], rows["n2"]["kind"]) == ("failed", "re-scored")
     score = rows["none"]["scores"]["error_m"]
@@ -118,7 +107,7 @@ def test_infinite_medians_conditions_and_an_earlier_truth(tmp_path: Path) -> Non
 
 
 def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(tmp_path: Path) -> None:
-    write_runs(tmp_path, 5)
+    world.write_runs(tmp_path, 5)
     runs, reasons = tmp_path / RUNS, {"m1": "run.json", "m2": "submission.toml", "m3": "too late"}
     for name in ("m1/1/run.json", "m2/1/submission.toml", "m0/2/run.json"):
         (runs / name).write_text("{")
@@ -128,8 +117,8 @@ def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(tmp_pa
         (tmp_path / HOME / waiting).mkdir(parents=True)
         (tmp_path / HOME / waiting / "submission.toml").touch()
     (runs / "a b/1").mkdir(parents=True)
-    site, notes = built(tmp_path)
-    rows = rows_of(site)
+    site, notes = world.built(tmp_path)
+    rows = world.rows_of(site)
     failed = {one for one, row in rows.items() if row["kind"] == "failed"}
     assert (failed, rows.keys() - failed) == ({*reasons, "waits"}, {"m0", "m4"})
     for name, said in reasons.items():
@@ -143,20 +132,20 @@ def test_sealed_answers_have_conservative_ranges_and_no_pairs(tmp_path: Path) ->
     for unsure, expected in ((0.02, [[1, 2], [1, 2], [3, 3]]), (None, [[1, 2], [1, 3], [2, 3]])):
         for folder, value, error in (("a", 0.9, 0.02), ("b", 0.86, unsure), ("c", 0.4, 0.03)):
             scores = {"recall@1": {"value": value, "standard_error": error}}
-            answer, run = made_answer(["A"], sealed=True, kind="sealed", scores=scores), "1"
-            given = submission(method=folder.upper())
+            answer, run = world.made_answer(["A"], sealed=True, kind="sealed", scores=scores), "1"
+            given = world.submission(method=folder.upper())
             answers.write_run(tmp_path / RUNS / folder / run, given, answer)
-        table = board_of(built(tmp_path)[0])["tables"][PROTOCOL]
+        table = world.board_of(world.built(tmp_path)[0])["tables"][PROTOCOL]
         assert (table["sealed"], table["pairs"]) == (True, {})
         assert [row["scores"]["recall@1"]["rank"] for row in table["rows"]] == expected
 
 
 def test_the_same_bytes_from_nothing_and_from_a_cache(root: Path, tmp_path: Path) -> None:
     shutil.copytree(root / "runs", tmp_path / "runs")
-    write_run(tmp_path, "m1", 2, method("Method 1", 0.9))
-    built(tmp_path)  # fills the cache, with a method that is not there later
+    world.write_run(tmp_path, "m1", 2, world.method("Method 1", 0.9))
+    world.built(tmp_path)  # fills the cache, with a method that is not there later
     shutil.rmtree(tmp_path / RUNS / "m1/2")
-    assert files_of(built(tmp_path)[0]) == files_of(root / "site")
+    assert world.files_of(world.built(tmp_path)[0]) == world.files_of(root / "site")
 
 
 # --- pages ---
@@ -183,13 +172,13 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     links = {"code": "https://example.org/code", "paper": "https://example.org/p?a=1&b=2"}
     for n in range(12):
         name = NAMES[n] if n < len(NAMES) else f"Method {n}"
-        made = method(name, 0.9 - 0.6 * n / 12, columns=(*COLUMNS, SOFT))
+        made = world.method(name, 0.9 - 0.6 * n / 12, columns=(*world.COLUMNS, SOFT))
         made.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
         stages, uses = ("single-stage", "re-ranked")[n % 2], ["prior"][: n % 2]
         facts: dict[str, Any] = {"team": TEAMS[n % 5], "summary": EVIL + "x" * 200}
         facts["training_data"] = ((), ("airzoo", "gta-uav"), ("university-1652",))[n % 3]
         facts |= {"pipeline": {"stages": stages, "uses": uses}} | (links if n % 2 else {})
-        write_run(root, f"method-{n}", 1 + (n == 2), made, day=n + 1, **facts)
+        world.write_run(root, f"method-{n}", 1 + (n == 2), made, day=n + 1, **facts)
     place = root / RUNS / "method-2/2/figures/pictures.json"
     place.parent.mkdir()
     place.write_text(json.dumps(PICTURES))
@@ -199,7 +188,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def sample(scored: Path) -> dict[str, Any]:
     """Return a board with scored, reported, failed rows, a floor, and numbers of every kind."""
-    board: dict[str, Any] = board_of(built(scored)[0])
+    board: dict[str, Any] = world.board_of(world.built(scored)[0])
     rows = board["tables"][PROTOCOL]["rows"]
     reason = "p.npz: not a prediction file <img src=x onerror=window.caught=1>\x1b[31m"
     failed = {"id": "failed", "kind": "failed", "scores": {}, "reason": reason, "history": []}
@@ -266,7 +255,9 @@ def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(sample
 def test_a_run_keeps_maps_and_the_hardest_queries_or_clouds(
     track: str, host: Path, tmp_path: Path
 ) -> None:
-    found = evaluate(write_template(track, host, tmp_path), data=host, run=(run := Run(keep=True)))
+    found = evaluate(
+        world.write_template(track, host, tmp_path), data=host, run=(run := Run(keep=True))
+    )
     save(found, tmp_path / "run", partial(draw_pictures, found, run))
     shown = read_pictures(tmp_path, [{"files": "run"}, {"files": "earlier"}])
     assert bool(shown["clouds"]) == (track == "reconstruction")
@@ -362,7 +353,7 @@ def test_a_comparison_shows_the_pairs_of_the_board(
     one, other = (rows[pairs["ids"][n]] for n in (a, b))
     x, y = (row["scores"]["recall@1"]["value"] for row in (one, other))
     keys = ("low", "high", "p", "p_holm")
-    low, high, p, holm = (unpack_pair(pairs, key, min(a, b), max(a, b)) for key in keys)
+    low, high, p, holm = (world.unpack_pair(pairs, key, min(a, b), max(a, b)) for key in keys)
     low, high = (-high, -low) if a > b else (low, high)
     visit(opened, site, f"{TABLE}compare.html#a={one['id']}&b={other['id']}")
     cells = [cell.text for cell in opened.all("#overall tbody tr:first-child td")]

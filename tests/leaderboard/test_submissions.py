@@ -27,19 +27,8 @@ from airzoo_bench.leaderboard import checks
 from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
 from airzoo_bench.leaderboard.submission import read_submission, skeleton, submission_text
-from tests.leaderboard.conftest import (
-    ADA,
-    AUTHOR,
-    BOARD,
-    HOME,
-    PROTOCOL,
-    checked,
-    git,
-    run,
-    submission,
-    values,
-    write_submission,
-)
+from tests.leaderboard import conftest as world
+from tests.leaderboard.conftest import ADA, HOME, PROTOCOL
 from tests.statistics.support import made_method
 from tests.support import write_predictions
 
@@ -60,13 +49,6 @@ REFUSED = [
 ]
 
 
-def test_names_are_printable_and_of_one_script() -> None:
-    assert [rules.check_name(name) for name in TAKEN] == TAKEN
-    for name in REFUSED:
-        with pytest.raises(ValueError, match=r"^(has|is)"):
-            rules.check_name(name)
-
-
 ALIKE = [
     *("SALAD Salad", "SALAD SA-LAD", "SALAD SALAD.", 'SALAD "SALAD"', "SALAD (SALAD)"),
     *("SALAD SALAD,", "SALAD SALAD~", "VGG16 VGGl6", "Cornet Comet", "LoFTR L0FTR", "Ame Amé"),
@@ -75,7 +57,11 @@ ALIKE = [
 APART = ["SALAD SALAD+", "v1.1 v11", "DUSt3R MASt3R", "π3 Pi3"]
 
 
-def test_names_that_look_alike_are_found() -> None:
+def test_names_are_printable_of_one_script_and_found_where_they_look_alike() -> None:
+    assert [rules.check_name(name) for name in TAKEN] == TAKEN
+    for name in REFUSED:
+        with pytest.raises(ValueError, match=r"^(has|is)"):
+            rules.check_name(name)
     for pair in ALIKE + APART:
         one, other = pair.split()
         assert (skeleton(one) == skeleton(other)) == (pair in ALIKE), pair
@@ -120,7 +106,7 @@ def only_error(found: checks.CheckedSubmission) -> str:
 
 
 def test_what_is_written_is_read_again_and_a_board_keeps_no_contact(tmp_path: Path) -> None:
-    path, stated = tmp_path / "a.toml", submission(summary="A sentence.")
+    path, stated = tmp_path / "a.toml", world.submission(summary="A sentence.")
     path.write_text(submission_text(stated), encoding="utf-8")
     assert read_submission(path) == stated
     path.write_text(text := submission_text(stated, public=True), encoding="utf-8")
@@ -152,7 +138,9 @@ WRONG: dict[str, dict[str, Any] | str] = {
 def test_each_mistake_is_named(tmp_path: Path) -> None:
     path = tmp_path / "submission.toml"
     for said, changes in WRONG.items():
-        path.write_text(changes if isinstance(changes, str) else tomli_w.dumps(values(**changes)))
+        path.write_text(
+            changes if isinstance(changes, str) else tomli_w.dumps(world.values(**changes))
+        )
         with pytest.raises(SubmissionError) as caught:
             read_submission(path)
         message = str(caught.value)
@@ -168,13 +156,13 @@ def test_each_mistake_is_named(tmp_path: Path) -> None:
 def root(tmp_path: Path, data: Path) -> Path:
     """Return a board to submit to."""
     (tmp_path / "board").mkdir()
-    (tmp_path / "board" / BOARD_FILE).write_text(BOARD)
+    (tmp_path / "board" / BOARD_FILE).write_text(world.BOARD)
     return tmp_path / "board"
 
 
 def write_limits(root: Path, limits: str) -> None:
     """Give a board limits."""
-    (root / BOARD_FILE).write_text(BOARD.replace("[[", f"[limits]\n{limits}\n[[", 1))
+    (root / BOARD_FILE).write_text(world.BOARD.replace("[[", f"[limits]\n{limits}\n[[", 1))
 
 
 def _change(home: Path, old: bytes, new: bytes, name: str = "submission.toml") -> None:
@@ -203,16 +191,16 @@ FAULTS: list[tuple[Callable[[Path], object], str]] = [
 
 
 def test_folders_that_ci_refuses(root: Path, data: Path, perfect: Any) -> None:
-    found = checked(home := write_submission(root, perfect), data)
+    found = world.checked(home := world.write_submission(root, perfect), data)
     assert (found.errors, found.warnings) == ([], [])
     assert found.predictions == home / "preds.npz"
     twice = {name: [[row[0], *row[:-1]] for row in rows] for name, rows in perfect.items()}
-    other = write_submission(root, perfect | {"ranked_ids": twice["ranked_ids"]}, "other")
-    assert "each tile once a query" in only_error(checked(other, data))
+    other = world.write_submission(root, perfect | {"ranked_ids": twice["ranked_ids"]}, "other")
+    assert "each tile once a query" in only_error(world.checked(other, data))
     for change, said in FAULTS:
         shutil.rmtree(root / "submissions")
-        moved = change(home := write_submission(root, perfect))
-        assert said in only_error(checked(moved if isinstance(moved, Path) else home, data))
+        moved = change(home := world.write_submission(root, perfect))
+        assert said in only_error(world.checked(moved if isinstance(moved, Path) else home, data))
 
 
 def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
@@ -228,20 +216,20 @@ def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
         return Path(shutil.copy(file, into))
 
     def by_address(url: str) -> Path:
-        home = write_submission(root, perfect, predictions={"url": url} | stated)
+        home = world.write_submission(root, perfect, predictions={"url": url} | stated)
         (home / "preds.npz").unlink()
         return home
 
     monkeypatch.setattr(checks, "fetch", fetch)
     home = by_address("https://example.org/preds.npz")
-    places = [checked(home, data, seconds).predictions for seconds in (0.0, 1.0, 0.0)]
+    places = [world.checked(home, data, seconds).predictions for seconds in (0.0, 1.0, 0.0)]
     assert places == [None, *[data / checks.FETCHED / str(stated["sha256"]) / "preds.npz"] * 2]
     assert asked == [("https://example.org/preds.npz", *stated.values())]
     write_limits(root, "url_bytes = 100")
-    assert "at most 100" in only_error(checked(home, data))
+    assert "at most 100" in only_error(world.checked(home, data))
     shutil.rmtree(home)  # an address that is never fetched is refused before
     home = by_address("https://169.254.169.254/preds.npz")
-    assert "https://HOST/PATH" in only_error(checked(home, data))
+    assert "https://HOST/PATH" in only_error(world.checked(home, data))
 
 
 CLAIMS: list[tuple[str, dict[str, Any], str]] = [
@@ -257,12 +245,12 @@ CLAIMS: list[tuple[str, dict[str, Any], str]] = [
 
 
 def test_names_and_predictions_that_are_there_already(root: Path, data: Path, perfect: Any) -> None:
-    write_submission(root, perfect)
+    world.write_submission(root, perfect)
     for kind, changes, said in CLAIMS:
-        home = write_submission(root, perfect, **({"folder": "second"} | changes))
+        home = world.write_submission(root, perfect, **({"folder": "second"} | changes))
         if "supersedes" in said:  # as earlier submissions have it
             _change(home, b"schema", b'supersedes = "nothing"\nschema')
-        found = checked(home, data)
+        found = world.checked(home, data)
         assert any(said in str(one) for one in (found.errors, found.warnings)[kind == "note"])
         assert bool(found.errors) == (kind == "error")
         shutil.rmtree(home)
@@ -272,9 +260,9 @@ def test_poses_that_are_the_prior_belong_to_its_class() -> None:
     result = made_method({"east": {"recall@1": [1.0] * 10}}).result
     result = result.model_copy(update={"counts": {"east": {"queries": 10, "near_prior": 2}}})
     with pytest.raises(SubmissionError, match="2 of 10 poses"):
-        checks.check_pipeline(submission(), result)
+        checks.check_pipeline(world.submission(), result)
     pipeline = {"stages": "single-stage", "uses": ["prior"]}
-    checks.check_pipeline(submission(pipeline=pipeline), result)
+    checks.check_pipeline(world.submission(pipeline=pipeline), result)
 
 
 def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> None:
@@ -307,16 +295,16 @@ def preds(tmp_path: Path, root: Path, perfect: Any, monkeypatch: pytest.MonkeyPa
 def test_one_command_makes_a_branch_with_the_checked_folder(
     root: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, value in AUTHOR.items():
+    for name, value in world.AUTHOR.items():
         monkeypatch.setenv(name, value)
-    git(root, "init", "--quiet", "-b", "main")
-    git(root, "add", "-A")
-    git(root, "commit", "--quiet", "-m", "A board")
+    world.git(root, "init", "--quiet", "-b", "main")
+    world.git(root, "add", "-A")
+    world.git(root, "commit", "--quiet", "-m", "A board")
     more = ("--set", 'pipeline.uses=["prior"]', "--set", "code=https://example.org/salad")
-    made = run("submit", preds, *OPTIONS, *more)
+    made = world.run("submit", preds, *OPTIONS, *more)
     steps = ["git push -u origin submit-salad", "gh pr create --fill"]
     assert made.stdout.splitlines()[-2:] == steps
-    changed = git(root, "show", "--name-only", "--format=", "submit-salad").splitlines()
+    changed = world.git(root, "show", "--name-only", "--format=", "submit-salad").splitlines()
     assert changed == [f"{FOLDER}/{name}" for name in ("preds.npz", "submission.toml")]
     stated = read_submission(root / FOLDER / "submission.toml")
     assert (stated.protocol, stated.account, stated.pipeline.uses) == (PROTOCOL, ADA, ("prior",))
@@ -331,14 +319,16 @@ def test_wrong_options_write_nothing_and_a_version_is_replaced_only_by_force(
         ([*whole, "--protocol", "made-retrieva"], "did you mean 'made-retrieval'"),
         ([*whole, "--set", "papr=https://a.org"], "papr"),
     ):
-        assert said in str(run("submit", preds, *options, code=1).exception)
+        assert said in str(world.run("submit", preds, *options, code=1).exception)
         assert not (root / "submissions").exists()
-    run("submit", preds, *whole, "--url", "https://example.org/preds.npz")  # which is not copied
+    world.run(
+        "submit", preds, *whole, "--url", "https://example.org/preds.npz"
+    )  # which is not copied
     [path] = (root / FOLDER).iterdir()
     stated = read_submission(path).predictions
     assert (stated.url, stated.size) == ("https://example.org/preds.npz", preds.stat().st_size)
-    assert "--force" in str(run("submit", preds, *whole, code=1).exception)
-    run("submit", preds, *whole, "--force", "--set", "summary=Newer")
+    assert "--force" in str(world.run("submit", preds, *whole, code=1).exception)
+    world.run("submit", preds, *whole, "--force", "--set", "summary=Newer")
     assert read_submission(path).summary == "Newer"
 
 

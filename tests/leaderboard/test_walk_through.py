@@ -13,18 +13,8 @@ import pytest
 from airzoo_bench.core import sandbox
 from airzoo_bench.evaluation import predictions
 from airzoo_bench.leaderboard.checks import CheckedSubmission
-from tests.leaderboard.conftest import (
-    ADA,
-    BOB,
-    HOME,
-    MAINTAINER,
-    PROTOCOL,
-    RUNS,
-    Board,
-    files_of,
-    git,
-    write_event,
-)
+from tests.leaderboard import conftest as world
+from tests.leaderboard.conftest import ADA, BOB, HOME, PROTOCOL, RUNS, Board
 from tests.support import MadeScene, made_protocol, run_main, write_benchmark
 
 Arrays = dict[str, list[Any]]
@@ -46,14 +36,14 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
         assert said in comment
     assert "ada@example.org" not in comment
     board.merge(1, head)
-    site = files_of(board.build(said="scored"))
+    site = world.files_of(board.build(said="scored"))
     assert b"Salad" in site["index.html"]
     assert not [name for name, content in site.items() if b"ada@example.org" in content]
     assert "contact" not in board.data_file(f"{SALAD}/1/submission.toml")
 
     # Nothing is scored twice, and the pages are the same to the last byte.
     tip = board.hosted.resolve("leaderboard-data")
-    assert files_of(board.build(said="")) == site
+    assert world.files_of(board.build(said="")) == site
     assert board.hosted.resolve("leaderboard-data") == tip
 
     # The next version of the same account says what has changed; another account may not.
@@ -73,7 +63,7 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     board.submit(other, copied, "Vinegar", "--team", "Other Lab", account=BOB)
     head = board.propose(other, 3)
     assert f"write account = {ADA}" in board.ci(3, head, ADA, code=1)
-    comment = board.ci(3, head, MAINTAINER)
+    comment = board.ci(3, head, world.MAINTAINER)
     assert "of 2 by" in comment
     assert "100 % of the records are those of 'Salad' of team 'Example Lab'" in comment
     board.submit(other, worse(perfect), "Vinegar", "--force", account=BOB)
@@ -82,7 +72,7 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
 
     # A withdrawn submission leaves the board, and its folder keeps its owner.
     board.update(fork)
-    git(fork, "rm", "-r", "--quiet", f"{HOME}/salad")
+    world.git(fork, "rm", "-r", "--quiet", f"{HOME}/salad")
     head = board.propose(fork, 4)
     assert "is withdrawn" in board.ci(4, head)
     board.merge(4, head)
@@ -151,7 +141,7 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
     assert sorted(faults) == ["aaa", "cress"]
     assert "link" in faults["aaa"]
     board.step("keep", data)
-    kept = git(board.hosted.folder, "ls-tree", "-r", "--name-only", "leaderboard-data")
+    kept = world.git(board.hosted.folder, "ls-tree", "-r", "--name-only", "leaderboard-data")
     assert "fault" not in kept
 
 
@@ -159,7 +149,7 @@ def test_faults_of_the_board_are_none_of_a_submission(
     board: Board, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     head = board.hosted.commit(board.hosted.resolve(), {f"{HOME}/x/submission.toml": b"x"})
-    event = write_event(tmp_path / "event.json", 1, board.hosted.pull(1, head), ADA)
+    event = world.write_event(tmp_path / "event.json", 1, board.hosted.pull(1, head), ADA)
     for name, text in (("full/x", ""), ("event", "{}"), ("other/leaderboard.toml", "schema = 9")):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
