@@ -139,9 +139,10 @@ def render_pages(board: Json, scored: Path) -> dict[str, str]:
     env.filters["number"] = float  # infinite ones are texts in board.json
     env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
     read = lru_cache(lambda name: loader.get_source(env, name)[0])
-    style = "".join(map(read, ("style.css", "pictures.css", "board.css")))
 
     def page(path: str, template: str, script: str = "", data: Any = None, **values: Any) -> None:
+        sheets = ("style.css", "board.css", *(["pictures.css"] if values.get("pictures") else []))
+        style = "".join(map(read, sheets))
         code = f'(function () {{\n"use strict";\n{read(script)}}})();\n' if script else ""
         values |= {"policy": content_policy(code, style), "script": Markup(code), "here": path}
         values |= {"data": None if data is None else Markup(page_json(data))}

@@ -25,7 +25,6 @@ from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.records import Method
 
 PICTURES_FILE = "figures/pictures.json"
-_NOTHING: dict[str, Any] = {"clouds": [], "maps": [], "hardest": []}
 
 _HARDEST = 4
 _MAPS_PX, _CLOUD_PX, _QUALITY = 760, 1100, 50
@@ -40,9 +39,8 @@ def draw_pictures(evaluation: Evaluation, run: Run, folder: Path) -> None:
         method = Method(result.predictions.method, result, evaluation.records)
         section = Section([method], [Path(kept)])
         clouds = {titles[scene]: Path(kept, f"figures/{scene}_cloud.png") for scene in titles}
-        found: dict[str, Any] = _NOTHING | {
-            "clouds": [(t, _picture(p, _CLOUD_PX)) for t, p in clouds.items() if p.is_file()]
-        }
+        found: dict[str, Any] = {"maps": [], "hardest": []}
+        found["clouds"] = [(t, _picture(p, _CLOUD_PX)) for t, p in clouds.items() if p.is_file()]
         if section.by_query:
             places = places_of(section, evaluation.benchmark)
             side = int(_MAPS_PX / len(places) ** 0.5)
@@ -56,7 +54,7 @@ def read_pictures(scored: Path, history: Sequence[Mapping[str, Any]]) -> dict[st
     """Read the pictures of the newest run in the history of a row."""
     paths = (scored / version["files"] / PICTURES_FILE for version in history[:1])
     texts = (path.read_text(encoding="utf-8") for path in paths if path.is_file())
-    return next(map(json.loads, texts), _NOTHING)
+    return next(map(json.loads, texts), {})
 
 
 def _picture(path: Path, long_side_px: int) -> str:

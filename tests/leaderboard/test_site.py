@@ -267,7 +267,7 @@ def test_a_run_keeps_maps_and_the_hardest_queries_or_clouds(
         assert dots == [one["hits"], 5 - one["hits"]]
     assert len(shown["maps"]) == (track != "reconstruction")
     assert [bool(card["pictures"]) for card in shown["hardest"]] == [True] * len(shown["hardest"])
-    assert read_pictures(tmp_path, []) == {"clouds": [], "maps": [], "hardest": []}
+    assert read_pictures(tmp_path, []) == {}
 
 
 # --- in a browser ---

@@ -8,20 +8,14 @@ const methods = board.rows.filter((row) => ids.includes(row.id)).map((row) => ({
 const nameOf = (row) => (methods.filter((other) => other.method === row.method).length > 1 ? `${row.method} (${row.team})` : row.method);
 const [first, second, byScore] = ["a", "b", "score"].map((id) => document.getElementById(id));
 
-// Makes an element. Texts become text nodes: nothing in the data is ever read as HTML.
-function el(tag, attributes, ...children) {
-  const node = document.createElement(tag);
+// Fills an element. Texts become text nodes: nothing in the data is ever read as HTML.
+function filled(node, attributes, children) {
   for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
   node.append(...children);
   return node;
 }
-
-function drawn(tag, attributes, ...children) {
-  const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
-  node.append(...children);
-  return node;
-}
+const el = (tag, attributes, ...children) => filled(document.createElement(tag), attributes, children);
+const drawn = (tag, attributes, ...children) => filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 
 async function unpacked(text) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
