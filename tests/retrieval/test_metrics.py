@@ -82,6 +82,7 @@ AP_AT, NDCG = metrics.average_precision_at, metrics.ndcg_at
     ],
 )
 def test_scores_by_hand(found, expected):
+    assert found.shape == (5,)
     np.testing.assert_allclose(found, expected, rtol=1e-15)
 
 

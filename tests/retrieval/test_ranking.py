@@ -63,17 +63,18 @@ def assert_is(ranking, expected):
 
 
 @pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize(("length", "scale"), [(3, 1), (64, 1e-12), (64, 1e15), (4_100, 1)])
+@pytest.mark.parametrize(
+    ("length", "scale", "apart"),  # the last is below the resolution of float32
+    [(3, 1, 1), (64, 1e-12, 1), (64, 1e15, 1), (4_100, 1, 1), (40, 1, 1e-8)],
+)
 @pytest.mark.parametrize("memory_bytes", [1 << 30, 1 << 13])
-def test_no_ties_above_and_below_the_resolution_of_float32(metric, length, scale, memory_bytes):
+def test_no_ties(metric, length, scale, apart, memory_bytes):
     rng = np.random.default_rng(2)
-    queries, far, base = (rng.standard_normal((n, length)) for n in (6, 200, 1))
-    close = base + 1e-8 * rng.standard_normal((200, length))
-    positives = random_positives(rng, 6, 200)
-    for gallery in (far, close):
-        found = rank(scale * queries, scale * gallery, metric, 30, 5, positives, Run(memory_bytes))
-        scores = similarities(queries, gallery, metric)
-        assert_is(found, naive(scores, positives, 30, 5))
+    queries, gallery, base = (rng.standard_normal((n, length)) for n in (6, 200, 1))
+    gallery = scale * (base * (apart < 1) + apart * gallery)
+    queries, positives = scale * queries, random_positives(rng, 6, 200)
+    found = rank(queries, gallery, metric, 30, 5, positives, Run(memory_bytes))
+    assert_is(found, naive(similarities(queries, gallery, metric), positives, 30, 5))
 
 
 @pytest.mark.parametrize("metric", METRICS)
