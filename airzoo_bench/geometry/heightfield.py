@@ -105,21 +105,13 @@ class HeightField:
         flat = points.reshape(-1, 2)
         sampled = np.full(len(flat), np.nan)
         for start in range(0, len(flat), _BLOCK):
-            part = flat[start : start + _BLOCK]
-            inside = self._inside(part)
+            part, there = flat[start : start + _BLOCK], sampled[start : start + _BLOCK]
+            inside = are_inside(part, *self.heights.shape[::-1])
             if inside.all():
-                sampled[start : start + _BLOCK] = self._surface(part - 0.5)
+                there[:] = self._surface(part)
             else:
-                sampled[start + np.flatnonzero(inside)] = self._surface(part[inside] - 0.5)
+                there[inside] = self._surface(part[inside])
         return sampled.reshape(points.shape[:-1])
-
-    def _inside(self, pixel: Floats) -> Bools:
-        # By columns: numpy reduces an axis of two some ten times slower.
-        (column, row), (height, width) = pixel.T, self.heights.shape
-        inside: Bools = column >= 0.0
-        for condition in (column <= width, row >= 0.0, row <= height):
-            inside &= condition
-        return inside
 
     def corner_heights(self, cell: Ints) -> Floats:
         """Return heights (P, 4) at the corners of cells (P, 2) of the grid of pixel centres."""
@@ -133,25 +125,36 @@ class HeightField:
         picked: Floats = flat.take(row * self.heights.shape[1] + column).astype(np.float64)
         return picked
 
-    def _surface(self, grid: Floats) -> Floats:
-        """Return heights at points (P, 2) of the grid of pixel centres (first centre = 0, 0)."""
-        (column, right, a), (row, below, b) = map(_neighbours, grid.T, self.heights.shape[::-1])
-        surface = (1.0 - a) * (1.0 - b) * self.heights_at(column, row)
-        surface += a * (1.0 - b) * self.heights_at(right, row)
-        surface += (1.0 - a) * b * self.heights_at(column, below)
-        surface += a * b * self.heights_at(right, below)
+    def _surface(self, pixel: Floats) -> Floats:
+        """Return heights at pixel coordinates (P, 2) on the raster."""
+        (column, right, a), (row, below, b) = map(_neighbours, pixel.T, self.heights.shape[::-1])
+        corners = [self.heights_at(x, y) for y in (row, below) for x in (column, right)]
+        surface = (1.0 - a) * (1.0 - b) * corners[0]
+        surface += a * (1.0 - b) * corners[1]
+        surface += (1.0 - a) * b * corners[2]
+        surface += a * b * corners[3]
         gap = np.flatnonzero(np.isnan(surface))
         if gap.size:
-            heights = self.corner_heights(np.stack((column[gap], row[gap]), axis=-1))
+            heights = np.stack([corner[gap] for corner in corners], axis=-1)
+            some = ~np.isnan(heights).all(axis=-1)
+            gap, heights = gap[some], heights[some]
             surface[gap] = _with_gaps(heights, np.stack((a[gap], b[gap]), axis=-1))
         return surface
 
 
+def are_inside(pixel: Floats, width: int, height: int) -> Bools:
+    """Tell which pixel coordinates (P, 2) are on a raster or its border."""
+    column, row = pixel.T  # NumPy reduces an axis of two some ten times slower
+    inside: Bools = (column >= 0.0) & (column <= width) & (row >= 0.0) & (row <= height)
+    return inside
+
+
 def _neighbours(position: Floats, size: int) -> tuple[Ints, Ints, Floats]:
-    """Return pixels before and behind positions between pixel centres, and the share of the way."""
-    clamped = np.clip(position, 0.0, size - 1.0)
-    before = clamped.astype(np.int64)
-    return before, np.minimum(before + 1, size - 1), clamped - before
+    """Return pixels whose centres are before and behind positions, and the share of the way."""
+    clamped = np.clip(position - 0.5, 0.0, size - 1.0)
+    floor = np.floor(clamped)
+    before = floor.astype(np.int64)
+    return before, np.minimum(before + 1, size - 1), clamped - floor
 
 
 def _with_gaps(heights: Floats, local: Floats) -> Floats:
@@ -174,6 +177,7 @@ def height_type(stored: str) -> type[np.float32] | type[np.float64]:
     return np.float32 if stored in _NARROW else np.float64
 
 
+@lru_cache(maxsize=8)  # a file is read in many windows
 def metres_of(dataset: Any) -> tuple[float, float]:
     """Return scale and offset that make metres of stored numbers: the file's, times its unit's."""
     unit = height_unit_m(dataset)
@@ -206,18 +210,17 @@ def _read_plain(dataset: Any, window: Window, dtype: np.dtype[Any]) -> Heights |
     None where that mask is needed.
     """
     plain = dataset.mask_flag_enums[0] in ([MaskFlags.all_valid], [MaskFlags.nodata])
-    if not plain or dataset.dtypes[0] != dtype.name:
+    if not plain or np.dtype(dataset.dtypes[0]) != dtype:
         return None
     heights: NDArray[Any] = dataset.read(1, window=window)
-    missing = ~np.isfinite(heights)
-    nodata = dataset.nodata
-    if nodata is not None and np.isfinite(nodata):
-        slack = abs(nodata) * _NEAR_NODATA
-        near = (heights >= nodata - slack) & (heights <= nodata + slack)
-        if np.count_nonzero(near) != np.count_nonzero(heights == dtype.type(nodata)):
-            return None
-        missing |= near
-    np.copyto(heights, np.nan, where=missing)
+    nodata = np.nan if dataset.nodata is None else dataset.nodata
+    np.copyto(heights, np.nan, where=heights == dtype.type(nodata))
+    low, high = (float(end.reduce(heights, axis=None)) for end in (np.fmin, np.fmax))
+    least, most = nodata - abs(nodata) * _NEAR_NODATA, nodata + abs(nodata) * _NEAR_NODATA
+    if low <= most and high >= least and ((heights >= least) & (heights <= most)).any():
+        return None
+    if np.isinf((low, high)).any():
+        np.copyto(heights, np.nan, where=np.isinf(heights))
     return heights
 
 

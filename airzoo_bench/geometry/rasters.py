@@ -120,15 +120,14 @@ def pixel_to_world(transform: Any, colrow: ArrayLike) -> Floats:
 
 def world_to_pixel(transform: Any, xy: ArrayLike) -> Floats:
     """Take coordinates (..., 2) of the raster's CRS to pixels; the inverse of `pixel_to_world`."""
-    _, _, c, _, _, f = transform[:6]
+    points = np.asarray(xy, dtype=np.float64)
     # The origin goes first: carried through the inverse, its millions of metres cost digits.
-    return world_to_pixel_steps(transform, np.asarray(xy, dtype=np.float64) - (c, f))
+    return steps_to_pixels(transform, points[..., 0] - transform[2], points[..., 1] - transform[5])
 
 
-def world_to_pixel_steps(transform: Any, steps: Floats) -> Floats:
-    """Take differences (..., 2) of world coordinates to differences in pixels."""
+def steps_to_pixels(transform: Any, x: Floats, y: Floats) -> Floats:
+    """Take differences of world coordinates (...) to differences in pixels (..., 2)."""
     a, b, _, d, e, _ = transform[:6]
-    x, y = steps[..., 0], steps[..., 1]
     determinant = a * e - b * d
     return np.stack(((e * x - b * y) / determinant, (a * y - d * x) / determinant), axis=-1)
 

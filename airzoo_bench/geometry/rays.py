@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.geometry.heightfield import CORNERS, HeightField
-from airzoo_bench.geometry.rasters import pixel_to_world, world_to_pixel, world_to_pixel_steps
+from airzoo_bench.geometry.rasters import pixel_to_world, steps_to_pixels, world_to_pixel
 
 _BLOCK = 1 << 16
 # The march begins this far above the highest height and ends this far below the lowest, so that
@@ -179,7 +179,7 @@ def _start_walks(
     size = np.array(field.heights.shape[::-1])
     z, sink = origins[:, 2], unit[:, 2]
     pixel = world_to_pixel(field.transform, origins[:, :2])
-    step = world_to_pixel_steps(field.transform, unit[:, :2])
+    step = steps_to_pixels(field.transform, *unit.T[:2])
     enter, leave = _over_raster(pixel, step, size)
     with np.errstate(over="ignore"):
         begin = np.maximum(enter, (high + _MARGIN_M - z) / sink)

@@ -323,6 +323,7 @@ def test_blocks_threads_and_order_do_not_matter(
     assert lift(np.empty((0, 2)), dom, path, jobs=2).points.shape == (0, 3)
     for pixels, points, jobs in ((1000, 77, 1), (256, 5000, 3), (1, 64, 2)):
         monkeypatch.setattr(solving, "_BLOCK_PIXELS", pixels)
+        monkeypatch.setattr(solving, "_CHUNK", points)
         monkeypatch.setattr(solving, "_POINTS", points)
         again = lift(xy[order], dom, path, jobs=jobs)
         assert again.points.tobytes() == whole.points[order].tobytes()
