@@ -129,8 +129,7 @@ class HeightField:
         """Return heights at pixel coordinates (P, 2) on the raster."""
         (column, right, a), (row, below, b) = map(_neighbours, pixel.T, self.heights.shape[::-1])
         corners = [self.heights_at(x, y) for y in (row, below) for x in (column, right)]
-        surface = (1.0 - a) * (1.0 - b) * corners[0]
-        surface += a * (1.0 - b) * corners[1]
+        surface = (1.0 - a) * (1.0 - b) * corners[0] + a * (1.0 - b) * corners[1]
         surface += (1.0 - a) * b * corners[2]
         surface += a * b * corners[3]
         gap = np.flatnonzero(np.isnan(surface))
@@ -145,8 +144,7 @@ class HeightField:
 def are_inside(pixel: Floats, width: int, height: int) -> Bools:
     """Tell which pixel coordinates (P, 2) are on a raster or its border."""
     column, row = pixel.T  # NumPy reduces an axis of two some ten times slower
-    inside: Bools = (column >= 0.0) & (column <= width) & (row >= 0.0) & (row <= height)
-    return inside
+    return np.asarray((column >= 0.0) & (column <= width) & (row >= 0.0) & (row <= height))
 
 
 def _neighbours(position: Floats, size: int) -> tuple[Ints, Ints, Floats]:

@@ -123,9 +123,9 @@ def _misfit_px(
         if content.points3d is not None:
             points = content.points3d[rows] * (_FEET if otherwise else 1.0)
         elif content.map_xy is not None:
-            corner, reference = truth.crops[query, :2], truth.map_of(query)
+            corner, known = truth.crops[query, :2], truth.map_of(query)
             xy = corner + (content.map_xy[rows] - corner)[:, :: -1 if otherwise else 1]
-            points = lift(xy, reference.dom, reference.dsm, jobs=1).points
+            points = lift(xy, known.dom, known.dsm, jobs=1).points
         seen = world_to_camera(truth.poses.take(query), points[None])
         away = project(truth.cameras.take(query), seen)[0] - content.query_xy[rows]
         off.append(np.fmin(_length(away), diagonal))

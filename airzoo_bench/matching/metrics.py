@@ -58,8 +58,8 @@ def pose_errors(
 
 def count_near(poses: Poses, priors: Poses, metres: float, degrees: float) -> int:
     """Count the poses, NaN where there is none, that lie as near to their priors as that."""
-    found = pose_errors(poses.rotation, poses.centres, priors.rotation, priors.centres)
-    return int(within(found.translation_m, found.rotation_deg, metres, degrees).sum())
+    errors = pose_errors(poses.rotation, poses.centres, priors.rotation, priors.centres)
+    return int(within(errors.translation_m, errors.rotation_deg, metres, degrees).sum())
 
 
 def within(

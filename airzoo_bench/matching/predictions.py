@@ -103,11 +103,11 @@ MatchingPredictions = QueryPredictions[Correspondences | PredictedPoses]
 def read_matching(path: Path, limit_bytes: int) -> MatchingPredictions:
     """Read a prediction file of the matching track."""
     if path.suffix == ".txt":
-        found = _read_pose_list(path)
+        predictions = _read_pose_list(path)
     else:
-        found = read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
-    check_ids(found.query_ids, f"{path}, field 'query_ids'")
-    return found
+        predictions = read_fields(open_arrays(path, limit_bytes), _FORMS, _EXPECTED)
+    check_ids(predictions.query_ids, f"{path}, field 'query_ids'")
+    return predictions
 
 
 def _read_correspondences(arrays: Arrays, ids: NDArray[np.str_]) -> Correspondences:
@@ -123,11 +123,11 @@ def _read_correspondences(arrays: Arrays, ids: NDArray[np.str_]) -> Corresponden
     offsets, rows = numbers(arrays, "offsets", (None,)), len(fields["query_xy"])
     falling = np.flatnonzero(~(offsets[1:] >= offsets[:-1]) | (offsets[1:] % 1 > 0))
     if len(offsets) != len(ids) + 1 or falling.size or offsets[0] != 0 or offsets[-1] != rows:
-        places = "".join(f" at query {one}" for one in ids[falling[falling < len(ids)]][:1])
-        what = f"does not add up{places}: it has {len(offsets):,} numbers for {len(ids):,} queries"
+        example = "".join(f" at query {one}" for one in ids[falling[falling < len(ids)]][:1])
+        what = f"does not add up{example}: it has {len(offsets):,} numbers for {len(ids):,} queries"
         expected = f"{len(ids) + 1:,} whole numbers that rise from 0 to {rows}, as of np.cumsum"
         raise _fault(arrays, "offsets", what, expected)
-    found = Correspondences(offsets.astype(np.int64), map_frame=frame, **fields)
+    matches = Correspondences(offsets.astype(np.int64), map_frame=frame, **fields)
     for name, values in fields.items():
         if name == "image_size":
             check_length(arrays, name, values, len(ids))
@@ -137,10 +137,10 @@ def _read_correspondences(arrays: Arrays, ids: NDArray[np.str_]) -> Corresponden
             raise _fault(arrays, name, what, "a row a match in both")
         bad = np.logical_not(np.isfinite(values).all(axis=1))
         if bad.any():
-            whose = first_of(ids[np.unique(found.query[bad])], len(ids), noun="query")
+            whose = first_of(ids[np.unique(matches.query[bad])], len(ids), noun="query")
             what = f"is NaN or infinite in {whose}"
             raise _fault(arrays, name, what, "finite coordinates of each match")
-    return found
+    return matches
 
 
 def _fault(arrays: Arrays, name: str, what: str, expected: str) -> PredictionError:

@@ -95,8 +95,7 @@ def lift(
         pixel = world_to_pixel(ground.transform, world)
         on_dsm = are_inside(pixel, ground.width, ground.height)
         # By columns: NumPy is some times slower over an axis of two.
-        points[part, 0], points[part, 1] = world.T
-        status[part] = LiftStatus.LIFTED
+        (points[part, 0], points[part, 1]), status[part] = world.T, LiftStatus.LIFTED
         if not on_dsm.all():
             points[part][~on_dsm], pixel[~on_dsm] = np.nan, 0.0
             status[part][~on_dsm] = LiftStatus.OUTSIDE_DSM
@@ -106,10 +105,9 @@ def lift(
 
     def sample(dataset: Any, runs: Ints) -> None:
         """Find the heights of runs of points, each in one block."""
-        flat = points.reshape(-1)
         for start, stop in runs.tolist():
             rows = order[start:stop].astype(np.int64)
-            x = 3 * rows
+            flat, x = points.reshape(-1), 3 * rows
             world = np.stack((flat.take(x), flat.take(x + 1)), axis=-1)
             pixel = world_to_pixel(ground.transform, world)
             heights = _sample_block(dataset, ground, pixel, heights_above_m)
@@ -129,11 +127,8 @@ def lift(
         by_point = (np.ones(len(xy), np.bool_), block, np.arange(len(xy) + 1, dtype=np.int32))
         by_block = csr_array(by_point, shape=(len(xy), blocks + 1)).tocsc()
         order, borders = by_block.indices, by_block.indptr[:-1].tolist()
-        runs = [
-            (start, min(start + _POINTS, stop))
-            for first, stop in pairwise(borders)
-            for start in range(first, stop, _POINTS)
-        ]
+        starts = [start for ends in pairwise(borders) for start in range(*ends, _POINTS)]
+        runs = list(pairwise([*starts, borders[-1]]))
         shares = [share for share in np.array_split(runs, jobs) if share.size]
         # Opened here and not by the threads, which share the warnings that `opened` sets.
         datasets += [stack.enter_context(open_raster(ground.path)) for _ in shares[1:]]
@@ -151,13 +146,11 @@ def _sample_block(
     right, bottom = min(right + 2, ground.width), min(bottom + 2, ground.height)
     heights = read_metres(dataset, Window(left, top, right - left, bottom - top))
     field = HeightField(heights, ground.transform, ground.crs)
-    column, row = pixel.T
-    column -= left
-    row -= top
-    sampled = field.sample_pixels(pixel)
+    local = np.stack((pixel[:, 0] - left, pixel[:, 1] - top), axis=-1)
+    sampled = field.sample_pixels(local)
     if heights_above_m is not None:
         last = np.array(heights.shape[::-1]) - 1
-        ends = [np.clip(end(pixel - 0.5), 0, last).astype(np.int64) for end in (np.floor, np.ceil)]
+        ends = [np.clip(end(local - 0.5), 0, last).astype(np.int64) for end in (np.floor, np.ceil)]
         # All neighbours that have a weight.
         for columns, rows in ((x[:, 0], y[:, 1]) for x in ends for y in ends):
             sampled[~(field.heights_at(columns, rows) > heights_above_m)] = np.nan
@@ -218,14 +211,14 @@ def solve_queries(
     cameras: Cameras, pairs: Correspondences, solver: Solver, run: Run, name: str
 ) -> list[PoseEstimate]:
     """Solve for the poses of Q queries in blocks; `name` names them in messages."""
-    found = run.engine.map(
+    blocks = run.engine.map(
         _solve_block,
         run.engine.cut(len(pairs.offsets) - 1, _QUERIES_A_THREAD * run.jobs),
         shared=(cameras, pairs, solver, run.jobs),
         stage="blocks of queries",
         name=lambda block: f"queries {block.start + 1:,} to {block.stop:,} of {name}",
     )
-    return [estimate for estimates in found for estimate in estimates]
+    return [estimate for estimates in blocks for estimate in estimates]
 
 
 def _solve_block(
@@ -235,10 +228,10 @@ def _solve_block(
     cameras, pairs, solver, jobs = shared
     assert pairs.points3d is not None
     load_pycolmap()  # here, since signals that it takes are given back in the main thread only
-    pool, parts, points = ThreadPoolExecutor(jobs), pairs.row_slices(), pairs.points3d
+    pool, rows_of, points = ThreadPoolExecutor(jobs), pairs.row_slices(), pairs.points3d
 
     def solve(query: int) -> PoseEstimate:
-        rows = parts[query]
+        rows = rows_of[query]
         return solve_pose(cameras.take(query), pairs.query_xy[rows], points[rows], solver)
 
     try:
@@ -261,16 +254,16 @@ def solve_pose(camera: Cameras, query_xy: Floats, points: Floats, solver: Solver
     beyond = len(points) - int(np.isin(row_of, chosen).sum())
     status, pose = Status.TOO_FEW_MATCHES, np.full((4, 3), np.nan)
     if len(rows) >= MIN_MATCHES:
-        status, found = Status.NO_POSE, _solve_rows(camera, rows[chosen], solver)
-        if found is not None:
-            status, pose, inliers[chosen] = Status.SOLVED, np.vstack(found[:2]), found[2]
+        status, solution = Status.NO_POSE, _solve_rows(camera, rows[chosen], solver)
+        if solution is not None:
+            status, pose, inliers[chosen] = Status.SOLVED, np.vstack(solution[:2]), solution[2]
     return PoseEstimate(status, inliers[row_of], pose[:3], pose[3], beyond)
 
 
-_Found = tuple[Floats, Floats, Bools]  # rotation; centre or translation; inliers
+_Solution = tuple[Floats, Floats, Bools]  # rotation; centre or translation; inliers
 
 
-def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> _Found | None:
+def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> _Solution | None:
     """Find rotation, centre and inliers of rows (M, 5); their number limits the trials."""
     most = max(1, solver.max_trials_times_matches // len(rows))
     trials = (min(solver.min_trials, most), min(solver.max_trials, most))
@@ -281,10 +274,10 @@ def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> _Found | None:
     # Points so far away that numbers overflow make no pose, or one that is not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         local = points - origin
-        found = find(camera, query_xy, local, solver, trials)
-        if found is None or _are_on_a_line(local[found[2]]):
+        solution = find(camera, query_xy, local, solver, trials)
+        if solution is None or _are_on_a_line(local[solution[2]]):
             return None
-        rotation, translation, inliers = found
+        rotation, translation, inliers = solution
         centre = origin - apply_matrix(rotation.T, translation)
     # The centre is not finite where the rotation is not.
     return (rotation, centre, inliers) if np.isfinite(centre).all() else None
@@ -299,7 +292,7 @@ def _are_on_a_line(points: Floats) -> bool:
 
 def _find_by_colmap(
     camera: Cameras, query_xy: Floats, points: Floats, solver: Solver, trials: tuple[int, int]
-) -> _Found | None:
+) -> _Solution | None:
     pycolmap = load_pycolmap()
     ransac = {
         "max_error": solver.max_error_px,
@@ -333,7 +326,7 @@ def _find_by_colmap(
 
 def _find_by_poselib(
     camera: Cameras, query_xy: Floats, points: Floats, solver: Solver, trials: tuple[int, int]
-) -> _Found | None:
+) -> _Solution | None:
     try:
         poselib: Any = importlib.import_module("poselib")
     except ImportError as error:

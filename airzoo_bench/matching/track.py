@@ -188,12 +188,12 @@ def _lift_matches(
     assert matches.map_xy is not None
     heights = None if lifting.heights_above_m == "any" else lifting.heights_above_m
     map_xy = matches.map_xy + (0.5 if lifting.map_pixel_centres == "integer" else 0.0)
-    parts: Sequence[slice] = matches.row_slices() if truth.map_per_query else [slice(None)]
-    found = [
+    slices: Sequence[slice] = matches.row_slices() if truth.map_per_query else [slice(None)]
+    lifted = [
         lift(map_xy[part], one.dom, one.dsm, heights_above_m=heights, jobs=jobs)
-        for part, one in zip(parts, truth.maps, strict=True)
+        for part, one in zip(slices, truth.maps, strict=True)
     ]
-    return Lifted(*map(np.concatenate, zip(*found, strict=True)))
+    return Lifted(*map(np.concatenate, zip(*lifted, strict=True)))
 
 
 def _record(

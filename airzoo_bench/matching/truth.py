@@ -271,8 +271,8 @@ def _find_photo_maps(inputs: SceneInputs) -> tuple[Ints, NDArray[Any], tuple[Ref
     folder = needed(inputs.maps, "folder of maps", inputs.scene)
     files = [photo_maps(folder, photo) for photo in inputs.photos["id"]]
     there = np.array([dom.is_file() and dsm.is_file() for dom, dsm in files], np.bool_)
-    found = [files[row] for row in np.flatnonzero(there)]
-    maps = tuple(ReferenceMap(open_info(dom), dsm, raster_sha256(dsm)) for dom, dsm in found)
+    present = [files[row] for row in np.flatnonzero(there)]
+    maps = tuple(ReferenceMap(open_info(dom), dsm, raster_sha256(dsm)) for dom, dsm in present)
     windows = np.zeros((len(files), 4), np.int64)
     windows[there, 2:] = np.reshape([(one.dom.width, one.dom.height) for one in maps], (-1, 2))
     return windows, np.where(there, CropStatus.CROPPED, CropStatus.NO_MAP), maps
@@ -323,9 +323,9 @@ def crop_windows(
     # Rays of a level camera, all cut, end on one line: it has a pixel nevertheless.
     last = np.maximum(np.ceil(np.round(high + grown, _DECIMALS)), first + 1)
     first, last = np.clip(first, 0, size), np.clip(last, 0, size)
-    found = (last > first).all(axis=1)
-    windows = np.where(found[:, None], np.hstack((first, last - first)), 0).astype(np.int64)
-    status = np.select((found, blind), (CropStatus.CROPPED, CropStatus.NO_RAY), CropStatus.OFF_MAP)
+    on_map = (last > first).all(axis=1)
+    windows = np.where(on_map[:, None], np.hstack((first, last - first)), 0).astype(np.int64)
+    status = np.select((on_map, blind), (CropStatus.CROPPED, CropStatus.NO_RAY), CropStatus.OFF_MAP)
     return windows, status
 
 

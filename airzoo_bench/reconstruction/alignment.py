@@ -141,16 +141,16 @@ def align(
     predicted: PosedCameras | None, truth: PosedCameras, settings: AlignmentSettings
 ) -> Alignment:
     """Find the transform of a prediction into the frame of the truth, by cameras."""
-    found = Alignment("none", Similarity.identity())
+    alignment = Alignment("none", Similarity.identity())
     if predicted is None:
-        return found
+        return alignment
     if settings.method != "none":
         rows, true_rows = pair_cameras(predicted, truth)
         if len(rows) < LEAST_CAMERAS:
             what = f"a similarity needs {LEAST_CAMERAS} cameras with a partner in the truth"
             raise AlignmentError(f"{what}, and there are {len(rows)}")
-        found = fit_cameras(predicted.take(rows), truth.take(true_rows), settings)
-    return with_residuals(found, predicted, truth)
+        alignment = fit_cameras(predicted.take(rows), truth.take(true_rows), settings)
+    return with_residuals(alignment, predicted, truth)
 
 
 def shipped_alignment(**changes: Any) -> AlignmentSettings:
@@ -165,29 +165,29 @@ def pair_cameras(predicted: PosedCameras, truth: PosedCameras) -> tuple[Ints, In
 
     A camera whose centre is not finite has no partner.
     """
-    place = {name: row for row, name in enumerate(predicted.names)}
-    pairs = [(place[name], row) for row, name in enumerate(truth.names) if name in place]
+    row_of = {name: row for row, name in enumerate(predicted.names)}
+    pairs = [(row_of[name], row) for row, name in enumerate(truth.names) if name in row_of]
     rows, true_rows = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     both = predicted.centres[rows], truth.centres[true_rows]
     finite = np.isfinite(np.concatenate(both, axis=1)).all(axis=1)
     return rows[finite], true_rows[finite]
 
 
-def with_residuals(found: Alignment, predicted: PosedCameras, truth: PosedCameras) -> Alignment:
+def with_residuals(alignment: Alignment, predicted: PosedCameras, truth: PosedCameras) -> Alignment:
     """Return an alignment with the residuals between partners after its transform."""
     rows, true_rows = pair_cameras(predicted, truth)
     source, target = predicted.take(rows), truth.take(true_rows)
-    away = _distances(found.transform.apply(source.centres), target.centres)
+    away = _distances(alignment.transform.apply(source.centres), target.centres)
     angles = np.zeros(0)
     if source.rotation is not None and target.rotation is not None:
-        aligned = source.rotation @ found.transform.rotation.T
+        aligned = source.rotation @ alignment.transform.rotation.T
         angles = rotation_angle_deg(aligned, target.rotation)
     return replace(
-        found,
+        alignment,
         cameras=len(rows),
         cameras_missing=len(truth.names) - len(rows),
         centres=_summary(away),
-        inlier_centres=_summary(away[np.isin(target.names, found.inlier_names)]),
+        inlier_centres=_summary(away[np.isin(target.names, alignment.inlier_names)]),
         rotations_deg=_summary(angles),
     )
 
@@ -299,17 +299,17 @@ class _Consensus:
         counts = inliers.sum(axis=1)
         means = np.where(inliers, residuals, 0.0).sum(axis=1) / np.maximum(counts, 1)
         first = np.lexsort((means, -counts))[0]
-        found = [fits[first]], residuals[first]
+        refined = [fits[first]], residuals[first]
         for _ in range(_MOST_REFITS):
-            inliers = np.isfinite(found[1])
+            inliers = np.isfinite(refined[1])
             fits = self.fits(np.flatnonzero(inliers)[None]) if inliers.sum() > 1 else []
-            again = self.residuals(fits)[0] if fits else found[1]
+            again = self.residuals(fits)[0] if fits else refined[1]
             if not fits or np.isfinite(again).sum() < inliers.sum():
                 break
-            found = fits, again
+            refined = fits, again
             if (np.isfinite(again) == inliers).all():
                 break
-        return found if _score(found[1]) < _score(best[1]) else best
+        return refined if _score(refined[1]) < _score(best[1]) else best
 
 
 def _score(residuals: Floats) -> tuple[int, float]:
@@ -357,11 +357,11 @@ def umeyama(source: Floats, target: Floats, *, with_scale: bool) -> Similarity:
     if len(source) < LEAST_CAMERAS:
         what = f"a similarity needs {LEAST_CAMERAS} points, not {len(source)}"
         raise AlignmentError(what, expected="more points")
-    (found,), (determined,) = fit_sim3(source[None], target[None], with_scale=with_scale)
+    (transform,), (determined,) = fit_sim3(source[None], target[None], with_scale=with_scale)
     if not determined or min(_rank(one, _RANK_TOLERANCE) for one in (source, target)) < 2:
         what = "the points lie on one line or point, which leaves a rotation free"
         raise AlignmentError(what, expected="points that span a plane")
-    return found
+    return transform
 
 
 def fit_sim3(

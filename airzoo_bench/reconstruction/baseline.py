@@ -57,12 +57,12 @@ def predict(
         photos = read_truth(benchmark, scene.id).photos
         images = benchmark.resolve(benchmark.scene(scene.id).images)
         with temporary_folder(out.parent, out.name) as scratch:
-            found = sparse_reconstruction(images, photos, settings, scratch, run)
-        posed, points = len(found.names), len(found.points)
+            model = sparse_reconstruction(images, photos, settings, scratch, run)
+        posed, points = len(model.names), len(model.points)
         note(f"{scene.id}: {posed} of {len(photos)} photos, {points:,} points")
-        write_ply(out / f"{scene.id}.ply", Cloud(found.points))
+        write_ply(out / f"{scene.id}.ply", Cloud(model.points))
         with atomic_write(out / f"{scene.id}.cameras.npz") as stream:
-            arrays = {"image_names": np.array(found.names, str), "extrinsics": found.extrinsics}
+            arrays = {"image_names": np.array(model.names, str), "extrinsics": model.extrinsics}
             write_npz(stream, arrays)
     with atomic_write(out / "protocol.txt", "w") as text:
         text.write(protocol.name + "\n")
@@ -148,8 +148,8 @@ def _match_photos(
         keys = [database.read_image_with_name(str(name)).image_id for name in photos["image"]]
         features = [database.read_descriptors(key).data.astype(np.float32) for key in keys]
         for one, other in _list_pairs(photos, settings.neighbours).tolist():
-            found = mutual_nearest(features[one], features[other], settings.ratio)
-            matches = np.stack(found, axis=1)
+            pairs = mutual_nearest(features[one], features[other], settings.ratio)
+            matches = np.stack(pairs, axis=1)
             if len(matches) >= settings.least_inliers:
                 database.write_matches(keys[one], keys[other], matches.astype(np.uint32))
 

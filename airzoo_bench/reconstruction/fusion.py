@@ -189,5 +189,5 @@ def _touched_blocks(
             blocks = np.clip(np.floor(points / side), -_FURTHEST_BLOCK, _FURTHEST_BLOCK - 1)
             x, y, z = blocks.T.astype(np.int64) + _FURTHEST_BLOCK
             keys.append(np.unique((x << 42) | (y << 21) | z))
-    found = np.unique(np.concatenate(keys))
-    return np.asarray((found[:, None] >> np.array((42, 21, 0)) & 0x1FFFFF) - (1 << 20), np.int32)
+    occupied = np.unique(np.concatenate(keys))
+    return np.asarray((occupied[:, None] >> np.array((42, 21, 0)) & 0x1FFFFF) - (1 << 20), np.int32)

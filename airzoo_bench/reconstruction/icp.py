@@ -43,10 +43,10 @@ def refine(
         _, index = tree.query(queries, distance_upper_bound=limit)
         there = targets[np.minimum(index, len(targets) - 1)]
         offset = queries - there
-        found = np.sqrt((offset * offset).sum(axis=1))
+        away = np.sqrt((offset * offset).sum(axis=1))
         # The tree compares rounded squares, and may let through more than the limit.
-        found[(index >= len(targets)) | (found > limit)] = np.inf
-        return found, there
+        away[(index >= len(targets)) | (away > limit)] = np.inf
+        return away, there
 
     transform, rounds = Similarity.identity(), 0
     distances, partners = nearest(points)
@@ -60,12 +60,12 @@ def refine(
         moved, with_scale = transform.apply(points[near]), settings.icp_with_scale
         (step,), (determined,) = fit_sim3(moved[None], partners[near][None], with_scale=with_scale)
         step = step.after(transform) if determined else transform
-        distances, found = nearest(step.apply(points))
+        distances, nearest_now = nearest(step.apply(points))
         new = _fit_of(distances, limit)
         gain = fit["cost"] - new["cost"]
         if not gain > 0.0:
             break
-        transform, fit, partners = step, new, found
+        transform, fit, partners = step, new, nearest_now
         if gain < settings.icp_tolerance * new["cost"]:
             break
     report = {"before": before, "after": fit, "iterations": rounds, "points": len(points)}

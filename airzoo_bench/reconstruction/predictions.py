@@ -130,7 +130,7 @@ def open_reconstruction(path: Path) -> ScenePredictions:
         return ScenePredictions(path, {path.stem: partial(_open_entry, bundle, member, None)})
     bundle = open_bundle(path, _UNPACKED_BYTES)
     wrapper, protocol, extra_files = _outer_folder(bundle.members), None, []
-    found: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
+    members: dict[str, dict[str, Member]] = {"geometry": {}, "cameras": {}}
     for member in bundle.members:
         name = member.name.removeprefix(wrapper)
         scene, kind = _parse_entry(name)
@@ -138,10 +138,10 @@ def open_reconstruction(path: Path) -> ScenePredictions:
             protocol = _protocol_name(bundle, member)
         elif not kind:
             extra_files.append(name)
-        elif found[kind].setdefault(scene, member) is not member:
-            both = f"{found[kind][scene].name} and {member.name}"
+        elif members[kind].setdefault(scene, member) is not member:
+            both = f"{members[kind][scene].name} and {member.name}"
             raise PredictionError(f"scene {scene!r} has two entries: {both}", where=path)
-    geometry, cameras = found.values()
+    geometry, cameras = members.values()
     extra_files += [one.name for scene, one in cameras.items() if scene not in geometry]
     if not geometry:
         expected = f"an entry a scene, such as school.ply or school/cloud.ply; endings {KINDS}"
@@ -279,20 +279,20 @@ def read_image_poses(arrays: Arrays, count: int) -> ImagePoses:
     rows = 4 if values.ndim == 3 and values.shape[1] == 4 else 3
     matrices = numbers(arrays, "extrinsics", (None, rows, 4)).astype(np.float64)
     _check_count(arrays, "extrinsics", len(matrices), count)
-    found = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
-    half = names[~found & ~np.isnan(matrices).all(axis=(1, 2))]
+    posed = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    half = names[~posed & ~np.isnan(matrices).all(axis=(1, 2))]
     refuse("extrinsics", "poses that are NaN or infinite in part", half.tolist())
     rotation = np.tile(np.eye(3), (count, 1, 1))
     with _camera_errors(arrays, "extrinsics"):
-        rotation[found] = check_rotations(matrices[found, :3, :3], names[found].tolist())
-    last = np.abs(matrices[found, 3:] - (0.0, 0.0, 0.0, 1.0)) <= _ROW_TOLERANCE
-    odd = names[found][~last.all(axis=(1, 2))].tolist()
+        rotation[posed] = check_rotations(matrices[posed, :3, :3], names[posed].tolist())
+    last = np.abs(matrices[posed, 3:] - (0.0, 0.0, 0.0, 1.0)) <= _ROW_TOLERANCE
+    odd = names[posed][~last.all(axis=(1, 2))].tolist()
     refuse("extrinsics", "a last row other than 0 0 0 1 (transposed matrices have t there)", odd)
-    found &= (np.abs(matrices[:, :3, 3]) <= FARTHEST).all(axis=1)
-    translation = np.where(found[:, None], matrices[:, :3, 3], 0.0)
+    posed &= (np.abs(matrices[:, :3, 3]) <= FARTHEST).all(axis=1)
+    translation = np.where(posed[:, None], matrices[:, :3, 3], 0.0)
     errors = np.zeros(count)
-    errors[found] = pose_errors_m(matrices[found, :3, :3], translation[found], None)
-    return ImagePoses(names, found, Poses.from_translations(rotation, translation), errors, named)
+    errors[posed] = pose_errors_m(matrices[posed, :3, :3], translation[posed], None)
+    return ImagePoses(names, posed, Poses.from_translations(rotation, translation), errors, named)
 
 
 def _check_count(arrays: Arrays, name: str, rows: int, count: int) -> None:

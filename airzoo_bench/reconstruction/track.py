@@ -147,8 +147,8 @@ def compare(
         rows = [seen.holds(points) for points in clouds.finite_pieces(true.source, block)]
         recalled = recalled[np.concatenate([np.zeros(0, np.bool_), *rows])]
     steps = scores.curve_up_to_m * np.arange(1, scores.curve_steps + 1) / scores.curve_steps
-    found = metrics.curve(distances.to_truth, recalled, steps)
-    return CloudComparison(alignment, (predicted, true), distances, recalled, found)
+    shares = metrics.curve(distances.to_truth, recalled, steps)
+    return CloudComparison(alignment, (predicted, true), distances, recalled, shares)
 
 
 def _align_cloud(
@@ -230,10 +230,10 @@ def _cloud_columns(
         f"{name}_m": one
         for name, one in metrics.mean_distances(to_truth, to_prediction, most).items()
     }
-    found = metrics.curve(to_truth, to_prediction, limits)
+    shares = metrics.curve(to_truth, to_prediction, limits)
     for row, limit in enumerate(limits.tolist()):
         for share in ("precision", "recall", "f1"):
-            columns[f"{share}_{limit:g}m"] = float(getattr(found, share)[row])
+            columns[f"{share}_{limit:g}m"] = float(getattr(shares, share)[row])
     return columns
 
 
@@ -438,8 +438,8 @@ def _random_views(
 
 def write_alignments(evaluation: Evaluation, path: Path) -> None:
     """Write ``alignment.json``: how each scene was aligned, its scale and its residuals."""
-    found = {name: one.facts.get("alignment") for name, one in evaluation.scored.items()}
-    values = {name: one for name, one in found.items() if one is not None}
+    alignments = {name: one.facts.get("alignment") for name, one in evaluation.scored.items()}
+    values = {name: one for name, one in alignments.items() if one is not None}
     with atomic_write(path, "w") as stream:
         stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
 

@@ -111,12 +111,12 @@ def read_truth(benchmark: Benchmark, scene: str) -> ReconstructionTruth:
     if benchmark.is_sealed:
         return ReconstructionTruth(scene, photos, Path(), "", excluded)
     cloud = benchmark.resolve(entry.cloud or "")
-    found = sha256_of_tree(cloud) if entry.cloud and cloud.exists() else None
-    if found is None or found != entry.cloud_sha256:
+    checksum = sha256_of_tree(cloud) if entry.cloud and cloud.exists() else None
+    if checksum is None or checksum != entry.cloud_sha256:
         what = "the true cloud is not there, or is not the one that the benchmark was prepared with"
         fix = "put it back where benchmark.toml says, or prepare with --copy"
         raise BenchmarkError(what, where=cloud, fix=fix)
-    return ReconstructionTruth(scene, photos, cloud, found, excluded)
+    return ReconstructionTruth(scene, photos, cloud, checksum, excluded)
 
 
 def open_true_cloud(path: Path, memory_bytes: int, sampling: MeshSampling) -> CloudSource:

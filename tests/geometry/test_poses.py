@@ -101,17 +101,14 @@ def test_rotations_are_made_exact() -> None:
     check_rotations(np.eye(3)[None] * np.sqrt(1 + 1.99e-4))
 
 
-R6 = rotations(2, 6)
+R6, SLIPS = rotations(2, 6), np.array([1, *[1.01] * 4, 1])
 
 
 @pytest.mark.parametrize(
     ("matrices", "said"),
     [
         # |1.01^2 - 1| = 0.0201.
-        (
-            R6 * np.array([1, *[1.01] * 4, 1])[:, None, None],
-            "4 of 6 (first 3: b (|R^T R - I| = 0.02",
-        ),
+        (R6 * SLIPS[:, None, None], "4 of 6 (first 3: b (|R^T R - I| = 0.02"),
         (R6 * (1.0, 1.0, -1.0), "reflection in 6 of 6 (first 3: a (det = -1)"),
         (R6 * np.array([np.nan, *[1] * 5])[:, None, None], "NaN"),
         (np.eye(3), "shape"),
@@ -175,9 +172,7 @@ def test_angles_come_back(yaw: float, pitch: float, roll: float, convergence: fl
 
 COUNT = 200
 ROTATIONS = Rotation.random(COUNT, random_state=7).as_matrix()
-CENTRES = np.array((400_000.0, 3_130_000.0, 150.0)) + np.random.default_rng(7).normal(
-    0, 300, (COUNT, 3)
-)
+CENTRES = np.random.default_rng(7).normal((400_000.0, 3_130_000.0, 150.0), 300.0, (COUNT, 3))
 TRUE = Poses(rotation=ROTATIONS, centres=CENTRES)
 QUATERNIONS = matrix_to_quaternion(ROTATIONS)
 
@@ -236,16 +231,21 @@ def test_turns_by_right_angles_do_not_hide_float32(as_quaternions: bool) -> None
     assert (errors > COARSEST_M).all()
 
 
-def test_a_few_whole_pixels_are_not_a_rounding() -> None:
-    pixels = np.array([[1095.0, 26.0], [1116.0, 1381.0], [2050.0, 300.0], [3998.0, 7.0]])
-    assert (narrow(pixels, np.float16) == pixels).all()
-    assert not was_rounded_to(pixels, np.float16)
+PIXELS = np.array([[1095.0, 26.0], [1116.0, 1381.0], [2050.0, 300.0], [3998.0, 7.0]])
+LATTICES = [(np.arange(200.0) + at) * step for step in (0.25, 8.0) for at in (0.0, 0.5)]
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_lattices_and_a_few_whole_pixels_are_not_a_rounding(kind: Any) -> None:
+    for values in (PIXELS, *LATTICES):
+        assert (narrow(values, kind) == values).all()
+        assert not was_rounded_to(values, kind)
     random = np.random.default_rng(0)
     for _ in range(200):
         pixels = random.integers(0, (4000, 3000), (5, 2)).astype(np.float64)
-        assert not was_rounded_to(pixels, np.float16)
+        assert not was_rounded_to(pixels, kind)
         subpixels = random.random((30, 2)) * (4000, 3000)
-        assert was_rounded_to(narrow(subpixels, np.float16), np.float16)
+        assert was_rounded_to(narrow(subpixels, kind), kind)
 
 
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1.0, 1e4))
@@ -258,12 +258,3 @@ def test_any_rounding_is_found(seed: int, scale: float) -> None:
         assert np.sqrt((rounding_errors(rounded) ** 2).mean()) == pytest.approx(true, rel=0.6)
     assert not was_rounded_to(values, np.float32)
     assert not rounding_errors(values).any()
-
-
-@pytest.mark.parametrize("kind", [np.float16, np.float32])
-@pytest.mark.parametrize("step", [0.25, 8.0])
-@pytest.mark.parametrize("offset", [0.0, 0.5])
-def test_a_lattice_is_not_a_rounding(kind: Any, step: float, offset: float) -> None:
-    lattice = (np.arange(200.0) + offset) * step
-    assert (narrow(lattice, kind) == lattice).all()
-    assert not was_rounded_to(lattice, kind)

@@ -41,19 +41,12 @@ def test_grid_agrees_with_rasterio(tmp_path: Path) -> None:
             assert dataset.index(*centre) == (row, column)
 
 
-@pytest.mark.parametrize(
-    ("profile", "message"),
-    [
-        ({"crs": None}, "no CRS"),
-        ({"transform": Affine(0.5, 1.0, 9.0, 0.5, 1.0, 9.0)}, "no georeference"),
-    ],
-)
+@pytest.mark.parametrize("profile", [{"crs": None}, {"transform": Affine(1, 2, 9, 1, 2, 9)}])
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_files_without_georeference(tmp_path: Path, profile: dict, message: str) -> None:
+def test_files_without_georeference(tmp_path: Path, profile: dict) -> None:
     path = write_tif(tmp_path / "a.tif", GREY, **profile)
-    with pytest.raises(RasterError, match=message) as caught:
+    with pytest.raises(RasterError, match=r"a\.tif: no georeference"):
         open_info(path)
-    assert str(path) in str(caught.value)
 
 
 def test_gsd_is_true_ground(tmp_path: Path) -> None:

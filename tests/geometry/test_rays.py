@@ -61,8 +61,7 @@ def test_reasons_on_the_plane() -> None:
     common = ["NOT_DOWNWARD", "NOT_DOWNWARD"]
     assert names(hits.status[0]) == ["HIT", *common, "HIT", "NO_RAY", "NO_RAY"]
     for below in (1, 2):
-        expected = ["BEHIND", *common, "BEHIND", "NO_RAY", "NO_RAY"]
-        assert names(hits.status[below]) == expected
+        assert names(hits.status[below]) == ["BEHIND", *common, "BEHIND", "NO_RAY", "NO_RAY"]
     assert hits.points[0, 3].tolist() == [22.5, 0, 10]
     assert np.isnan(hits.points[~hits.valid]).all()
     shorter = intersect_plane(origins, directions, (10.0, 9.0, 0.0), 37.49)
@@ -173,11 +172,10 @@ def test_reasons_on_the_dsm(
 
 
 def test_over_the_border_of_the_dsm() -> None:
-    inward = cast((-10, 10, 20), (1, 0, -1), FLAT)
-    np.testing.assert_allclose(inward.points[0, 0], (5, 10, 5), atol=1e-12)
     # The last half pixel is level: the border itself is still on the raster.
-    edge = cast((29.9, 10, 50), DOWN, FLAT)
-    np.testing.assert_allclose(edge.points[0, 0], (29.9, 10, 5), atol=1e-12)
+    cases = ((-10, 10, 20), (1, 0, -1), (5, 10, 5)), ((29.9, 10, 50), DOWN, (29.9, 10, 5))
+    for origin, direction, point in cases:
+        np.testing.assert_allclose(cast(origin, direction, FLAT).points[0, 0], point, atol=1e-12)
 
 
 def test_gaps_in_the_dsm() -> None:
@@ -198,9 +196,9 @@ def test_gaps_in_the_dsm() -> None:
     assert np.isnan(field.sample((x - 1e-9, 10.2)))
     assert field.sample((x + 1e-9, 10.2)) == 3.0
     # Straight down into the gap, and a raster without any height.
-    assert names(cast((15, 10, 20), (0, 0, -1), field).status) == ["OFF_RASTER"]
-    empty = field_of(np.full((4, 4), NAN))
-    assert names(cast((2, 2, 20), (0, 0, -1), empty).status) == ["OFF_RASTER"]
+    empty = field_of(np.full((20, 20), NAN))
+    for surface in (field, empty):
+        assert names(cast((15, 10, 20), DOWN, surface).status) == ["OFF_RASTER"]
 
 
 @pytest.mark.parametrize("most_px", [10_000, 500, 7])

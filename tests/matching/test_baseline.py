@@ -42,10 +42,9 @@ def moved(H: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return ends[:, :2] / ends[:, 2:]
 
 
-def matched(query: np.ndarray, crop: np.ndarray, size: tuple[int, int], **how: float) -> Any:
-    """Match a picture of a photo of this size with a crop."""
-    how = {"turn_deg": 0.0, "crop_scale": 1.0} | how
-    return match(query, size, crop, settings=SETTINGS, **how)
+def matched(query: np.ndarray, crop: np.ndarray, turn_deg: float = 0.0) -> Any:
+    """Match a photo with a crop of the same ground size."""
+    return match(query, query.shape[::-1], crop, turn_deg, 1.0, SETTINGS)
 
 
 def similarity(scale: float, turn_deg: float, x: float, y: float) -> np.ndarray:
@@ -58,7 +57,7 @@ def test_matches_follow_a_known_homography() -> None:
     H = similarity(0.9, 30.0, 110.0, 20.0)
     H[2, :2] = (2e-4, -3e-4)
     query = seen_through(crop, H, 220, 180)
-    found, there = matched(query, crop, (220, 180), turn_deg=97.0)  # a wrong turn does no harm
+    found, there = matched(query, crop, turn_deg=97.0)  # a wrong turn does no harm
     off = there - moved(H, found)
     assert len(found) > 100
     assert (np.linalg.norm(off, axis=1) < 1).mean() > 0.97
@@ -70,7 +69,7 @@ def test_nothing_is_matched_where_the_map_has_no_data() -> None:
     crop = texture(300, 240)
     row, column = np.indices(crop.shape) % 40 - 20
     crop[np.hypot(row, column) < 5] = 0  # round holes are good features
-    found, there = matched(crop, crop, (300, 240))
+    found, there = matched(crop, crop)
     column, row = np.floor(there).astype(int).T
     assert len(found) > 50
     assert (crop[row, column] > 0).all()

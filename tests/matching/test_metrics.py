@@ -56,9 +56,8 @@ def table_poses() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 def test_errors_by_hand() -> None:
     rotation, centres, true_rotation, true_centres = table_poses()
     found = metrics.pose_errors(rotation, centres, true_rotation, true_centres)
-    np.testing.assert_allclose(found.translation_m, T, atol=1e-8)
-    np.testing.assert_allclose(found.horizontal_m, [row[5] for row in TABLE], atol=1e-8)
-    np.testing.assert_allclose(found.vertical_m, [row[6] for row in TABLE], atol=1e-8)
+    lengths = np.transpose((found.translation_m, found.horizontal_m, found.vertical_m))
+    np.testing.assert_allclose(lengths, [row[4:] for row in TABLE], atol=1e-8)
     np.testing.assert_allclose(found.rotation_deg, R, atol=1e-9)
     of_places = metrics.pose_errors(rotation, centres, None, true_centres)
     assert of_places.rotation_deg is None
@@ -176,19 +175,15 @@ def test_columns_and_scores_by_hand() -> None:
     assert [one.key for one in scores] == [*COLUMNS]
     for one in scores:
         assert (one.title, one.unit, one.headline) == COLUMNS[one.key][1:]
-        is_share = one.unit == "share"
-        assert one.higher_is_better == is_share
-        assert one.average == ("mean" if is_share else "median")
+        assert one.higher_is_better == (one.unit == "share")
+        assert one.average == ("mean" if one.unit == "share" else "median")
 
 
 def test_variants_of_the_columns() -> None:
     found = pose_columns(ERRORS, settings(failed_rotation_deg=180.0))
     assert found["rotation_deg"].tolist() == [1.0, 4.0, 2.0, 180.0]
     # Without a trusted orientation only positions count.
-    alone, places = (
-        PoseErrors(METRES, METRES, METRES, None),
-        settings(orientation_is_trusted=False),
-    )
-    found = pose_columns(alone, places)
+    places = settings(orientation_is_trusted=False)
+    found = pose_columns(PoseErrors(METRES, METRES, METRES, None), places)
     assert not {name for name in found if "deg" in name}
     assert {score.key for score in matching_scores(places)} == set(found)

@@ -59,9 +59,7 @@ def test_place_on_earth_does_not_matter(name: str) -> None:
 
 
 @pytest.mark.parametrize(("most", "beyond"), [(20_000, 0), (100, 200)])
-def test_neither_order_nor_doubles_change_a_bit_also_beyond_the_limit(
-    most: int, beyond: int
-) -> None:
+def test_neither_order_nor_doubles_change_a_bit(most: int, beyond: int) -> None:
     scene = make_scene(31, count=300, noise_px=1.0, outliers=0.3)
     camera, xy, points = scene.problem
     first = solve(scene.problem, max_matches=most)

@@ -84,39 +84,31 @@ def cut(
 # 100 m up, 600 x 400 px at f = 1000: 60 m by 40 m about (X + 10, Y - 20). The west side is at
 # X - 20, 480 m = 240 px from the map's corner; the north side at Y, 1000 m from it.
 NADIR: dict[str, Any] = {"at": (X + 10, Y - 20, 100.0), "f": 1000.0}
+ASIDE = NADIR | {"at": (X + 10.25, Y - 20, 100.0)}
+HIGH, NOWHERE = ground(np.full((200, 200), 50.0)), ground(np.full((9, 9), NAN), 250.0)
 # 45 degrees down to the north, corners at x/z = 1/2, y/z = 1/3; 100 m up. The far corners lie
 # 100 (1 + 1/3) / (1 - 1/3) = 200 m north, the near ones 50 m; the far side is 150 sqrt(2) m.
 HALF, GROWN = 75 * np.sqrt(2), 15 * np.sqrt(2)
 LEFT, RIGHT = np.floor((500 - HALF - GROWN) / 2), np.ceil((500 + HALF + GROWN) / 2)
 TOP, BOTTOM = np.floor((1000 - 200 - 15) / 2), np.ceil((1000 - 50 + 15) / 2)
+TILTED = (LEFT, TOP, RIGHT - LEFT, BOTTOM - TOP)
 # Ground at 40 m with a lake of 200 m about (X, Y), which meets the nearest height.
 LAKE = np.full((200, 200), 40.0)
 LAKE[75:125, 75:125] = NAN
 BY_HAND: dict[str, tuple[HeightField, Crop, dict[str, Any], tuple[float, ...]]] = {
     "nadir": (LEVEL, rule(0.0, 300.0), NADIR, (240, 500, 30, 20)),
     "a tenth of 30 and 20 px more": (LEVEL, rule(0.1, 300.0), NADIR, (237, 498, 36, 24)),
-    "outward to whole pixels": (
-        *(LEVEL, rule(0.0, 300.0)),
-        *(NADIR | {"at": (X + 10.25, Y - 20, 100.0)}, (240, 500, 31, 20)),
-    ),
-    "the DSM counts: half as large on ground 50 m high": (
-        *(ground(np.full((200, 200), 50.0)), rule(0.0, 300.0)),
-        *(NADIR, (247, 505, 16, 10)),
-    ),
-    "tilted": (
-        *(LEVEL, rule(0.1, 500.0), {"tilt": 45.0}),
-        (LEFT, TOP, RIGHT - LEFT, BOTTOM - TOP),
-    ),
+    "outward to whole pixels": (LEVEL, rule(0.0, 300.0), ASIDE, (240, 500, 31, 20)),
+    # The DSM counts: half as large.
+    "on ground 50 m high": (HIGH, rule(0.0, 300.0), NADIR, (247, 505, 16, 10)),
+    "tilted": (LEVEL, rule(0.1, 500.0), {"tilt": 45.0}, TILTED),
     # Level to the north: corners along (+-3, 6, +-2) / 7. The upper ones never come down: 700 m
     # out they are 300 m aside and 600 m north. The lower ones land after 350 m, half as far.
     "over the horizon": (LEVEL, rule(0.0, 700.0), {"tilt": 90.0}, (100, 200, 300, 150)),
     # All are cut: 75 m aside, 150 m north; a box without height still has a pixel.
     "before the ground": (LEVEL, rule(0.0, 175.0), {"tilt": 90.0}, (212, 425, 76, 1)),
     "a hole": (ground(LAKE, 4.0), rule(0.0, 700.0), {}, (235, 490, 30, 20)),
-    "no height": (
-        *(ground(np.full((9, 9), NAN), 250.0), rule(0.0, 350.0)),
-        *({}, (175, 450, 150, 100)),
-    ),
+    "no height": (NOWHERE, rule(0.0, 350.0), {}, (175, 450, 150, 100)),
 }
 
 
