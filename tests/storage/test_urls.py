@@ -9,11 +9,10 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from uuid import uuid4
 
 import pytest
@@ -89,59 +88,51 @@ def copies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "copies"
 
 
-@dataclass
-class Web:
+class Web(SimpleHTTPRequestHandler):
     """A web server of a folder at work; it may refuse with a status, or cut what it sends."""
 
     folder: Path
-    address: str = ""
-    asked: list[str] = field(default_factory=list)
-    status: int = 0
-    body: bytes = b""
-    cut: bool = False
+    address: str
+    asked: ClassVar[list[str]] = []
+    status, body, cut = 0, b"", False
 
-
-class _Handler(SimpleHTTPRequestHandler):
-    def __init__(self, web: Web, *arguments: Any) -> None:
-        self.web = web
-        super().__init__(*arguments, directory=str(web.folder))
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments, directory=str(self.folder))
 
     def do_GET(self) -> None:
-        self.web.asked.append(f"{self.command} {self.path}")
-        if self.web.status:
-            self.send_response(self.web.status)
-            self.send_header("Content-Length", str(len(self.web.body)))
+        self.asked.append(f"{self.command} {self.path}")
+        if self.status:
+            self.send_response(self.status)
+            self.send_header("Content-Length", str(len(self.body)))
             self.end_headers()
-            self.wfile.write(self.web.body * (self.command != "HEAD"))
-        elif self.command == "HEAD":
-            super().do_HEAD()
+            self.wfile.write(self.body * (self.command != "HEAD"))
         else:
-            super().do_GET()
+            getattr(super(), f"do_{self.command}")()
 
     do_HEAD = do_GET  # noqa: N815
 
     def copyfile(self, source: Any, outputfile: Any) -> None:
-        outputfile.write(source.read()[: -100 if self.web.cut else None])
+        outputfile.write(source.read()[: -100 if self.cut else None])
 
     def log_message(self, *_: object) -> None:
         pass
 
 
 @pytest.fixture
-def web(tmp_path: Path, copies: Path) -> Iterator[Web]:
+def web(tmp_path: Path, copies: Path) -> Iterator[type[Web]]:
     """Return a folder and the server that shows it."""
     pytest.importorskip("aiohttp", reason="the extra storage is not installed")
-    made = Web(tmp_path / "www")
-    made.folder.mkdir()
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, made))
-    server.daemon_threads = True
-    made.address = f"http://127.0.0.1:{server.server_address[1]}"
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    yield made
-    server.shutdown()
-    server.server_close()
-    thread.join()
+    (tmp_path / "www").mkdir()
+
+    class Own(Web):
+        folder, asked = tmp_path / "www", []
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Own) as server:
+        server.daemon_threads = True
+        Own.address = f"http://127.0.0.1:{server.server_address[1]}"
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield Own
+        server.shutdown()
 
 
 @pytest.mark.parametrize(
@@ -177,7 +168,7 @@ def test_a_package_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, copies
 @pytest.mark.parametrize("where", ["bucket", "web"])
 def test_a_refusal_is_one_message(
     bucket: Bucket,
-    web: Web,
+    web: type[Web],
     where: str,
     status: int,
     said: str,
@@ -216,7 +207,7 @@ def test_what_a_bucket_lacks(
     assert isinstance(caught.value, AbsentError) == (lacking in ("key", "folder"))
 
 
-def test_a_broken_answer_leaves_no_copy(web: Web, copies: Path) -> None:
+def test_a_broken_answer_leaves_no_copy(web: type[Web], copies: Path) -> None:
     (web.folder / "mine.npz").write_bytes(CONTENT)
     url, web.cut = f"{web.address}/mine.npz", True
     with pytest.raises(StorageError) as caught:
@@ -228,7 +219,7 @@ def test_a_broken_answer_leaves_no_copy(web: Web, copies: Path) -> None:
 
 
 @pytest.mark.parametrize("where", ["bucket", "web"])
-def test_copies_are_those_of_the_storage(bucket: Bucket, web: Web, where: str) -> None:
+def test_copies_are_those_of_the_storage(bucket: Bucket, web: type[Web], where: str) -> None:
     seconds = itertools.count(1_000_000_000)
 
     def put(name: str, content: bytes) -> None:
@@ -294,7 +285,12 @@ def run(command: Run, track: str, predictions: object, data: object, out: Path) 
 
 
 def test_runs_from_a_bucket_and_a_web_server_have_the_bytes_of_a_run_here(
-    command: Run, bucket: Bucket, web: Web, data: Path, tmp_path: Path, perfect: dict[str, Any]
+    command: Run,
+    bucket: Bucket,
+    web: type[Web],
+    data: Path,
+    tmp_path: Path,
+    perfect: dict[str, Any],
 ) -> None:
     predictions = write_predictions(tmp_path / "mine.npz", "made-retrieval", **perfect)
     here = run(command, "retrieval", predictions, data, tmp_path / "here")
