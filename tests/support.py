@@ -26,6 +26,7 @@ import tomli_w
 
 from airzoo_bench.benchmark.folder import BenchmarkFile, SceneFile, write_benchmark_file
 from airzoo_bench.benchmark.queries import write_queries
+from airzoo_bench.core.files import only_writer
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of, write_truth
@@ -309,12 +310,10 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 
     The others wait, and the next one makes it where that fails.
     """
-    from airzoo_bench.datasets.mini.world import sole_maker
-
     base = factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / f"shared-{name}"
     made = folder.with_name(f"{folder.name}.made")
-    with sole_maker(folder):
+    with only_writer(folder.with_name(f".{folder.name}.lock"), wait=True):
         if not made.exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()

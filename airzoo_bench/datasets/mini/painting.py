@@ -24,6 +24,7 @@ _Shade = NDArray[np.int64] | int
 _Layer = tuple[Sequence[int] | str, Bools | bool, _Shade]
 
 _TINT = (9, 8, 6)  # eighths that mottling moves red, green and blue by: wet ground has another hue
+_WORN = ("soil", "gravel", "rough", "sand")
 _ROWS = 64  # of a canvas that are coloured at once
 _PALETTES = {name: layout.colours(text) for name, text in LOOKS["palettes"].items()}
 
@@ -217,10 +218,6 @@ def _flowers(p: _Spot) -> list[_Layer]:
     return [("bed", True, 0), (p.coat(20, 10, 4, "flowers"), bloom, 0)]
 
 
-def _worn(p: _Spot) -> list[_Layer]:
-    return [(("soil", "gravel", "rough", "sand")[p.key % 4], p.spots + (p.fine >> 1) > 40, 0)]
-
-
 def _tiles(p: _Spot, *, hipped: bool = False) -> list[_Layer]:
     edge, ends = p.box.v1 - np.abs(p.v), p.box.u1 - np.abs(p.u)
     on_hip, coat = hipped & (ends < edge), p.coat(10, 14, 10)
@@ -257,24 +254,20 @@ def _deck(p: _Spot) -> list[_Layer]:
     return _flat(p, slabs, (p.coat(6, 4, 2), p.lines(6.0, 6.0, 0.25), -26))
 
 
-def _plates(p: _Spot) -> list[_Layer]:
-    shade = (p.tones(5.0, 4.0) >> 3) - 24
-    return [("concrete", True, shade), ("patch", p.lines(5.0, 4.0, 0.25), 0)]
-
-
-def _ruts(p: _Spot) -> list[_Layer]:
-    return [("track", True, 0), ("rough", (p.u < 0.45) & (p.middle > -60), 0)]
-
-
 # Kinds with a function of their name; then short ones, covers of roofs and what lies on them.
 _NAMED = (
-    *(_parking, _slabs, _plates, _beds, _flowers, _field, _terraces, _pitch, _running_track),
-    *(_court_marked, _car, _old_roof, _worn, _ruts, _tiles, _metal, _membrane, _deck),
+    *(_parking, _slabs, _beds, _flowers, _field, _terraces, _pitch, _running_track),
+    *(_court_marked, _car, _old_roof, _tiles, _metal, _membrane, _deck),
 )
 KINDS: dict[str, Callable[[_Spot], list[_Layer]]] = {
     **{function.__name__.strip("_"): function for function in _NAMED},
     "dashes": lambda p: [("marking", (p.u + p.key % 9) % 9.0 < 4.0, 0)],
     "crossing": lambda p: [("marking", p.v % 1.25 < 0.65, 0)],
+    "ruts": lambda p: [("track", True, 0), ("rough", (p.u < 0.45) & (p.middle > -60), 0)],
+    "worn": lambda p: [(_WORN[p.key % 4], p.spots + (p.fine >> 1) > 40, 0)],
+    "plates": lambda p: [
+        *[("concrete", True, (p.tones(5.0, 4.0) >> 3) - 24), ("patch", p.lines(5.0, 4.0, 0.25), 0)]
+    ],
     "shore": lambda p: [("reed", True, 0), ("shallow", p.coarse > 10, 0)],
     "hips": partial(_tiles, hipped=True),
     "pebbles": lambda p: _flat(p, (p.coat(22, 14, 16), True, 0)),

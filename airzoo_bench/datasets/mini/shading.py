@@ -182,37 +182,27 @@ def dot(a: Any, b: Any) -> Any:
 
 
 class _Texture:
-    """Square images (n, n, 4) of one place and their halvings, the first row in the north."""
+    """A square image (n, n, 4), mirrored beyond its sides, and its halvings; north is up."""
 
-    def __init__(self, side_m: float, *images: NDArray[np.uint8]) -> None:
-        levels = [np.stack(images)]
-        while levels[-1].shape[1] > _LEAST_SIDE:
-            odd = levels[-1].shape[1] % 2
-            even = np.pad(levels[-1], ((0, 0), (0, odd), (0, odd), (0, 0)), mode="edge")
-            rows = (even[:, 0::2].astype(np.uint16) + even[:, 1::2]) >> 1
-            levels.append(((rows[:, :, 0::2] + rows[:, :, 1::2]) >> 1).astype(np.uint8))
+    def __init__(self, side_m: float, image: NDArray[np.uint8]) -> None:
+        levels = [image]
+        while len(levels[-1]) > _LEAST_SIDE:
+            odd = len(levels[-1]) % 2
+            even = np.pad(levels[-1], ((0, odd), (0, odd), (0, 0)), mode="edge")
+            rows = (even[0::2].astype(np.uint16) + even[1::2]) >> 1
+            levels.append(((rows[:, 0::2] + rows[:, 1::2]) >> 1).astype(np.uint8))
         self._twice_m = np.float32(2 * side_m)
-        self._per_m = np.float32(1.0 / (side_m / len(images[0])))
-        sizes = np.array([level.shape[1] for level in levels], np.int32)
-        starts = len(images) * (np.cumsum(sizes**2, dtype=np.int32) - sizes**2)
-        # By image and level: first texel, size, and the last place between two texels.
-        self._starts = np.concatenate([starts + image * sizes**2 for image in range(len(images))])
-        self._sizes, self._levels = np.tile(sizes, len(images)), len(sizes)
+        self._per_m = np.float32(1.0 / (side_m / len(image)))
+        # By level: size, first texel, and the last place between two texels.
+        self._sizes = np.array([len(level) for level in levels], np.int32)
+        self._starts = np.cumsum(self._sizes**2, dtype=np.int32) - self._sizes**2
         self._ends = self._sizes.astype(np.float32) - np.float32(1.01)
-        texels = np.concatenate([level.reshape(-1, 4) for level in levels])
-        self._texels = texels.view(np.uint32).ravel()
+        self._texels = np.concatenate([level.view(np.uint32).ravel() for level in levels])
 
-    def sample(
-        self, xy: Singles, size_m: Singles, dither: Singles, lanes: int, second: int | None = None
-    ) -> Singles:
-        """Return the first lanes of the colour, (lanes, N) in 0 to 1, at points of the square.
-
-        Beyond the square it is mirrored. From point `second` on the second image is seen.
-        """
+    def sample(self, xy: Singles, size_m: Singles, dither: Singles, lanes: int = 4) -> Singles:
+        """Return the first lanes of the colour, (lanes, N) in 0 to 1, at points of the square."""
         level = noise.floor_log2(size_m * (1.0 + dither) * self._per_m)
-        np.minimum(np.maximum(level, 0, out=level), self._levels - 1, out=level)
-        if second is not None:
-            level[second:] += self._levels
+        np.minimum(np.maximum(level, 0, out=level), len(self._sizes) - 1, out=level)
         size = self._sizes.take(level)
         # Halves of the side, so that 0 and 1 are a mirror image apart from their middle.
         place = np.stack([0.5 - xy[1] / self._twice_m, xy[0] / self._twice_m])
@@ -291,7 +281,7 @@ class Shader:
         self._side, dsm = world.region.side_m, world.dsm
         border = np.concatenate([dsm[0], dsm[-1], dsm[:, 0], dsm[:, -1]])
         self._far_level_m = float(np.median(border))
-        self._land = _Texture(self._side, world.ground, world.top)
+        self._ground, self._top = (_Texture(self._side, m) for m in (world.ground, world.top))
         gsd, around = self._side / len(dsm), np.zeros((*dsm.shape, 4), np.uint8)
         around[..., 0] = np.rint(255.0 * _openness(dsm, gsd))
         around[..., 1] = np.rint(255.0 * np.clip(_lamp_light(world, gsd), 0.0, 1.0))
@@ -313,7 +303,7 @@ class Shader:
         distance = np.float32(max(origin[2] - self._far_level_m, 1.0)) / np.maximum(-down[2], 1e-4)
         xy = [np.float32(origin[k]) + distance * down[k] for k in (0, 1)]
         coarse = np.full(len(distance), self._side / 40.0, np.float32)
-        land = self._land.sample(np.stack(xy), coarse, np.full_like(coarse, 0.5), 3, 0)
+        land = self._top.sample(np.stack(xy), coarse, np.full_like(coarse, 0.5), 3)
         if given.snow > 0.0:
             land += (column(_SNOW) - land) * np.float32(0.75 * given.snow)
         sun = column(given.light.sun) * np.float32(given.light.direction[2])
@@ -357,7 +347,12 @@ class Shader:
         # of the strip's sides, up to this: a little too sharp along, a little too soft across.
         slant = np.sqrt(np.maximum(land.facing(), np.float32(1.0 / _MOST_SLANT)))
         footprint: Singles = np.divide(land.footprint, slant, dtype=np.float32)
-        lanes = self._land.sample(land.xyz, footprint, land.dither, 4, spans["ground"].stop)
+        images = (self._ground, spans["ground"]), (self._top, slice(spans["ground"].stop, None))
+        parts = [
+            image.sample(land.xyz[:, span], footprint[span], land.dither[span])
+            for image, span in images
+        ]
+        lanes = np.concatenate(parts, axis=1)
         grain = volume_noise(land.xyz, 0.11, footprint) * np.float32(0.045)
         lanes[:3] *= 1.0 + grain * (1.0 - lanes[3])
         paint.albedo[:, spans["land"]] = lanes[:3]

@@ -11,8 +11,7 @@ arrays, and ``world.json``, which tells worlds apart.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -122,7 +121,7 @@ def ensure_world(region: Region, seed: int, root: Path, build: Callable[[str, in
     """Return the folder of a world, built now where it was not yet."""
     folder = root / "mini-worlds" / f"{region.name}-{seed}"
     index = folder / _INDEX
-    with sole_maker(folder):
+    with only_writer(folder.with_name(f".{folder.name}.lock"), wait=True):
         if not index.is_file() or index.read_text("utf-8") != _index_text(region, seed):
             save_world(folder, build(region.name, seed))
     return folder
@@ -170,13 +169,3 @@ def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
         with memory.open(driver="GTiff", dtype=kind, interleave="pixel", **profile) as dataset:
             dataset.write(bands)
         path.write_bytes(memory.getbuffer())
-
-
-@contextmanager
-def sole_maker(folder: Path) -> Iterator[None]:
-    """Wait until no other process makes a folder, and hold it, so that it is made once."""
-    held = folder.with_name(f".{folder.name}.lock")
-    with only_writer(held, wait=True):
-        yield
-    with suppress(OSError):
-        held.rmdir()

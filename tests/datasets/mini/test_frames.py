@@ -12,14 +12,8 @@ import pytest
 import rasterio
 from PIL import Image
 
+from airzoo_bench.datasets.mini import renderer as photos
 from airzoo_bench.datasets.mini.noise import seed_of
-from airzoo_bench.datasets.mini.renderer import (
-    FrameList,
-    default_camera,
-    frame_paths,
-    read_depth,
-    render_frames,
-)
 from airzoo_bench.datasets.mini.world import CRS, ensure_world, load_world, save_world
 from airzoo_bench.engines.engine import Processes
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg
@@ -31,9 +25,9 @@ from tests.datasets.mini.conftest import CORNER, REGION, renderer, small_world
 NUMBER = np.arange(4)
 ROTATION = angles_to_rotations(37.0 * NUMBER, -90.0 + 13.0 * NUMBER, 2.0, convergence_deg=0.4)
 CENTRES = np.array([48.0, 48.0, 80.0]) + np.outer(NUMBER, (3.0, -2.0, 1.5)) + CORNER
-FRAMES = FrameList(
+FRAMES = photos.FrameList(
     names=("f0", "f1", "f2", "f3"),
-    camera=default_camera(64, 48),
+    camera=photos.default_camera(64, 48),
     poses=Poses.from_centres(ROTATION, CENTRES),
     weather=("sunny", "rainy", "snowy", "foggy"),
     time_of_day=("day", "night", "day", "sunset"),
@@ -50,7 +44,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def rendered(world: Path) -> Path:
-    assert render_frames(FRAMES, world, world.parent / "frames") == 4
+    assert photos.render_frames(FRAMES, world, world.parent / "frames") == 4
     return world.parent / "frames"
 
 
@@ -83,8 +77,8 @@ def test_other_programs_find_the_rasters_in_place(world: Path) -> None:
 
 def test_photo_depth_and_table_of_frames(rendered: Path) -> None:
     view = FRAMES.camera, FRAMES.poses.take(1), "rainy", "night", seed_of(FRAMES.seed, "f1")
-    true, (image, depth) = renderer().render(*view), frame_paths(rendered, "f1")
-    np.testing.assert_array_equal(read_depth(depth), true.depth)
+    true, (image, depth) = renderer().render(*view), photos.frame_paths(rendered, "f1")
+    np.testing.assert_array_equal(photos.read_depth(depth), true.depth)
     with Image.open(image) as photo:
         assert np.abs(np.asarray(photo, float) - true.rgb).mean() < 3.0
     table = pd.read_csv(rendered / "frames.csv")
@@ -102,7 +96,7 @@ def test_photo_depth_and_table_of_frames(rendered: Path) -> None:
 def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path, world: Path, rendered: Path) -> None:
     turned = {name: getattr(FRAMES, name)[::-1] for name in ("names", "weather", "time_of_day")}
     back = replace(FRAMES, poses=FRAMES.poses.take([3, 2, 1, 0]), **turned)
-    render_frames(back, world, tmp_path, Processes(2))
+    photos.render_frames(back, world, tmp_path, Processes(2))
     for folder in ("images", "depth"):
         assert contents(rendered / folder) == contents(tmp_path / folder)
 
@@ -111,10 +105,10 @@ def test_only_what_is_missing_or_made_from_something_else_is_rendered(
     tmp_path: Path, world: Path, rendered: Path
 ) -> None:
     shutil.copytree(rendered, tmp_path / "f")
-    assert render_frames(FRAMES, world, tmp_path / "f") == 0
+    assert photos.render_frames(FRAMES, world, tmp_path / "f") == 0
     (tmp_path / "f" / "depth" / "f0.tif").unlink()
     (tmp_path / "f" / "images" / "f2.jpg").write_bytes(b"")
-    assert render_frames(FRAMES, world, tmp_path / "f") == 2
+    assert photos.render_frames(FRAMES, world, tmp_path / "f") == 2
     assert contents(tmp_path / "f") == contents(rendered)
     moved = CENTRES + 1e-4 * (NUMBER == 1)[:, None]
     save_world(tmp_path / "other", replace(small_world(), seed=1))
@@ -124,4 +118,4 @@ def test_only_what_is_missing_or_made_from_something_else_is_rendered(
         (4, {}, tmp_path / "other"),
     ):
         shutil.copytree(rendered, tmp_path / "f", dirs_exist_ok=True)
-        assert render_frames(replace(FRAMES, **change), home, tmp_path / "f") == made
+        assert photos.render_frames(replace(FRAMES, **change), home, tmp_path / "f") == made
