@@ -29,10 +29,8 @@ def city_plan(seed: int) -> Plan:
     middle = dice.real(0.38, 0.62) * SIDE_M
     along = np.linspace(-60, SIDE_M + 60, 8).tolist()
     canal = layout.bend(tuple((x, middle + dice.real(-55, 55)) for x in along))
-    bridges = []
-    for share in (0.18, 0.5, 0.82):
-        index = int(len(canal) * (share + dice.real(-0.06, 0.06)))
-        bridges.append(Frame.along(canal[index], canal[index + 1]).at(0, 0, turned=True))
+    starts = [int(len(canal) * (share + dice.real(-0.06, 0.06))) for share in (0.18, 0.5, 0.82)]
+    bridges = [Frame.along(*canal[at : at + 2]).at(0, 0, turned=True) for at in starts]
     city = _City(seed, dice, _heights(seed, canal, bridges), canal)
     turn = dice.integer(2, 22)
     for city.side, step in ((1, turn), (2, turn - dice.integer(10, 30))):
@@ -135,7 +133,7 @@ class _City(Plan):
 
     def lay_district(self, axes: Frame) -> None:
         self.axes, self.taken = axes, []
-        blocks, streets = self._split(Box(axes, -420.0, 420.0, -420.0, 420.0), 0)
+        blocks, streets = self._split(axes.box(420.0, 420.0), 0)
         self.paint("asphalt", _MIDDLE.box(SIDE_M, SIDE_M))
         for street in streets:
             if street.v1 < 5:
@@ -183,11 +181,10 @@ class _City(Plan):
 
     def _line_with_trees(self, block: Box) -> None:
         dice, (frame, u0, u1, v0, v1, _) = self.dice, block
-        gap = dice.real(8.0, 13.0)
-        rows = [(u0, u1, v, False) for v in (v0 + 1.4, v1 - 1.4)]
-        rows += [(v0, v1, -u, True) for u in (u0 + 1.4, u1 - 1.4)]
-        for start, end, off, turned in rows:
-            row = frame.at(0, 0, turned=turned)
+        gap, turned = dice.real(8.0, 13.0), frame.at(0, 0, turned=True)
+        rows = [(frame, u0, u1, v) for v in (v0 + 1.4, v1 - 1.4)]
+        rows += [(turned, v0, v1, -u) for u in (u0 + 1.4, u1 - 1.4)]
+        for row, start, end, off in rows:
             for place in () if dice.chance(30) else layout.steps(start + 6, end - 6, gap):
                 if dice.chance(80):
                     spot = row.at(place, off)
@@ -262,9 +259,8 @@ def _build_terrace(city: _City, lot: Box) -> None:
     _fill_yard(city, yard)
     deep, flat = dice.real(9.5, 12.0), dice.chance(35)
     rows = [lot.part(lot.u0, lot.u1, v, v + deep) for v in (lot.v0, lot.v1 - deep)]
-    # A row along v: its own u is v of the block.
-    turned = Box(lot.frame.at(0, 0, turned=True), lot.v0 + deep, lot.v1 - deep, 0, 0)
-    rows += [turned._replace(v0=-u - deep, v1=-u) for u in (lot.u0, lot.u1 - deep)]
+    across = lot.frame.at(0, 0, turned=True), lot.v0 + deep, lot.v1 - deep
+    rows += [Box(*across, -u - deep, -u) for u in (lot.u0, lot.u1 - deep)]
     for row in rows:
         place, storeys = row.u0, dice.integer(2, 5)
         while place < row.u1 - 8:

@@ -208,6 +208,12 @@ def between(start: Point, end: Point, share: float, left: float = 0.0) -> Point:
     return start[0] + share * x - left * y, start[1] + share * y + left * x
 
 
+def distances(points: Sequence[Point], line: Line) -> Floats:
+    """Return the distances of points from a line."""
+    x, y = np.array(points).T
+    return distance_to_line(x, y, line)
+
+
 def distance_to_line(x: Floats, y: Floats, points: Line) -> Floats:
     """Return the distance of points from a line; x and y broadcast."""
     ends = np.array(points).reshape(-1, 2, *(1,) * x.ndim)

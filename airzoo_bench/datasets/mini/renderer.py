@@ -55,7 +55,6 @@ _DROPS = {"rain": 420, "snow": 520}
 
 IMAGE_SUFFIX = ".jpg"
 PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
-_DIGITS = (12, 12, 6, 12, 12, 12)  # of these columns
 
 
 class Frame(NamedTuple):
@@ -314,12 +313,10 @@ def _frames_csv(frames: FrameList) -> str:
     lonlat = to_lonlat(CRS, poses.centres[:, :2])
     turn = grid_convergence_deg(CRS, lonlat)
     angles = rotations_to_angles(poses.rotation, convergence_deg=turn)[:, ::-1]
-    numbers = np.column_stack([lonlat, poses.centres[:, 2], angles]).T
     given = {"name": frames.names, "weather": frames.weather, "time_of_day": frames.time_of_day}
     table = pd.DataFrame(given)
-    for name, digits, values in zip(PLACE_COLUMNS, _DIGITS, numbers, strict=True):
-        # Adding 0 makes a negative zero positive.
-        table[name] = [f"{value:.{digits}f}" for value in np.round(values, digits) + 0.0]
+    numbers = np.column_stack([lonlat, poses.centres[:, 2], angles])
+    table[list(PLACE_COLUMNS)] = np.round(numbers, 12) + 0.0  # no negative zeros
     table[["width", "height", "fx", "fy", "cx", "cy"]] = frames.pinhole
     return table.to_csv(index=False, lineterminator="\n")
 

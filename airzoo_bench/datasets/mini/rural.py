@@ -68,16 +68,14 @@ def _draw_lines(dice: Dice) -> _Lines:
     for _ in range(200):
         x, y = dice.real(55, SIDE_M - 55), dice.real(55, SIDE_M - 55)
         farm = Frame(x, y, *direction(dice.integer(0, 255)))
-        off = layout.distance_to_line(np.array([x]), np.array([y]), stream)[0]
+        off = layout.distances([(x, y)], stream)
         if off > 60 and all(layout.distance(farm[:2], other[:2]) > 125 for other in farms):
             farms.append(farm)
     farms = farms[:6]
     # The road is that of some which keeps farthest from all farms.
-    yards = np.array([farm[:2] for farm in farms]).T
+    yards = [farm[:2] for farm in farms]
     roads = [_winding(dice, (0.25, 0.8), 50.0) for _ in range(12)]
-    road = max(
-        roads, key=lambda line: float(layout.distance_to_line(yards[0], yards[1], line).min())
-    )
+    road = max(roads, key=lambda line: float(layout.distances(yards, line).min()))
     tracks = []
     for farm in farms:
         near = min(road, key=lambda point: layout.distance(point, farm[:2]))
@@ -88,9 +86,8 @@ def _draw_lines(dice: Dice) -> _Lines:
     half = dice.real(22, 32), dice.real(14, 19)
     # The pond lies on the middle part of the stream, as far from the road as can be.
     middle_part = stream[len(stream) * 3 // 10 : len(stream) * 7 // 10]
-    at_x, at_y = np.array(middle_part).T
-    away = layout.distance_to_line(at_x, at_y, road)
-    pond = Frame(*middle_part[int(np.argmax(away))], *direction(dice.integer(0, 255)))
+    farthest = int(np.argmax(layout.distances(middle_part, road)))
+    pond = Frame(*middle_part[farthest], *direction(dice.integer(0, 255)))
     dry = [farm for farm in farms if layout.distance(farm[:2], pond[:2]) > 85.0]
     return _Lines(stream, road, tracks, paths, pond, half, dry)
 
@@ -182,8 +179,7 @@ def _use_parcel(plan: Plan, parcel: Polygon, stream: Line) -> None:
     """Paint a parcel and plant what grows on it; the valley is terraced for rice."""
     dice = plan.dice
     plan.paint("rough", parcel)
-    x, y = np.array([_middle(parcel.points)]).T
-    near = float(layout.distance_to_line(x, y, stream)[0])
+    near = layout.distances([_middle(parcel.points)], stream)[0]
     inner, use = _shrink(parcel, dice.real(1.2, 3.0)), dice.integer(0, 99)
     if near < _VALLEY_M and dice.chance(75):
         plan.paint("terraces", inner)
