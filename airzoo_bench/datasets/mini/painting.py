@@ -266,7 +266,8 @@ KINDS: dict[str, Callable[[_Spot], list[_Layer]]] = {
     "ruts": lambda p: [("track", True, 0), ("rough", (p.u < 0.45) & (p.middle > -60), 0)],
     "worn": lambda p: [(_WORN[p.key % 4], p.spots + (p.fine >> 1) > 40, 0)],
     "plates": lambda p: [
-        *[("concrete", True, (p.tones(5.0, 4.0) >> 3) - 24), ("patch", p.lines(5.0, 4.0, 0.25), 0)]
+        ("concrete", True, (p.tones(5.0, 4.0) >> 3) - 24),
+        ("patch", p.lines(5.0, 4.0, 0.25), 0),
     ],
     "shore": lambda p: [("reed", True, 0), ("shallow", p.coarse > 10, 0)],
     "hips": partial(_tiles, hipped=True),
