@@ -33,6 +33,7 @@ _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 ROWS, _SCALE = "Rows and columns", "For scale"
 _FEW = 10  # options that need no panels
 _display: list[Any] = []
+_WRONG_CALL = typer.BadParameter.__base__ or typer.BadParameter  # which typer does not export
 
 
 class Format(StrEnum):
@@ -148,6 +149,19 @@ class PanelCommand(TyperCommand):
 
     panels: Mapping[str, str] = {}  # of options that name none
 
+    def make_context(self, *given: Any, **more: Any) -> Any:
+        """Read the arguments; say what is wrong with them as other refusals do."""
+        try:
+            return super().make_context(*given, **more)
+        except _WRONG_CALL as error:
+            said = error.format_message().replace("Value error, ", "").rstrip(".")
+            if found := re.search(r"'([^']*)' is not one of (.*)", said):
+                from airzoo_bench.core.validation import nearest
+
+                said += nearest(found[1], re.findall("'([^']*)'", found[2]), 1)
+            name = error.ctx.command_path if error.ctx else "airzoo-bench"
+            raise UsageError(said, fix=f"`{name} --help` lists the options") from None
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """List arguments and options."""
         shown: dict[str, list[Any]] = {"Arguments": []}
@@ -174,9 +188,10 @@ def check_choice(command: str, given: str, names: Sequence[str]) -> None:
         return
     from airzoo_bench.core.validation import nearest
 
-    what = f"{command} knows no {given!r}{nearest(given, list(names), 1)}"
+    near = nearest(given, list(names), 1)
     fix = f"{command} {names[0]} {given}" if Path(given).suffix or Path(given).exists() else None
-    raise UsageError(what, expected="one of " + ", ".join(names), fix=fix)
+    expected = f"what `{command} --help` lists" if near else "one of " + ", ".join(names)
+    raise UsageError(f"{command} knows no {given!r}{near}", expected=expected, fix=fix)
 
 
 def examples(*calls: str) -> str:

@@ -77,7 +77,8 @@ def table(
         ),
     ] = None,
     highlight: Annotated[
-        cli.Texts, cli.option("Colour this method's row; repeatable.", panel=_VALUES)
+        cli.Texts,
+        cli.option("Colour a row; gains are then of such rows; repeatable.", panel=_VALUES),
     ] = None,
     cite: Annotated[
         cli.Texts,
@@ -178,9 +179,6 @@ def _read_parts(given: Sequence[str], published: bool, every: bool) -> list[_Par
 def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:
     """Add intervals, published rows and floors, where they are asked for."""
     from airzoo_bench.results.comparison import find_scene
-    from airzoo_bench.results.records import Method, read_records
-    from airzoo_bench.statistics.samples import ResamplingConfig
-    from airzoo_bench.tables.comparison import with_intervals
     from airzoo_bench.tables.layouts import with_floors, with_published
     from airzoo_bench.tables.published import OVERALL, published_values
 
@@ -189,6 +187,10 @@ def _add_rows(asked: Any, layout: str, part: _Part) -> MethodTable:
     if layout in ("result", "scenes"):
         scenes = [*table.scenes, OVERALL]
     if asked.intervals and results:
+        from airzoo_bench.results.records import Method, read_records  # which need pandas
+        from airzoo_bench.statistics.samples import ResamplingConfig
+        from airzoo_bench.tables.comparison import with_intervals
+
         triples = zip(table.rows, results, part.paths, strict=True)
         methods = [Method(row.method, result, read_records(path)) for row, result, path in triples]
         table = with_intervals(table, methods, ResamplingConfig(), scenes)

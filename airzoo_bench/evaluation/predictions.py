@@ -297,12 +297,11 @@ def _choose_protocol(
 ) -> protocols.Protocol:
     """Return the protocol that was named, else the one that predictions state."""
     if named is None and stated is None:
-        there = " or ".join(protocols.prepared_protocols(str(track), data)[:3])
         raise ProtocolError(
             "does not say which protocol it is for",
             where=path,
             expected="a field 'protocol', protocol.txt in a folder or archive, or --protocol NAME",
-            fix=f"add --protocol {there}" if there else "`airzoo-bench protocols` lists them",
+            fix="add --protocol PROTOCOL: `airzoo-bench protocols` lists them",
         )
     try:
         chosen = protocols.find_protocol(named or str(stated), data)

@@ -8,7 +8,6 @@ without changing it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
@@ -108,16 +107,6 @@ def protocol_files(data: Path) -> dict[str, Path]:
     return {path.stem: path for path in _prepared_files(data)} | shipped_protocols()
 
 
-def prepared_protocols(track: str, data: Path) -> list[str]:
-    """Return the names of a track's protocols in prepared benchmark folders."""
-    found = []
-    for path in _prepared_files(data):
-        with suppress(ProtocolError):  # a damaged one is named when it is asked for
-            if load_protocol(path).track == track:
-                found.append(path.stem)
-    return found
-
-
 def find_protocol(name: str, data: Path) -> Protocol:
     """Find a protocol by name or by path."""
     if name.endswith(".toml"):
@@ -127,7 +116,6 @@ def find_protocol(name: str, data: Path) -> Protocol:
         return load_protocol(known[name])
     raise ProtocolError(
         f"unknown protocol {name[:80]!r}{nearest(name[:80], list(known))}",
-        expected="a .toml file or one of: " + ", ".join(known),
         fix="`airzoo-bench protocols` lists what is known; those of prepared benchmarks were "
         f"sought in {data}: set {DATA_VARIABLE} to their folder, or name it with --data",
     )

@@ -15,7 +15,6 @@ from airzoo_bench.results.comparison import (
     compare,
     floor_note,
     make_sample,
-    notes_of,
     tied_with_best,
 )
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
@@ -83,10 +82,9 @@ def find(section: Section) -> Findings:
     scopes |= {scene: scene for scene in section.first.scenes if section.by_query}
     ties = {scope: tied_with_best(methods, scores, plan, scene) for scope, scene in scopes.items()}
     notes.append(
-        f"★ marks the best, {TIED} what a paired test does not tell from it (p above "
-        f"{100 * LEVEL:g} % after Holm's correction for all pairs of methods, "
-        f"{plan.resamples} resamples, seed {plan.seed}); tested are the headline scores, not "
-        "pooled" + ("" if section.by_query else ", nor of single scenes")
+        f"★ marks the best, {TIED} what a paired test of the two alone does not tell from it (p "
+        f"above {100 * LEVEL:g} %, {plan.resamples} resamples, seed {plan.seed}); tested are the "
+        "headline scores, not pooled" + ("" if section.by_query else ", nor of single scenes")
     )
     return Findings(limits, ties, [*filter(None, notes)])
 
@@ -111,10 +109,9 @@ def _scores_table(section: Section, found: Findings, scope: str, title: str) -> 
     references = shared_references([method.result for method in section.methods])
     count, ties = len(section.methods), found.ties.get(scope, {})
     limits = found.limits.get(scope, {})
-    marks = [FLOOR_MARK * bool(floor_note(method.result)) for method in section.methods]
-    names = [*map(Cell, section.names), *map(Cell, references)]
-    names[:count] = [replace(c, mark=m) for c, m in zip(names[:count], marks, strict=True)]
-    columns = [names]
+    no_better = [(method.name, floor_note(method.result)) for method in section.methods]
+    names = [Cell(name, mark=FLOOR_MARK * bool(note)) for name, note in no_better]
+    columns = [[*names, *map(Cell, references)]]
     for score in section.scores:
         values = [_by_scope(m.result)[scope][score.key] for m in section.methods]
         spans = limits.get(score.key, [None] * count)
@@ -127,7 +124,7 @@ def _scores_table(section: Section, found: Findings, scope: str, title: str) -> 
         columns.append([*cells, *(score_cell(score, value) for value in floors)])
     rows = [Row(cells, floor=n >= count) for n, cells in enumerate(zip(*columns, strict=True))]
     heads = (Column("Method"), *map(score_column, section.scores))
-    return Table(title, heads, tuple(rows))
+    return Table(title, heads, tuple(rows), tuple(share_notes(p for p in no_better if p[1])))
 
 
 def scene_panes(section: Section, summary: Sequence[Pane]) -> list[Pane]:
@@ -160,14 +157,11 @@ def pair_panes(section: Section) -> list[Pane]:
     few, plan, panes = section.methods[:_MOST_PAIRED], plan_of(section), list[Pane]()
     if plan is None:
         return []
-    count, scores = len(section.methods), section.headline
-    family = count * (count - 1) // 2  # as the marks of the summary are corrected
     for one, better in enumerate(few[:-1]):
-        found = compare(few, scores, reference=better.name, family=family, resampling=plan)
         for two, other in enumerate(few[one + 1 :], one + 1):
-            pairs = [pair for pair in found.pairs if pair.method == other.name]
-            tables = [comparison_table(replace(found, pairs=pairs, notes=()))]
-            tables.append(differences_table([better, other], scores[:1], _DIFFERING))
+            found = compare([better, other], section.headline, resampling=plan)
+            tables = [comparison_table(replace(found, notes=()))]
+            tables.append(differences_table([better, other], section.headline[0], _DIFFERING))
             panes.append(Pane(f"{one} {two}", f"{better.name} and {other.name}", tables))
     return panes
 
@@ -186,7 +180,7 @@ def counts_table(section: Section) -> Table:
 
 def notes_by_method(section: Section) -> list[str]:
     """Return the notes of all results, each once, with the methods that have it."""
-    return share_notes((m.name, note) for m in section.methods for note in notes_of(m.result))
+    return share_notes((m.name, note) for m in section.methods for note in m.result.notes)
 
 
 @cache

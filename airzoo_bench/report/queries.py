@@ -21,6 +21,7 @@ from airzoo_bench.report.sections import Place, Section, jpeg, true_window
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.breakdown import UNKNOWN, condition_title, number_texts
+from airzoo_bench.tables.comparison import HIT, MISS
 from airzoo_bench.tables.layouts import score_texts
 
 _MAP_PX, _SIDE_PX, _TILE_PX = 1400, 240, 120
@@ -59,7 +60,7 @@ def _values(section: Section, score: ScoreColumn) -> Floats:
 
 def _writer(section: Section, score: ScoreColumn) -> Callable[[list[Any]], list[str]]:
     if is_hit(section.track, score):
-        return lambda values: ["✓ hit" if value == 1 else "✗ miss" for value in values]
+        return lambda values: [HIT if value == 1 else MISS for value in values]
     return partial(score_texts, score)
 
 

@@ -107,8 +107,9 @@ def draw_clouds(section: Section, scene: str, sheet: Sheet | None = None) -> Fig
     left, right, last = figure.subplots(1, 3)
     both = np.concatenate([found["predicted"][:, :2], found["true"][:, :2], np.zeros((1, 2))])
     low, high = np.percentile(both, _FRAME, axis=0)
+    limit = error_limit(np.concatenate([found["precision_m"], found["recall_m"]]))
     for axes, name, errors in ((left, "predicted", "precision_m"), (right, "true", "recall_m")):
-        _draw_above(axes, found[name].astype(np.float64), found[errors], low, high)
+        _draw_above(axes, found[name].astype(np.float64), found[errors], limit, low, high)
         axes.set(title=f"{name} points", xlabel="east [m]")
     left.set(ylabel="north [m]")
     distances, precision, recall = found["curve"]
@@ -125,9 +126,11 @@ def draw_clouds(section: Section, scene: str, sheet: Sheet | None = None) -> Fig
     return figure
 
 
-def _draw_above(axes: Axes, points: Floats, errors: Floats, low: Floats, high: Floats) -> None:
+def _draw_above(
+    axes: Axes, points: Floats, errors: Floats, limit: float, low: Floats, high: Floats
+) -> None:
     """Draw the mean error of points, each cut at the limit, over cells as seen from above."""
-    limit, high = error_limit(errors), np.maximum(high, low + 1.0)
+    high = np.maximum(high, low + 1.0)
     side = float((high - low).max()) / _CELLS
     shape = np.maximum(np.ceil((high - low) / side).astype(int), 1)
     grid: Any = {"bins": shape, "range": np.stack([low, low + shape * side], axis=1)}

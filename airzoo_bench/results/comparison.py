@@ -307,7 +307,6 @@ def compare(
     *,
     reference: str | None = None,
     scene: str | None = None,
-    family: int = 0,
     resampling: ResamplingConfig,
 ) -> MethodComparison:
     """Compare methods with a `reference` among them: a name, "best", or None for the first."""
@@ -323,7 +322,7 @@ def compare(
         what = f"--reference {reference[:80]!r} is no method of these results"
         what += nearest(reference[:80], names)
         raise UsageError(what, expected=f"{_BEST}, or one of " + ", ".join(names))
-    sample, pairs, family = make_sample(methods, scores, scene), [], family or count - 1
+    sample, pairs, family = make_sample(methods, scores, scene), [], count - 1
     if reference == _BEST and _BEST not in names:  # all pairs were looked at
         family = count * (count - 1) // 2
     for one, other, found in _test_others(sample, [base] * len(scores), family, resampling):
@@ -349,13 +348,12 @@ def tied_with_best(
     resampling: ResamplingConfig,
     scene: str | None = None,
 ) -> dict[str, list[bool]]:
-    """Say by each score which methods cannot be told from the best, with p of all pairs."""
-    count = len(methods)
+    """Say by score which methods a test of the two alone, as on boards, finds like the best."""
     best = [_best_of(methods, score, scene) for score in scores]
-    tied = np.ones((len(scores), count), np.bool_)
-    sample, family = make_sample(methods, scores, scene), count * (count - 1) // 2
-    for row, _, (_, _, p_holm) in _test_others(sample, best, family, resampling):
-        tied.flat[row] = p_holm > LEVEL
+    tied = np.ones((len(scores), len(methods)), np.bool_)
+    sample = make_sample(methods, scores, scene)
+    for row, _, (_, test, _) in _test_others(sample, best, 0, resampling):
+        tied.flat[row] = test.p_value > LEVEL
     return {score.key: row.tolist() for score, row in zip(scores, tied, strict=True)}
 
 

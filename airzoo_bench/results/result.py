@@ -27,7 +27,7 @@ from pydantic import (
 from airzoo_bench.core.errors import ResultError
 from airzoo_bench.core.files import atomic_write, fingerprint, read_text
 from airzoo_bench.core.registry import TRACKS
-from airzoo_bench.core.validation import validation_message
+from airzoo_bench.core.validation import nearest, validation_message
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.storage.urls import ensure_file, fetch, url_of
 
@@ -239,6 +239,9 @@ def result_paths(given: Sequence[str | Path]) -> tuple[Path, ...]:
             if not path.is_file():
                 fix = f"name the folder that holds it, perhaps {location}/*"
                 raise ResultError(f"a folder without a {_FILE}", where=location, fix=fix)
+        elif not path.exists():
+            there = [one.name for one in path.parent.glob("*")]
+            raise ResultError(f"no such result{nearest(path.name, there)}", where=location)
         paths.append(path)
     return tuple(dict.fromkeys(paths))
 

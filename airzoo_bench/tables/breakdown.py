@@ -36,7 +36,6 @@ _SUFFIXES = {"_m": "m", "_deg": "°", "_s": "s", "_px": "px"}
 
 def is_condition(name: str, track: str) -> bool:
     """Whether a column of a track's records, and no score, tells of queries, not of methods."""
-    # A track of another package may not be installed here.
     recorded = load_track(track).recorded if track in TRACKS else ("scene", "query", "answered")
     return not any(fnmatchcase(name, pattern) for pattern in recorded)
 
@@ -85,14 +84,17 @@ def group_records(
     """
     check_column(records, by)
     column, kind = records[by], records[by].dtype.kind
-    if bins is not None or (kind in "iuf" and column.nunique() > _MOST_CATEGORIES):
+    sizes, least = column.value_counts(), min(FEWEST, len(column) // _MOST_BINS)
+    too_many = len(sizes) > _MOST_CATEGORIES or (sizes < least).any()
+    if bins is not None or (kind in "iuf" and too_many):
         if bins is not None and not (
             kind in "iuf" and bins and (np.diff([*bins, math.inf]) > 0).all()
         ):
             what = f"--bins: {by} is no number, or its edges do not ascend"
             raise UsageError(what, expected="edges such as 50,100 of a column such as altitude_m")
         values = column.to_numpy(np.float64)
-        edges = even_edges(values[np.isfinite(values)]) if bins is None else [*map(float, bins)]
+        finite = values[np.isfinite(values)]
+        edges = [*map(float, bins)] if bins else even_edges(finite, least=least)
         codes = np.searchsorted(edges, values, side="right")
         codes[np.isnan(values)] = len(edges) + 1
         texts = number_texts(edges)
@@ -111,10 +113,10 @@ def group_records(
     return groups.set_categories([name for name in groups.categories if name in shown])
 
 
-def even_edges(values: Floats, most: int = _MOST_BINS) -> list[float]:
+def even_edges(values: Floats, most: int = _MOST_BINS, least: int = 1) -> list[float]:
     """Choose round edges, multiples of 1, 2 or 5 times a power of ten, for at most `most` bins.
 
-    The edges ascend; there are none where all values, which are finite, are alike.
+    A bin of fewer than `least` values is put to a neighbour; values that are alike have no edges.
     """
     low, high = float(values.min()), float(values.max())
     if not high > low:
@@ -124,8 +126,12 @@ def even_edges(values: Floats, most: int = _MOST_BINS) -> list[float]:
         numbers = np.arange(math.floor(low / step) + 1, math.ceil(high / step))
         if len(numbers) < most:
             break
-    edges = (float(f"{edge:.12g}") for edge in numbers * step)
-    return [edge for edge in edges if low < edge <= high]
+    rounded = (float(f"{edge:.12g}") for edge in numbers * step)
+    edges = [edge for edge in rounded if low < edge <= high]
+    while (sizes := np.histogram(values, [-math.inf, *edges, math.inf])[0]).min() < least and edges:
+        at, beside = int(sizes.argmin()), np.pad(sizes, 1, constant_values=len(values) + 1)
+        del edges[at - int(beside[at] < beside[at + 2])]
+    return edges
 
 
 def group_averages(
@@ -178,7 +184,8 @@ def breakdown_table(
             race = slice(number * len(methods), (number + 1) * len(methods))
             values = [value if count else None for value in averages[race, place].tolist()]
             pairs = zip(values, spans[race], strict=True)
-            cells += mark_cells(score_column(score), [score_cell(score, *pair) for pair in pairs])
+            found = [score_cell(score, *pair) for pair in pairs]
+            cells += mark_cells(score_column(score), found) if count > 1 else found
         rows.append(Row(tuple(cells)))
     mean = "the mean over the scenes" if result.unit == "scene" else "over all queries"
     notes = [f"each value is {mean} of its group"] if by != "scene" else []

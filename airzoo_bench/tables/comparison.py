@@ -9,7 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from airzoo_bench.core.errors import agreeing, counted, plural
-from airzoo_bench.results.comparison import FLOOR_MARK, MethodComparison, Pair, score_intervals
+from airzoo_bench.results.comparison import (
+    FLOOR_MARK,
+    MethodComparison,
+    Pair,
+    is_hit,
+    score_intervals,
+)
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
@@ -28,6 +34,7 @@ from airzoo_bench.tables.layouts import (
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.published import OVERALL
 
+HIT, MISS = "✓ hit", "✗ miss"
 _NAMES = {"wilson": "Wilson", "mover": "MOVER", "student": "Student's t", "bca": "BCa"}
 
 
@@ -117,7 +124,7 @@ def verdict(pair: Pair) -> str:
 
 def comparison_table(comparison: MethodComparison) -> Table:
     """Lay out a comparison: a row a score and method, for each score the best method first."""
-    keys = [pair.score.key for pair in comparison.pairs]
+    keys, units = [pair.score.key for pair in comparison.pairs], plural(comparison.unit)
     pairs = sorted(
         comparison.pairs,
         key=lambda p: (keys.index(p.score.key), p.value * (-1 if p.score.higher_is_better else 1)),
@@ -125,35 +132,29 @@ def comparison_table(comparison: MethodComparison) -> Table:
     columns = (
         *map(Column, ("Score", "Method", "Verdict", "Value", "Ref.", "Difference")),
         *(Column(title, decimals=4, group="p") for title in ("Paired", "Holm", "McNemar")),
-        *(
-            Column(title, group=plural(comparison.unit).capitalize())
-            for title in ("Win", "Tie", "Loss")
-        ),
+        *(Column(title, group=units.capitalize()) for title in ("Win", "Tie", "Loss")),
     )
+    rows = [
+        (
+            Cell(score_title(pair.score)),
+            Cell(pair.method, mark=FLOOR_MARK * (pair.method in comparison.no_better)),
+            Cell(verdict(pair)),
+            score_cell(pair.score, pair.value),
+            score_cell(pair.score, pair.reference_value),
+            score_cell(pair.score, pair.difference, pair.interval),
+            *(Cell(p, least=1e-4) for p in (pair.test.p_value, pair.p_holm, pair.p_mcnemar)),
+            *map(Cell, (pair.wins, pair.ties, pair.losses)),
+        )
+        for pair in pairs
+    ]
     where = "all scenes" if comparison.scene is None else f"scene {comparison.scene}"
     return Table(
         f"{comparison.reference} against others, {where}, "
         f"{counted(comparison.units, comparison.unit)}",
         columns,
-        tuple(_row(pair, comparison) for pair in pairs),
+        tuple(map(Row, rows)),
         (*_explain_gaps(pairs, comparison.unit), *comparison.notes, *_explain_tests(comparison)),
         leading=2,
-    )
-
-
-def _row(pair: Pair, comparison: MethodComparison) -> Row:
-    score, other = pair.score, pair.method
-    return Row(
-        (
-            Cell(score_title(score)),
-            Cell(other, mark=FLOOR_MARK * (other in comparison.no_better)),
-            Cell(verdict(pair)),
-            score_cell(score, pair.value),
-            score_cell(score, pair.reference_value),
-            score_cell(score, pair.difference, pair.interval),
-            *(Cell(p, least=1e-4) for p in (pair.test.p_value, pair.p_holm, pair.p_mcnemar)),
-            *(Cell(number) for number in (pair.wins, pair.ties, pair.losses)),
-        )
     )
 
 
@@ -185,32 +186,31 @@ def _explain_tests(comparison: MethodComparison) -> list[str]:
     return [*explain_brackets(spans, plan, comparison.unit, what=about), note]
 
 
-def differences_table(
-    methods: Sequence[Method], scores: Sequence[ScoreColumn], count: int
-) -> Table:
-    """List the queries on which two methods differ most by the first score, the second minus it."""
-    score, records = scores[0], [method.records for method in methods]
+def differences_table(methods: Sequence[Method], score: ScoreColumn, count: int) -> Table:
+    """List the queries on which two methods differ most by a score, the second minus the first."""
+    result, records = methods[0].result, [method.records for method in methods]
     values = np.array([frame[score.key].to_numpy(np.float64) for frame in records])
     spread = difference(values.max(axis=0), values.min(axis=0))
     ids = records[0]["query"].to_numpy(str)
     found = int((spread > 0).sum())
     chosen = np.lexsort([ids, -spread])[: min(count, found)]
-    numbers = [*values[:, chosen], difference(values[1], values[0])[chosen]]
-    cells = [list(map(Cell, ids[chosen].tolist()))]
-    cells += [[score_cell(score, number) for number in row.tolist()] for row in numbers]
-    unit = UNITS[score.unit]
+    cells, notes = [list(map(Cell, ids[chosen].tolist()))], list[str]()
+    heads = [Column(result.unit.capitalize()), *(Column(method.name) for method in methods)]
+    if is_hit(result.track, score):
+        cells += [[Cell(HIT if v == 1 else MISS) for v in row] for row in values[:, chosen]]
+    else:
+        numbers, unit = [*values, difference(values[1], values[0])], UNITS[score.unit]
+        cells += [[score_cell(score, v) for v in row[chosen].tolist()] for row in numbers]
+        heads[1:] = [
+            replace(c, unit=unit, higher_is_better=score.higher_is_better) for c in heads[1:]
+        ]
+        heads.append(Column("Difference", unit))
+        notes.append(f"difference: {methods[1].name} minus {methods[0].name}")
+    differ = agreeing(found, "differs", "differ")
     return Table(
         f"Where the methods differ most on {score.title}",
-        (
-            Column(methods[0].result.unit.capitalize()),
-            *(Column(method.name, unit, score.higher_is_better) for method in methods),
-            Column("Difference", unit),
-        ),
+        tuple(heads),
         tuple(map(Row, zip(*cells, strict=True))),
-        (
-            f"{found} of {counted(len(ids), methods[0].result.unit)} "
-            f"{agreeing(found, 'differs', 'differ')} on {score.title}",
-            f"difference: {methods[1].name} minus {methods[0].name}",
-        ),
+        (f"{found} of {counted(len(ids), result.unit)} {differ} on {score.title}", *notes),
         leading=1,
     )

@@ -1,7 +1,7 @@
 """Tables for LaTeX: booktabs, groups in blocks; everything that strangers wrote is escaped.
 
 ``booktabs`` is needed, and ``xcolor`` with its option ``table`` for coloured rows, gains and
-floors. Title and notes are comments, for the caption.
+floors; ``graphicx`` shrinks a wide one. Title and notes are comments, for the caption.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ _SPECIAL = {
     "‡": r"\textsuperscript{$\ddagger$}",
     "–": r"--",
 }
+_ROOMY = 8  # columns of scores that fit a line of a page
 _LIGATURE = re.compile(r"([-,'])(?=\1)")
 
 
@@ -71,6 +72,8 @@ def latex(table: Table) -> str:
     packages = r"\usepackage{booktabs}"
     if gains or any(row.highlighted or row.floor for row in table.rows):
         packages += r" \usepackage[table]{xcolor}"
+    if room * (1 + (number == "c")) > _ROOMY:
+        packages += r", and \usepackage{graphicx} for \resizebox{\linewidth}{!}{...} around it"
     comments = (f"needs {packages}", table.title, *table.all_notes)
     lines = [f"% {plain(comment)}" for comment in comments]
     lines += [rf"\begin{{tabular}}{{{''.join(types)}}}", r"\toprule"]

@@ -296,7 +296,6 @@ def scenes_table(
     methods = methods or method_table([result])
     methods = with_floors(methods, [result]) if floors else methods
     scores, (own, *references) = methods.scores, methods.rows
-    # Where a scene is one query, their number says nothing.
     counted = "points" if result.unit == "scene" else "queries"
     titles = result.truth.scene_titles
     rows = [

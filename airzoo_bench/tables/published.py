@@ -10,7 +10,6 @@ import csv
 import io
 import re
 from decimal import Decimal
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -89,10 +88,8 @@ def read_published(path: Path) -> list[PrintedValue]:
             texts = {k: " ".join(v.split()) if isinstance(v, str) else v for k, v in row.items()}
             if str(texts.get("value")).casefold() in _MISSING:
                 continue
-            empty = {
-                k for k in texts if str(texts[k]) in _MISSING and (k in _GAINS or not texts[k])
-            }
-            given = {k: v for k, v in texts.items() if k not in empty}
+            no_gain = {k for k in _GAINS if texts.get(k) in _MISSING}
+            given = {k: v for k, v in texts.items() if v != "" and k not in no_gain}
             cell = PrintedValue.model_validate({"line": reader.line_num, **given})
             # Average and average are one.
             names = (cell.table, cell.benchmark, cell.track, cell.method)
@@ -161,11 +158,7 @@ def read_source(path: Path) -> list[PrintedValue]:
     return values
 
 
-@cache
-def _shipped_values() -> list[PrintedValue]:
-    return [value for path in published_sources().values() for value in read_source(path)]
-
-
 def published_values(benchmark: str, track: str) -> list[PrintedValue]:
     """Return what the shipped sources print of one benchmark and track."""
-    return [v for v in _shipped_values() if (v.benchmark, v.track) == (benchmark, track)]
+    values = (value for path in published_sources().values() for value in read_source(path))
+    return [v for v in values if (v.benchmark, v.track) == (benchmark, track)]

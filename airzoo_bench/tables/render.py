@@ -28,9 +28,7 @@ _ENDLESS, _NARROWEST = 100_000, 40  # columns of a terminal
 
 def render(table: Table, form: str, *, width: int = 80, styled: bool = False) -> str:
     """Render a table as text that ends with a newline."""
-    if form == "terminal":
-        return _terminal(table, width, styled)
-    return _RENDERERS[form](table)
+    return _terminal(table, width, styled) if form == "terminal" else _RENDERERS[form](table)
 
 
 # --- terminal: wide tables in pieces, never with numbers cut off or wrapped ---

@@ -103,12 +103,12 @@ def test_what_bad_groups_get(by: str, bins: list[float] | None, said: str) -> No
 )
 def test_even_edges_are_few_round_and_inside(values: list[float], most: int) -> None:
     array = np.array(values)
-    edges = even_edges(array, most)
-    assert len(edges) < most
+    assert len(edges := even_edges(array, most)) < most
     assert edges == sorted(set(edges))
     assert all(array.min() < edge <= array.max() for edge in edges)
     assert even_edges(np.array([12.0, 487.0])) == [100, 200, 300, 400]
     assert even_edges(np.array([3.0, 3.0])) == []
+    assert even_edges(np.repeat([71.8, 72, 80.1, 93, 99], [30, 1, 5, 2, 3]), least=5) == [75, 85]
 
 
 def methods_at(altitudes: list[float]) -> list[Method]:

@@ -30,6 +30,16 @@ async function inflate(packed) {
   return new ARRAYS[packed.type](buffer);
 }
 
+// Marks what is wider than its place, so that its edge fades where more is hidden.
+function fading(box) {
+  const look = () => {
+    box.classList.toggle("cut", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
+  };
+  box.addEventListener("scroll", look);
+  new ResizeObserver(look).observe(box);
+  if (box.firstElementChild) new ResizeObserver(look).observe(box.firstElementChild);
+}
+
 // Numbers by a number of columns, texts otherwise; what is missing stands last either way.
 function compare(one, other, descending) {
   if (one === null || other === null) return (one === null) - (other === null);

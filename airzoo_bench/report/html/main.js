@@ -32,6 +32,7 @@ async function route() {
 
 document.querySelectorAll("main table").forEach(sortable);
 document.querySelectorAll(".panes").forEach(choosable);
+document.querySelectorAll(".scroll").forEach(fading);
 for (const part of page.parts) {
   makeFold(part, "queries", queriesView);
   makeFold(part, "clouds", cloudsView);
@@ -40,6 +41,12 @@ const wide = matchMedia("(min-width: 60rem)").matches;
 document.querySelectorAll("details[data-wide]").forEach((box) => {
   if (wide) box.open = true;
 });
+// A phone shows the first map, if the page stays short.
+const first = wide || location.hash ? null : document.querySelector("details[id$=queries][data-wide]");
+if (first) {
+  first.open = true;
+  if (document.documentElement.scrollHeight > 4000) first.open = false;
+}
 window.addEventListener("hashchange", route);
 if (location.hash) route();
 // What is folded away is printed too, and folded again.

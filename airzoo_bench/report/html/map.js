@@ -11,28 +11,47 @@ const INK = {
 function mapView({ part, table, state, isHit, choose, rows }, box) {
   const canvas = box.querySelector(".map");
   const context = canvas.getContext("2d");
-  const view = { x: 0, y: 0, scale: 0, map: null };
+  const view = { x: 0, y: 0, scale: 0, map: null, method: -1 };
 
   async function load(place = 0) {
     const map = part.maps[place];
     const keys = ["rows", "outlines", "centres", "tiles", "tileOutlines", "ranked", "hits", "tips"];
     const found = await Promise.all(keys.map((key) => (map[key] ? unpack(map[key]) : null)));
     const picture = new Image();
-    picture.src = page.pictures[map.picture];
-    await picture.decode();
+    await new Promise((done) => {
+      picture.onload = done;
+      picture.src = page.pictures[map.picture];
+    });
     view.map = { ...map, ...Object.fromEntries(keys.map((key, n) => [key, found[n]])) };
     Object.assign(view.map, { image: picture, place });
+    view.method = -1;
     view.map.placeOf = new Map([...view.map.rows].map((row, at) => [row, at]));
-    legend();
     fit();
   }
 
-  function fit() {
+  // Shows the part of the map that the queries see, or all of it.
+  function fit(whole = false) {
     const { map } = view;
     if (!map || !canvas.clientWidth) return;
-    view.scale = Math.min(canvas.clientWidth / map.width, canvas.clientHeight / map.height);
-    view.x = (canvas.clientWidth - map.width * view.scale) / 2;
-    view.y = (canvas.clientHeight - map.height * view.scale) / 2;
+    const seen = [...map.rows.keys()].flatMap((place) => outlined(place));
+    const ends = [[0, 0], [map.width, map.height]]; // prettier-ignore
+    frame(whole || seen.every(([x]) => Number.isNaN(x)) ? ends : seen, whole ? 1 : 0.95);
+  }
+
+  // The centre of a query and the corners of its footprint.
+  const outlined = (place) => [point(view.map.centres, place), ...corners(view.map.outlines, place)];
+
+  // Moves the map so that points fill a share of the canvas.
+  function frame(points, share) {
+    const known = points.filter(([x]) => !Number.isNaN(x));
+    if (known.length && canvas.clientWidth) {
+      const [left, top] = [0, 1].map((axis) => Math.min(...known.map((one) => one[axis])));
+      const [right, foot] = [0, 1].map((axis) => Math.max(...known.map((one) => one[axis])));
+      const fits = [canvas.clientWidth / (right - left), canvas.clientHeight / (foot - top)];
+      view.scale = Math.min(4, ...fits.map((one) => one * share));
+      view.x = canvas.clientWidth / 2 - ((left + right) / 2) * view.scale;
+      view.y = canvas.clientHeight / 2 - ((top + foot) / 2) * view.scale;
+    }
     draw();
   }
 
@@ -60,6 +79,7 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
   function draw() {
     const { map } = view;
     if (!map) return;
+    if (view.method !== state.method) legend();
     const ratio = canvas.width / canvas.clientWidth;
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
@@ -215,16 +235,7 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     const place = view.map.placeOf.get(row);
     if (place === undefined) return draw();
     const tiles = tilesAt(place).flatMap(({ tile }) => corners(view.map.tileOutlines, tile));
-    const shown = [point(view.map.centres, place), ...corners(view.map.outlines, place), ...tiles];
-    const points = shown.filter(([x]) => !Number.isNaN(x));
-    if (!points.length || !canvas.clientWidth) return draw();
-    const [left, top] = [0, 1].map((axis) => Math.min(...points.map((one) => one[axis])));
-    const [right, foot] = [0, 1].map((axis) => Math.max(...points.map((one) => one[axis])));
-    const fits = [canvas.clientWidth / (right - left), canvas.clientHeight / (foot - top)];
-    view.scale = Math.min(4, ...fits.map((one) => one * 0.8));
-    view.x = canvas.clientWidth / 2 - ((left + right) / 2) * view.scale;
-    view.y = canvas.clientHeight / 2 - ((top + foot) / 2) * view.scale;
-    return draw();
+    return frame([...outlined(place), ...tiles], 0.8);
   }
 
   function tilesOf(row) {
@@ -243,7 +254,10 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
   }
 
   function legend() {
-    const { factor, ranks } = view.map;
+    const { factor, ranks, rows: all } = view.map;
+    const first = state.method * all.length;
+    const arrows = factor && [...all.keys()].some((n) => point(view.map.tips, first + n)[0] > -1e9);
+    view.method = state.method;
     const marks = [
       ["hit", ranks ? "○ hit: footprint" : "○ hit"],
       ["miss", ranks ? "× miss: footprint" : "× miss"],
@@ -253,20 +267,20 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
         ["tile-hit", "✓ retrieved tile that answers"],
         ["tile-miss", "✗ one that does not"],
       );
-    if (factor) marks.push(["arrow", `error, true to estimated place, × ${factor}`]);
+    if (arrows) marks.push(["arrow", `error, true to estimated place, × ${factor}`]);
     const items = marks.map(([name, text]) =>
       el("li", {}, el("span", { class: `swatch ${name}` }), text),
     );
     box.querySelector(".map-legend").replaceChildren(...items);
   }
 
-  const keys = { n: () => step(1), p: () => step(-1), 0: fit, Escape: () => choose(-1) };
+  const keys = { n: () => step(1), p: () => step(-1), 0: () => fit(true), Escape: () => choose(-1) };
   movable(canvas, { drag, zoom, click: (x, y) => choose(nearest(x, y)), keys });
   fitted(canvas, () => (view.scale ? draw() : fit()));
   const acts = {
     "+": () => zoom(1.5),
     "−": () => zoom(1 / 1.5),
-    Whole: fit,
+    Whole: () => fit(true),
     Previous: keys.p,
     Next: keys.n,
   };

@@ -140,8 +140,16 @@ async function queriesView(part, box) {
     if (remember) history.replaceState(null, "", row < 0 ? `#${part.id}-queries` : addressOf(row));
     const chosen = box.querySelector(".chosen");
     chosen.replaceChildren(...(row < 0 ? [] : describe(row)));
+    chosen.querySelectorAll(".scroll").forEach(fading);
     list();
     map?.focus(row);
+  }
+
+  // The pictures of a query that is among the hardest, from its card.
+  function picturesOf(row) {
+    const links = [...document.querySelectorAll(`#${part.id}-hardest .card a`)];
+    const card = links.find((link) => link.textContent === table.ids[row])?.closest(".card");
+    return card?.querySelector("img") ? card.querySelector(".pictures").cloneNode(true) : null;
   }
 
   function describe(row) {
@@ -163,9 +171,10 @@ async function queriesView(part, box) {
     );
     return [
       el("h4", {}, table.ids[row]),
+      picturesOf(row),
       el(
         "div",
-        { class: "scroll" },
+        { class: "scroll", tabindex: "0", role: "group", "aria-label": "Scores of the query" },
         el("table", {}, el("thead", {}, head), el("tbody", {}, lines)),
       ),
       map ? map.tilesOf(row) : null,
@@ -201,8 +210,8 @@ async function queriesView(part, box) {
   box
     .querySelector(".finder")
     .append(el("label", {}, "Queries that contain ", search), ...finders.map((made) => made.node));
-  await map?.load();
   refresh();
+  await map?.load();
   return (id) => {
     const row = table.ids.indexOf(id);
     if (row < 0) box.querySelector(".chosen").replaceChildren(`This part has no query ${id}.`);
