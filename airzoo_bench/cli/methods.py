@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +11,7 @@ import typer
 
 from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.registry import READERS, TRACKS
+from airzoo_bench.core.registry import READERS, TRACKS, resolve
 from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
 
 _DEMO = "airzoo-demo"
@@ -140,7 +141,7 @@ def demo(
 
     check_output_folder(out, ())
     benchmark = find_benchmark(_DEMO, data_root())
-    data, run = benchmark.folder, Run(jobs=2, progress=cli.progress)
+    data, run = benchmark.folder, Run(jobs=2, progress=cli.progress, keep=True)
     cli.say(f"{_DEMO}: photos of a made-up city, in {data}")
     for name in benchmark.file.tracks:
         plain = _BASELINES[name]
@@ -150,9 +151,10 @@ def demo(
             protocol = f"{_DEMO}-{name}"
             run_baseline(name, protocol, path, data=data, settings=plain.demo, run=run)
         scored = evaluate(path, data=data, track=name, method=plain.method, run=run)
-        save(scored, out / name)
+        figures = TRACKS.get(name).figures
+        save(scored, out / name, partial(resolve(figures), scored, run) if figures else None)
         cli.show(scenes_table(scored.result, floors=True), cli.Format.TERMINAL)
         cli.put("\n")
     cli.say(f"predictions, result.json and records.csv of each track lie in {out}")
-    cli.say(f"next: airzoo-bench report {out / 'retrieval'} {out / 'matching'} --out demo.html")
+    cli.say(f"next: airzoo-bench report {out}/* --out demo.html")
     cli.say(f"      put your own method next to it: airzoo-bench template {_DEMO}-retrieval")

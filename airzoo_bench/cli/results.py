@@ -50,7 +50,8 @@ def compare(
         raise UsageError("--all and --score exclude each other", fix="leave one of them out")
     if len(results) == 1 and reference:
         raise UsageError("--reference needs two or more results", fix="name another")
-    found = compare_results(results, score or (), every=every, reference=reference, scene=scene)
+    with cli.working("comparing"):
+        found = compare_results(results, score or (), every=every, reference=reference, scene=scene)
     cli.show(found.table, form)
 
 

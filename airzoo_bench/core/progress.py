@@ -60,8 +60,11 @@ def report_progress(
             yield item
             now = clock()
             if now - last >= every_s and done < total:
-                minutes = (now - begin) / done * (total - done) / 60
-                say(f"{label}: {done:,} of {total:,}, about {minutes:,.0f} min left")
+                left = (now - begin) / done * (total - done)
+                rest = (
+                    f"{left / 60:,.0f} min" if left >= 90 else f"{10 * max(1, round(left / 10))} s"
+                )
+                say(f"{label}: {done:,} of {total:,}, about {rest} left")
                 last = now
     finally:
         name.cancel()
