@@ -61,9 +61,7 @@ def report_progress(
             now = clock()
             if now - last >= every_s and done < total:
                 left = (now - begin) / done * (total - done)
-                rest = (
-                    f"{left / 60:,.0f} min" if left >= 90 else f"{10 * max(1, round(left / 10))} s"
-                )
+                rest = f"{left / 60:,.0f} min" if left >= 90 else f"{max(left, 10):.0f} s"
                 say(f"{label}: {done:,} of {total:,}, about {rest} left")
                 last = now
     finally:

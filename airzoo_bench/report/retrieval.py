@@ -95,7 +95,8 @@ def draw_tiles(section: Section, place: Place, query: str, sheet: Sheet | None =
             pictures.append((read_tile(place, tile, _TILE_PX), title, colour))
     sheet = sheet or Sheet()
     wide = sheet.wide(1.6 * len(pictures))
-    figure = new_canvas(wide, wide / len(pictures) + 0.5)
+    tallest = max(len(picture) / picture.shape[1] for picture, _, _ in pictures)
+    figure = new_canvas(wide, wide / len(pictures) * tallest + 0.4)
     panels = figure.subplots(1, len(pictures), squeeze=False)[0]
     for axes, (picture, title, colour) in zip(panels, pictures, strict=True):
         axes.imshow(picture)

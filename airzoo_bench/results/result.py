@@ -241,7 +241,7 @@ def result_paths(given: Sequence[str | Path]) -> tuple[Path, ...]:
                 raise ResultError(f"a folder without a {_FILE}", where=location, fix=fix)
         elif not path.exists():
             there = [one.name for one in path.parent.glob("*")]
-            raise ResultError(f"no such result{nearest(path.name, there)}", where=location)
+            raise ResultError(f"no such result file{nearest(path.name, there)}", where=location)
         paths.append(path)
     return tuple(dict.fromkeys(paths))
 

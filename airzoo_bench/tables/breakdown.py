@@ -113,7 +113,7 @@ def group_records(
     return groups.set_categories([name for name in groups.categories if name in shown])
 
 
-def even_edges(values: Floats, most: int = _MOST_BINS, least: int = 1) -> list[float]:
+def even_edges(values: Floats, most: int = _MOST_BINS, least: int = 0) -> list[float]:
     """Choose round edges, multiples of 1, 2 or 5 times a power of ten, for at most `most` bins.
 
     A bin of fewer than `least` values is put to a neighbour; values that are alike have no edges.
@@ -185,7 +185,8 @@ def breakdown_table(
             values = [value if count else None for value in averages[race, place].tolist()]
             pairs = zip(values, spans[race], strict=True)
             found = [score_cell(score, *pair) for pair in pairs]
-            cells += mark_cells(score_column(score), found) if count > 1 else found
+            differ = count > 1 and len({cell.text(2) for cell in found}) > 1
+            cells += mark_cells(score_column(score), found) if differ else found
         rows.append(Row(tuple(cells)))
     mean = "the mean over the scenes" if result.unit == "scene" else "over all queries"
     notes = [f"each value is {mean} of its group"] if by != "scene" else []

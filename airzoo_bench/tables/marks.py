@@ -33,10 +33,10 @@ def mark_best(table: Table) -> Table:
 
 
 def mark_cells(column: Column, cells: Sequence[Cell]) -> list[Cell]:
-    """Mark the best of several cells of a score, unless all are shown alike."""
+    """Mark the best of several cells of a score."""
     numbers = [cell.value for cell in cells if isinstance(cell.value, float)]
     finite = list(filter(math.isfinite, numbers))
-    if not finite or len({Cell(number).text(column.decimals) for number in numbers}) < 2:
+    if len(numbers) < 2 or not finite:
         return list(cells)
     best = Cell(max(finite) if column.higher_is_better else min(finite)).text(column.decimals)
     return [replace(cell, best=cell.text(column.decimals) == best) for cell in cells]

@@ -61,7 +61,7 @@ def test_a_line_every_half_minute() -> None:
     assert list(items) == list("abcdef")
     # After 31 s three of six are done, after 210 s five; the lines between come too soon.
     assert [line.partition(",")[0] for line in said] == ["poses: 3 of 6", "poses: 5 of 6"]
-    assert said[1].endswith("about 1 min left")
+    assert said[1].endswith("about 42 s left")
 
 
 def test_work_under_way_is_named_before_its_first_item_is_done() -> None:

@@ -146,7 +146,8 @@ class Page(HTMLParser):
         if tag in ("th", "td") and rows:
             mark = {"best": "★", "tied": "≈"}
             rows[-1].append("".join(mark.get(c, "") for c in (given.get("class") or "").split()))
-        self._caption, self._cell = tag == "caption", tag in ("th", "td", "a")
+        self._caption = tag == "caption" or (self._caption and tag == "span")
+        self._cell = tag in ("th", "td", "a")
 
     def handle_data(self, data: str) -> None:
         if self._caption:

@@ -85,18 +85,18 @@ def test_marks_and_pairs_are_those_of_compare() -> None:
     section = Section(methods)
     tables = tables_of(section)
     made = compare(methods, [HIT, ERROR], reference="best", resampling=PLAN).pairs
-    tied = [TIED * (pair.p_holm > 0.05) for pair in made[:2]]
+    tied = [TIED * (pair.test.p_value > 0.05) for pair in made[:2]]
     assert [marks(row)[0] for row in tables["overall"].rows] == ["★", *tied] == ["★", TIED, ""]
     assert {marks(row)[0] for row in tables["pooled"].rows} == {"★", ""}  # not tested
     [scenes, _] = scene_panes(section, summary_panes(section, find(section)))
     for scene, row in zip(("east", "west"), scenes.tables[0].rows, strict=True):
         of_scene = compare(methods, [HIT], reference="best", scene=scene, resampling=PLAN).pairs
-        assert [m != "" for m in marks(row)[1:]] == [pair.p_holm > 0.05 for pair in of_scene]
+        assert [m != "" for m in marks(row)[1:]] == [pair.test.p_value > 0.05 for pair in of_scene]
     pairs = pair_panes(section)
     assert [pane.key for pane in pairs] == ["0 1", "0 2", "1 2"]
     cells = [pane.tables[0].rows[0].cells for pane in pairs]
     assert cells[0][5].value == pytest.approx(100 * made[0].difference)
-    assert [c[7].value for c in cells[:2]] == [pair.p_holm for pair in made[:2]]
+    assert [c[7].value for c in cells[:2]] == [pair.test.p_value for pair in made[:2]]
     [middle] = compare(methods[1:], [HIT], reference="close", resampling=PLAN).pairs
     assert cells[2][6].value == middle.test.p_value
     assert [len(pane.tables[1].rows) for pane in pairs] == [3, 10, 10]

@@ -106,8 +106,8 @@ def test_even_edges_are_few_round_and_inside(values: list[float], most: int) -> 
     assert len(edges := even_edges(array, most)) < most
     assert edges == sorted(set(edges))
     assert all(array.min() < edge <= array.max() for edge in edges)
-    assert even_edges(np.array([12.0, 487.0])) == [100, 200, 300, 400]
-    assert even_edges(np.array([3.0, 3.0])) == []
+    found = [even_edges(np.array(ends)) for ends in ([12.0, 487.0], [3.0, 3.0])]
+    assert found == [[100, 200, 300, 400], []]
     assert even_edges(np.repeat([71.8, 72, 80.1, 93, 99], [30, 1, 5, 2, 3]), least=5) == [75, 85]
 
 
@@ -159,7 +159,7 @@ def test_tables_of_one_and_of_several_results(tmp_path: Path) -> None:
     hits = [100 * rows["recall@1"].mean() for rows in rainy]
     assert row[2:] == pytest.approx([*hits, *(rows["error_m"].median() for rows in rainy)])
     text = run("breakdown", *paths, "--by", "scene", "--format", "markdown").stdout
-    assert text.count("**") == 6  # both are best in one scene, one in the other
+    assert text.count("**") == 2  # both are alike in one scene, one is best in the other
     paths = write_methods(tmp_path, [reconstruction_method(name, 0) for name in "ab"])
     assert breakdown(*paths, "--by", "scene")["columns"][1]["title"] == "Scenes"
 

@@ -44,8 +44,9 @@ document.querySelectorAll("details[data-wide]").forEach((box) => {
 // A phone shows the first map, if the page stays short.
 const first = wide || location.hash ? null : document.querySelector("details[id$=queries][data-wide]");
 if (first) {
-  first.open = true;
-  if (document.documentElement.scrollHeight > 4000) first.open = false;
+  open[first.id]().then(() => {
+    if (document.documentElement.scrollHeight > 4000) first.open = false;
+  });
 }
 window.addEventListener("hashchange", route);
 if (location.hash) route();

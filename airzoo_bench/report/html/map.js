@@ -33,7 +33,10 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
   function fit(whole = false) {
     const { map } = view;
     if (!map || !canvas.clientWidth) return;
-    const seen = [...map.rows.keys()].flatMap((place) => outlined(place));
+    const inside = (value, most) => Math.min(most, Math.max(0, value));
+    const seen = [...map.rows.keys()]
+      .flatMap((place) => outlined(place))
+      .map(([x, y]) => [inside(x, map.width), inside(y, map.height)]);
     const ends = [[0, 0], [map.width, map.height]]; // prettier-ignore
     frame(whole || seen.every(([x]) => Number.isNaN(x)) ? ends : seen, whole ? 1 : 0.95);
   }
