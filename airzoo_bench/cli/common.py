@@ -33,7 +33,7 @@ _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 ROWS, _SCALE = "Rows and columns", "For scale"
 _FEW = 10  # options that need no panels
 _display: list[Any] = []
-_WRONG_CALL = typer.BadParameter.__base__ or typer.BadParameter  # which typer does not export
+_WRONG_CALL: Any = typer.BadParameter.__base__  # UsageError, which typer does not export
 
 
 class Format(StrEnum):
