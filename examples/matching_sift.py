@@ -57,6 +57,8 @@ def main(benchmark: str, protocol: str, out: str) -> None:
                 full = np.array((crop.query.camera.width, crop.query.camera.height))
                 query_xy = query_xy[rows] * (full / photo.shape[1::-1])
                 writer.add(crop.query.id, query_xy=query_xy, map_xy=crop.to_map(crop_xy[found]))
+                print(f"{crop.query.id}: {len(rows)} matches")  # noqa: T201
+    print(f"wrote {out}")  # noqa: T201
 
 
 if __name__ == "__main__":

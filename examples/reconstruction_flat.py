@@ -42,6 +42,7 @@ def main(benchmark: str, protocol: str, out: str) -> None:
                     rotation=rotation,
                     centre=centre,
                 )
+    print(f"wrote {out}")  # noqa: T201
 
 
 if __name__ == "__main__":

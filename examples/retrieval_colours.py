@@ -26,10 +26,13 @@ def main(benchmark: str, protocol: str, out: str) -> None:
     opened = ab.load_benchmark(benchmark)
     with ab.PredictionWriter(out, protocol, opened) as writer:
         for scene in opened.scenes:
-            for tile in scene.tiles():
+            tiles, queries = scene.tiles(), scene.queries()
+            print(f"{scene.id}: {len(tiles)} tiles, {len(queries)} queries")  # noqa: T201
+            for tile in tiles:
                 writer.add(tile.id, descriptor=describe(tile.image))
-            for query in scene.queries():
+            for query in queries:
                 writer.add(query.id, descriptor=describe(query.read(SIDE_PX)))
+    print(f"wrote {out}")  # noqa: T201
 
 
 if __name__ == "__main__":

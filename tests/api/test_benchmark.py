@@ -176,6 +176,6 @@ def test_the_example_of_a_tile_that_answers_at_another_height(tmp_path, monkeypa
     main = runpy.run_path(str(EXAMPLES / "sensitivity.py"))["main"]
     main("park", tmp_path / "sure", tmp_path / "doubtful")
     said = capsys.readouterr().out
-    assert "height 5 m: sure 100.00, between 100.00 and 100.00" in said
-    assert "height 5 m: doubtful 75.00, between 75.00 and 100.00" in said
-    assert "height 5 m: noise floor 25.00 points" in said
+    assert "R@1: sure 100.00, doubtful 75.00, difference 25.00" in said
+    assert "height 5 m: sure 100.00 to 100.00, doubtful 75.00 to 100.00" in said
+    assert "height 5 m: the difference moves by up to 25.00, and is not larger" in said
