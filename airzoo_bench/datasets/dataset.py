@@ -26,19 +26,6 @@ class Dataset(Generic[OptionsT]):
     `name` is that of the benchmark and of its folder in the data root; `options` a frozen dataclass
     whose fields become options of the command, with texts in `about`; `protocols` names or files of
     the protocols that its truth is made for; `jobs` the default of ``--jobs``.
-
-    Parameters of its methods
-    -------------------------
-    options : OptionsT
-        An instance of `options`.
-    scene : str
-        One of `scenes`.
-    root : Path
-        The data root, for protocols to start from.
-    settings : PrepareSettings
-        Where the folder is made, and how.
-    progress : Progress
-        Shows what takes long.
     """
 
     name: ClassVar[str] = ""

@@ -201,10 +201,7 @@ class TrackSummary:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """Lines that `prepare` prints about a scene; `facts` has one for each part.
-
-    `without_truth` says why a track has no truth, where the dataset's own reason is not the one.
-    """
+    """Lines that `prepare` prints about a scene; `without_truth` goes before the dataset's own."""
 
     photos: int
     facts: tuple[str, ...] = ()
