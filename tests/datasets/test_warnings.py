@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from rasterio import Affine
 
+from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.content import make_content
+from airzoo_bench.datasets.folder import summary_of
 from airzoo_bench.datasets.geometry_checks import scenes_of_benchmark
 from airzoo_bench.datasets.scene_warnings import CHECKS, scene_warnings
 from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
@@ -108,6 +110,18 @@ def test_what_is_suspect_is_named(case, place, tmp_path):
     facts = make_content(PHOTOS.read(chosen, "park", silent), protocols).facts
     assert facts is not None
     assert {code for code, _ in scene_warnings(facts)} == set(codes.split())
+
+
+def test_a_map_elsewhere_and_a_missing_surface_model_are_named(
+    place: Place, tmp_path: Path
+) -> None:
+    chosen = PhotoOptions("park", place.images, place.poses, place.dom, plane_height=100.0)
+    protocols = PHOTOS.benchmark_protocols(chosen, tmp_path)
+    content = make_content(PHOTOS.read(chosen, "park", silent), protocols)
+    assert "--dsm" in summary_of(content, protocols).without_truth["matching"]
+    map_at((MAP_SIZE_M,) * 2, 200_000, 0, place)
+    with pytest.raises(RasterError, match=r"dom\.tif: .*EPSG:32633.*km from the cameras"):
+        make_content(PHOTOS.read(chosen, "park", silent), protocols)
 
 
 def test_a_warning_is_printed_with_its_code(place, tmp_path, capsys, monkeypatch):

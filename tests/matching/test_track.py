@@ -48,6 +48,7 @@ def test_exact_input_has_no_error(world: World, tmp_path: Path, form: str) -> No
     assert result.predictions.kind == GIVEN[form]
     assert result.overall["within_1m_1deg"] == 1.0
     assert not any("equal to the prior" in note for note in result.notes)
+    assert any("@1m" in note and "@5m" not in note for note in result.notes)  # below 1.2 m
     if form != "poses":
         assert (rows[["matches", "lifted", "inliers"]] == N_MATCHES).all(axis=None)
 

@@ -150,7 +150,8 @@ def make_world(folder: Path, protocol: MatchingProtocol | None = None) -> World:
     (root / SCENE / "protocols" / f"{chosen.name}.toml").write_text(tomli_w.dumps(values))
     files = {"images": str(inputs.dsm.parent / "photos"), "dom": str(inputs.dom.path)}
     files |= {"dsm": str(inputs.dsm), "dsm_sha256": sha256_of(inputs.dsm), "crs": inputs.crs}
-    entry = SceneFile(id=SCENE, title="Hills", plane_height_m=inputs.plane_height_m, **files)
+    numbers = {"plane_height_m": inputs.plane_height_m, "truth_accuracy_m": 0.4}
+    entry = SceneFile(id=SCENE, title="Hills", **numbers, **files)
     named: dict[str, Any] = {"schema": 1, "name": SCENE, "version": 1, "title": "Hills"}
     tracks = {"matching": chosen.truth_settings()}
     file = BenchmarkFile(**named, tracks=tracks, scenes=(entry,), checksums={})
