@@ -240,14 +240,13 @@ def _no_answers(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs)
     (reason, count), *_ = truth.excluded["reason"].value_counts().items()
     x, y, z = inputs.photos[["x", "y", "z"]].median()
     info, here = inputs.gallery_map, to_lonlat(inputs.crs, (x, y))
+    reach = _REACH_M + math.hypot(*np.multiply(gsd_m(info), (info.width, info.height)))
     away = float(geodesic_distance_m(_middle(info), here))
-    if away > _REACH_M + math.hypot(*np.multiply(gsd_m(info), (info.width, info.height))):
+    dsm = None if inputs.dsm is None else _middle(open_info(inputs.dsm))
+    if away > reach and dsm is not None and geodesic_distance_m(dsm, here) < reach:
         what = f"the map, in {describe_crs(info.crs)}, lies {away / 1000:,.1f} km from the cameras"
-        if inputs.dsm is not None:
-            apart = geodesic_distance_m(_middle(info), _middle(open_info(inputs.dsm)))
-            what += f" and {apart / 1000:,.1f} km from the surface model"
         fix = "look at its CRS (gdal_edit.py -a_srs states another) and at its geotransform"
-        return RasterError(what, where=info.path, fix=fix)
+        return RasterError(f"{what} and the surface model", where=info.path, fix=fix)
     return BenchmarkError(
         f"no photo has a tile that answers it ({counted(count, 'photo')}: {reason}); cameras are "
         f"about ({x:.0f}, {y:.0f}, {z:.0f})",

@@ -18,7 +18,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.tables import IMAGE_NAMES, POSE_NAMES, read_table
+from airzoo_bench.datasets.tables import read_table
 from airzoo_bench.formats.photos import open_photo
 from airzoo_bench.geometry.crs import (
     describe_crs,
@@ -93,10 +93,8 @@ def photo_metadata(
 
 
 def read_prior_file(path: Path, photos: Iterable[str]) -> dict[str, dict[str, float]]:
-    """Read a CSV with the column ``image`` and some of `PRIOR_VALUES`, named as in pose tables."""
-    named = zip(PRIOR_VALUES, ("lon", "lat", "height", "yaw", "pitch", "roll"), strict=True)
-    columns = {"image": IMAGE_NAMES, **{ours: POSE_NAMES[name] for ours, name in named}}
-    table = read_table(path, columns, PRIOR_VALUES)
+    """Read a CSV with the column ``image`` and some of `PRIOR_VALUES`."""
+    table = read_table(path, {one: (one,) for one in ("image", *PRIOR_VALUES)}, PRIOR_VALUES)
     table.require_unique("image")
     strange = [name for name in table.names if name not in table.header.values()]
     odd = strange or sorted({*table.texts("image")} - {*photos})

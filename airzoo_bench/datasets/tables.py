@@ -19,24 +19,6 @@ from airzoo_bench.geometry.arrays import Floats
 
 _LIMIT_BYTES = 64 << 20
 _HEADER_LINES = 20  # within which the line that names the columns is looked for
-# What programs call a column, see `plain`.
-POSE_NAMES: Mapping[str, tuple[str, ...]] = {
-    "lat": ("lat", "latitude", "gpslatitude"),
-    "lon": ("lon", "lng", "longitude", "gpslongitude", "gpslongtitude"),
-    "x": ("x", "easting", "east", "e", "x/easting", "x/longitude"),
-    "y": ("y", "northing", "north", "n", "y/northing", "y/latitude"),
-    "height": (
-        *("height", "altitude", "alt", "z", "z/altitude", "elevation", "ellipsoidalheight"),
-        *("ellipsoidheight", "gpsaltitude", "absolutealtitude", "altitudem"),
-    ),
-    "yaw": ("yaw", "yawdeg", "gimbalyaw", "gimbalyawdegree"),
-    "pitch": ("pitch", "pitchdeg", "gimbalpitch", "gimbalpitchdegree"),
-    "roll": ("roll", "rolldeg", "gimbalroll", "gimbalrolldegree"),
-    "omega": ("omega",),
-    "phi": ("phi",),
-    "kappa": ("kappa",),
-}
-IMAGE_NAMES = ("image", "imagename", "label", "name", "filename", "file", "photo", "sourcefile")
 
 
 def read_native_text(path: Path) -> str:

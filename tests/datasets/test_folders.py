@@ -135,7 +135,7 @@ def test_tiles_and_crops_as_files_are_those_of_the_maps(tmp_path):
     centres = np.array([*place.centres.values()]) * (1, -1) + NORTH_WEST + (2, -3)
     places = zip(place.centres, to_lonlat(PLACE_CRS, centres).tolist(), strict=True)
     rows = [f"{name},{lon},{lat},199,3,-88,0" for name, (lon, lat) in places]
-    head = "label,longitude,latitude,height,yaw,pitch,roll"  # as in a table of poses
+    head = "image,lon,lat,altitude_m,yaw_deg,pitch_deg,roll_deg"
     (tmp_path / "priors.csv").write_text("\n".join([head, *rows]))
     out = tmp_path / "park"
     given = place.arguments(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -121,7 +122,7 @@ def test_a_map_elsewhere_and_a_missing_surface_model_are_named(
     assert "--dsm" in summary_of(content, protocols).without_truth["matching"]
     map_at((MAP_SIZE_M,) * 2, 200_000, 0, place)
     with pytest.raises(RasterError, match=r"dom\.tif: .*EPSG:32633.*km from the cameras"):
-        make_content(PHOTOS.read(chosen, "park", silent), protocols)
+        make_content(PHOTOS.read(replace(chosen, dsm=place.dsm), "park", silent), protocols)
 
 
 def test_a_warning_is_printed_with_its_code(place, tmp_path, capsys, monkeypatch):

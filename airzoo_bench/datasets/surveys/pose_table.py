@@ -27,19 +27,29 @@ from airzoo_bench.datasets.surveys.survey import (
     posed_scene,
     stated_crs,
 )
-from airzoo_bench.datasets.tables import (
-    IMAGE_NAMES,
-    POSE_NAMES,
-    Table,
-    match_names,
-    plain,
-    read_native_text,
-    read_table,
-)
+from airzoo_bench.datasets.tables import Table, match_names, plain, read_native_text, read_table
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs, from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses
 
+# What programs call a column, see `tables.plain`.
+_POSE: Mapping[str, tuple[str, ...]] = {
+    "lat": ("lat", "latitude", "gpslatitude"),
+    "lon": ("lon", "lng", "longitude", "gpslongitude", "gpslongtitude"),
+    "x": ("x", "easting", "east", "e", "x/easting", "x/longitude"),
+    "y": ("y", "northing", "north", "n", "y/northing", "y/latitude"),
+    "height": (
+        *("height", "altitude", "alt", "z", "z/altitude", "elevation", "ellipsoidalheight"),
+        *("ellipsoidheight", "gpsaltitude", "absolutealtitude"),
+    ),
+    "yaw": ("yaw", "gimbalyaw", "gimbalyawdegree"),
+    "pitch": ("pitch", "gimbalpitch", "gimbalpitchdegree"),
+    "roll": ("roll", "gimbalroll", "gimbalrolldegree"),
+    "omega": ("omega",),
+    "phi": ("phi",),
+    "kappa": ("kappa",),
+}
+_IMAGE = ("image", "imagename", "label", "name", "filename", "file", "photo", "sourcefile")
 _YAW, _OMEGA = ("yaw", "pitch", "roll"), ("omega", "phi", "kappa")
 _MOST_OFF_NADIR_DEG, _OBLIQUE_DEG = 65.0, -20.0
 _EXPECTED = (
@@ -82,17 +92,17 @@ def _read(path: Path) -> tuple[Table, list[str]]:
     head = read_native_text(path).splitlines()[:20]
     there = {plain(name) for line in head for name in re.split(r"[,;\t]|\s+", line)}
     # Metashape writes what was given, and what it found under the same names with this ending.
-    found = {ours: tuple(f"{name}est" for name in names) for ours, names in POSE_NAMES.items()}
+    found = {ours: tuple(f"{name}est" for name in names) for ours, names in _POSE.items()}
     has = {ours for ours, names in found.items() if there & set(names)}
     estimated = "height" in has and ({"x", "y"} <= has or {"lat", "lon"} <= has)
-    columns = {**(found if estimated else POSE_NAMES), "image": IMAGE_NAMES}
+    columns = {**(found if estimated else _POSE), "image": _IMAGE}
     table = read_table(path, columns, optional=set(columns), blanks=True)
     if not table.has("image", "height", *_place_columns(table), *_angle_columns(table)):
         what = f"its columns are {', '.join(table.names)[:300]!r}, which name no pose"
         raise BenchmarkError(what, where=path, expected=_EXPECTED)
     table.require_unique("image")
     what = "poses that the program found" if estimated else "poses"
-    used = [name for ours, name in table.header.items() if ours in POSE_NAMES]
+    used = [name for ours, name in table.header.items() if ours in _POSE]
     return table, [f"{what} are from the columns {', '.join(used)}"]
 
 
