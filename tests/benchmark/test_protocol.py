@@ -80,7 +80,7 @@ def test_unknown_names_offer_the_nearest(tmp_path: Path) -> None:
     with pytest.raises(ProtocolError, match="did you mean 'uav-visloc-retrieval'"):
         find_protocol("uav-visloc-retreival", tmp_path)
     with pytest.raises(
-        ProtocolError, match=r"unknown protocol 'x'\n  expected: .*photos-retrieval"
+        ProtocolError, match=r"unknown protocol 'x'\n  fix: .*airzoo-bench protocols"
     ):
         find_protocol("x", tmp_path)
     with pytest.raises(ProtocolError, match=r"^unknown protocol 'y{80}'\n"):
