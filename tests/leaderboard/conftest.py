@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import datetime
 import json
 import os
 import shutil
 import subprocess
 import tomllib
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -60,6 +58,11 @@ protocols = ["{PROTOCOL}"]
 COLUMNS = (HIT, HIT.model_copy(update={"key": "recall@5", "title": "R@5"}))
 
 # --- submissions ---
+
+OPTIONS = [
+    *("--team", "Example Lab", "--contact", "ada@example.org", "--author", "Ada Example"),
+    *("--licence", "CC-BY-4.0", "--training-data", "none", "--stages", "single-stage"),
+]
 
 
 def values(**changes: Any) -> dict[str, Any]:
@@ -213,13 +216,6 @@ def rows_of(site: Path, table: str = PROTOCOL) -> dict[str, Any]:
     return {row["id"]: row for row in board_of(site)["tables"][table]["rows"]}
 
 
-def unpack_pair(pairs: Any, key: str, first: int, second: int) -> float:
-    """Return a number of two ranked methods, by their places, from the pairs of board.json."""
-    upper = [*zip(*np.triu_indices(len(pairs["ids"]), 1), strict=True)]
-    numbers = np.frombuffer(zlib.decompress(base64.b64decode(pairs[key])), "<f4")
-    return float(numbers[upper.index((first, second))])
-
-
 def files_of(folder: Path) -> dict[str, bytes]:
     """Return all files of a folder."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
@@ -295,15 +291,6 @@ class Hosted:
         return head
 
 
-def write_event(path: Path, number: int, head: str, account: int) -> Path:
-    """Write what GitHub tells a workflow of a pull request, with fields that nobody reads."""
-    pull: dict[str, Any] = {"number": number, "title": "`$(id)` ${{ github.token }}"}
-    pull["head"] = {"sha": head, "ref": "$(reboot)", "label": "x:y", "repo": {"fork": True}}
-    pull |= {"base": {"ref": "main", "sha": "0" * 40}, "user": {"login": "a", "id": account}}
-    path.write_text(json.dumps({"pull_request": pull, "sender": {"id": 1}}), encoding="utf-8")
-    return path
-
-
 def run(*arguments: object, code: int = 0) -> Result:
     """Run a command in this process."""
     done = CliRunner().invoke(app, [str(one) for one in arguments])
@@ -342,12 +329,8 @@ class Board:
     ) -> Path:
         """Make a submission by the documented command, and return its folder."""
         predictions = write_predictions(self.home / f"{name}.npz", PROTOCOL, **arrays)
-        run(
-            "submit", predictions, "--board", fork, "--method", name, "--team", "Example Lab",
-            "--contact", "ada@example.org", "--author", "Ada Example", "--licence", "CC-BY-4.0",
-            "--stages", "single-stage", "--training-data", "none",
-            "--set", f"account={account}", "--no-commit", *more,
-        )  # fmt: skip
+        own = ("--board", fork, "--method", name, "--set", f"account={account}", "--no-commit")
+        run("submit", predictions, *OPTIONS, *own, *more)
         return fork / HOME / name.lower()
 
     def propose(self, fork: Path, number: int) -> str:
@@ -361,7 +344,11 @@ class Board:
         """Play the job that checks a pull request, and return the folder of its files."""
         self.jobs += 1
         (work := self.home / f"run{self.jobs}").mkdir()
-        event = write_event(work / "event.json", number, head, account)
+        # What GitHub tells of a pull request, with fields that nobody reads.
+        pull = {"number": number, "title": "`$(id)`", "head": {"sha": head, "ref": "$(reboot)"}}
+        pull |= {"base": {"ref": "main"}, "user": {"login": "a", "id": account}}
+        event = work / "event.json"
+        event.write_text(json.dumps({"pull_request": pull, "sender": {"id": 1}}))
         places = ("--out", work / "found-score.json", "--work", work / "work")
         self.step("score", "--event", event, *places, code=code)
         return work
@@ -439,5 +426,7 @@ def opened(browser: Any) -> Iterator[Any]:
 
     browser.set_window_size(1280, 900)
     yield Opened(browser)
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
     # A refused script, style or address would stand here, as would any error.
     assert browser.get_log("browser") == []

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from socketserver import ThreadingTCPServer
+from socketserver import BaseRequestHandler, ThreadingTCPServer
 from typing import Any
 
 import pytest
@@ -48,10 +48,14 @@ class Web(ThreadingTCPServer):
     """Every host of the network, which answers by path; names lead to `addresses`."""
 
     daemon_threads = True
-    context: ssl.SSLContext
-    answers: dict[str, Answer]
-    addresses: dict[str, list[str]]
-    requests: list[bytes]
+
+    def __init__(self, certificate: Path) -> None:
+        super().__init__(("127.0.0.1", 0), BaseRequestHandler)
+        self.context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        self.context.load_cert_chain(certificate)
+        self.answers: dict[str, Answer] = {}
+        self.addresses: dict[str, list[str]] = {}
+        self.requests: list[bytes] = []
 
     def finish_request(self, request: Any, client_address: Any) -> None:
         with suppress(OSError), self.context.wrap_socket(request, server_side=True) as peer:
@@ -68,30 +72,25 @@ class Web(ThreadingTCPServer):
         return peer
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Web, Path]]:
+@pytest.fixture
+def web(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Web]:
     """Serve with a self-signed certificate for the hosts, which is its own authority."""
-    file = tmp_path_factory.mktemp("authority") / "cert.pem"
-    call = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
-    call += ["-subj", "/CN=tests", "-addext", f"subjectAltName=DNS:{HOST},DNS:{OTHER}"]
-    call += ["-keyout", str(file.with_name("key.pem")), "-out", str(file)]
-    subprocess.run(call, check=True, capture_output=True)
-    with Web(("127.0.0.1", 0), None) as web:  # type: ignore[arg-type]
-        web.context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        web.context.load_cert_chain(file, file.with_name("key.pem"))
-        threading.Thread(target=web.serve_forever, args=[0.01], daemon=True).start()
-        yield web, file
-        web.shutdown()
+    file = str(tmp_path / "certificate.pem")
+    call = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj /CN=tests"
+    call += f" -addext subjectAltName=DNS:{HOST},DNS:{OTHER}"
+    subprocess.run([*call.split(), "-keyout", file, "-out", file], check=True, capture_output=True)
+    monkeypatch.setenv("SSL_CERT_FILE", file)
+    with Web(Path(file)) as made:
+        monkeypatch.setattr(fetching.socket, "getaddrinfo", made.resolve)
+        monkeypatch.setattr(fetching.socket, "create_connection", made.reach)
+        threading.Thread(target=made.serve_forever, args=[0.01], daemon=True).start()
+        yield made
+        made.shutdown()
 
 
 @pytest.fixture
-def web(server: tuple[Web, Path], monkeypatch: pytest.MonkeyPatch) -> Web:
-    found, certificate = server
-    found.answers, found.addresses, found.requests = {}, {}, []
-    monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
-    monkeypatch.setattr(fetching.socket, "getaddrinfo", found.resolve)
-    monkeypatch.setattr(fetching.socket, "create_connection", found.reach)
-    return found
+def into(tmp_path: Path) -> Path:
+    return tmp_path / "into"
 
 
 def fetched(into: Path, url: str = URL, *, size: int = len(CONTENT), seconds: float = 60.0) -> Path:
@@ -117,14 +116,14 @@ NAMES = {
 }
 
 
-def test_a_file_arrives_under_its_name_once(web: Web, tmp_path: Path) -> None:
+def test_a_file_arrives_under_its_name_once(web: Web, into: Path) -> None:
     web.answers = {path: send(CONTENT) for path in (*NAMES, SIGNED)}
     web.answers[PATH] = redirect(f"https://{OTHER}{SIGNED}")
     for number, (path, name) in enumerate(NAMES.items()):
         for _ in range(2):
-            found = fetched(tmp_path / str(number), f"https://{HOST}{path}")
+            found = fetched(into / str(number), f"https://{HOST}{path}")
             assert (found.name, found.read_bytes()) == (name, CONTENT)
-            assert found.parent == tmp_path / str(number)
+            assert found.parent == into / str(number)
     hosts = [re.findall(rb"\r\nHost: (.*)\r\n", request) for request in web.requests]
     assert hosts == [[HOST.encode()]] * len(NAMES) + [[OTHER.encode()]]
 
@@ -143,14 +142,14 @@ REFUSED: list[tuple[Answer, str]] = [
 
 
 def test_another_answer_and_a_certificate_of_nobody_are_refused(
-    web: Web, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    web: Web, into: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for answer, said in REFUSED:
         web.answers[PATH] = answer
-        assert said in refusal(tmp_path)
+        assert said in refusal(into)
     assert len(web.requests) == len(REFUSED) + 5
     monkeypatch.delenv("SSL_CERT_FILE")
-    assert "certificate" in refusal(tmp_path)
+    assert "certificate" in refusal(into)
 
 
 def endless(begin: bytes, more: bytes, wait: float, sent: list[int]) -> Answer:
@@ -166,14 +165,14 @@ def endless(begin: bytes, more: bytes, wait: float, sent: list[int]) -> Answer:
     return answer
 
 
-def test_an_endless_body_is_cut_and_a_host_that_drips_is_left(web: Web, tmp_path: Path) -> None:
+def test_an_endless_body_is_cut_and_a_host_that_drips_is_left(web: Web, into: Path) -> None:
     web.answers[PATH] = endless(head(), bytes(1 << 16), 0.0, sent := [])
-    assert "more than" in refusal(tmp_path, size=1 << 20)
+    assert "more than" in refusal(into, size=1 << 20)
     time.sleep(0.1)
     assert sum(sent) < 64 << 20  # as much as buffers hold, not as much as could be sent
     for begin in (b"HTTP/1.1 200 OK\r\n", head("Content-Length: 330000")):
         web.answers[PATH] = endless(begin, b"X", 0.02, [])
-        assert "too slow" in refusal(tmp_path, seconds=0.3)
+        assert "too slow" in refusal(into, seconds=0.3)
 
 
 ADDRESSES = [
@@ -188,13 +187,13 @@ ADDRESSES = [
 ]
 
 
-def test_other_addresses_are_refused_before_any_look_up(web: Web, tmp_path: Path) -> None:
+def test_other_addresses_are_refused_before_any_look_up(web: Web, into: Path) -> None:
     for url in ADDRESSES:
-        assert "expected: https://HOST/PATH" in refusal(tmp_path, url)
+        assert "expected: https://HOST/PATH" in refusal(into, url)
     assert not web.requests
     for number, url in enumerate(ADDRESSES[:10], 1):
         web.answers[PATH] = redirect(url)
-        assert "expected: https://HOST/PATH" in refusal(tmp_path)
+        assert "expected: https://HOST/PATH" in refusal(into)
         assert len(web.requests) == number
 
 
@@ -206,10 +205,10 @@ PRIVATE = [
 ]
 
 
-def test_addresses_that_are_not_public_are_never_asked(web: Web, tmp_path: Path) -> None:
+def test_addresses_that_are_not_public_are_never_asked(web: Web, into: Path) -> None:
     web.answers[PATH] = redirect(f"https://{OTHER}/x")
     for number, address in enumerate(PRIVATE, 1):
         web.addresses = {OTHER: [PUBLIC, address]}
-        assert "is not public" in refusal(tmp_path, f"https://{OTHER}/x"), address
-        assert "is not public" in refusal(tmp_path), address
+        assert "is not public" in refusal(into, f"https://{OTHER}/x"), address
+        assert "is not public" in refusal(into), address
         assert len(web.requests) == number  # only the one that leads there

@@ -26,8 +26,8 @@ _LIMITS = {"limits": {"committed_bytes": 1_000_000}, "maintainers": [world.MAINT
 RULES = Rules.model_validate({"schema": 1, "title": "A", "benchmarks": [_MADE], **_LIMITS})
 
 
-def toml(method: str, account: int = ADA) -> bytes:
-    return submission_text(world.submission(method=method, account=account)).encode()
+def toml(**changes: Any) -> bytes:
+    return submission_text(world.submission(**changes)).encode()
 
 
 def only(path: str, content: File = b"x") -> dict[str, File]:
@@ -35,12 +35,12 @@ def only(path: str, content: File = b"x") -> dict[str, File]:
 
 
 MINE, THEIRS = f"{HOME}/mine", f"{HOME}/theirs"
-SOUND: dict[str, File] = {f"{MINE}/submission.toml": toml("Mine"), f"{MINE}/p.npz": b"1"}
+SOUND: dict[str, File] = {f"{MINE}/submission.toml": toml(method="Mine"), f"{MINE}/p.npz": b"1"}
 ON_MAIN: dict[str, File] = {
     "README.md": b"a board\n",
-    f"{THEIRS}/submission.toml": toml("Theirs", BOB),
+    f"{THEIRS}/submission.toml": toml(method="Theirs", account=BOB),
     f"{THEIRS}/p.npz": b"theirs",
-    f"{HOME}/old/submission.toml": toml("Old"),
+    f"{HOME}/old/submission.toml": toml(method="Old"),
     f"{HOME}/old/p.npz": b"old",
 }
 MINE_NOW = only("theirs/p.npz", b"mine now")
@@ -69,10 +69,11 @@ def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: st
 ANOTHER, OTHERS, TWO = "another account", "changes other files", "more than one folder"
 NO_FOLDER, A_LINK = "not the folder of a submission", "a link, a submodule"
 CASE, NOT_PLAIN = "only in case", "not plain"
+MANY, UNSOUND = "2,000 files", "git refuses its objects"
 _OTHER_FILES = ".github/workflows/x.yml .github/CODEOWNERS .ci/requirements.txt leaderboard.toml "
 _OTHER_FILES += ".gitattributes .gitmodules README.md Submissions/made/retrieval/x/submission.toml"
 BESIDE: list[tuple[str, str, File]] = [
-    (TWO, f"{HOME}/second/submission.toml", toml("Second")),
+    (TWO, f"{HOME}/second/submission.toml", toml(method="Second")),
     (TWO, "submissions/x.toml", b"x"),
     *((OTHERS, path, b"x") for path in _OTHER_FILES.split()),
     (CASE, f"{MINE}/P.npz", b"2"),
@@ -93,7 +94,7 @@ BESIDE: list[tuple[str, str, File]] = [
 ]
 ALONE: list[tuple[str, dict[str, File]]] = [
     *((ANOTHER, files) for files in (MINE_NOW, THEIRS_GONE, only("theirs/p.npz", None))),
-    *((ANOTHER, only(f"{n}/submission.toml", toml("Theirs"))) for n in ("theirs", "gone")),
+    *((ANOTHER, only(f"{n}/submission.toml", toml(method="Theirs"))) for n in ("theirs", "gone")),
     (ANOTHER, only("theirs/more.npz")),
     (TWO, SOUND | MINE_NOW),
     (TWO, SOUND | THEIRS_GONE),  # renamed to one's own
@@ -104,8 +105,8 @@ ALONE: list[tuple[str, dict[str, File]]] = [
     *((NO_FOLDER, only(f"{n}/submission.toml")) for n in ("--help", ".hidden", "a\x07b", "aux")),
     (CASE, SOUND | only("mine/a/x") | only("mine/A/y")),
     ("1,000,000 bytes", SOUND | {f"{MINE}/{n}": bytes([n]) * 600_000 for n in range(2)}),
-    ("2,000 files", SOUND | {f"{MINE}/f{n}": b"x" for n in range(4_100)}),
-    ("2,000 files", SOUND | {f"{MINE}/f{n}/x": b"x" for n in range(2_100)}),
+    (MANY, SOUND | {f"{MINE}/f{n}": b"x" for n in range(4_100)}),
+    (MANY, SOUND | {f"{MINE}/f{n}/x": b"x" for n in range(2_100)}),
     (TWO, {f"{HOME}/m{n}/submission.toml": b"x" for n in range(200)}),
     (TWO, {f"submissions/m{n}/a/b/x": b"x" for n in range(300)}),
 ]
@@ -130,8 +131,9 @@ def test_a_hostile_pull_request_is_refused(
     assert not [path for path in tmp_path.glob("out/**/*") if path.is_file()]
 
 
-def grafted(hosted: Hosted, tree: str, name: str = "mine") -> str:
-    """Return a commit on main in whose folder of submissions a tree has this name."""
+def graft(hosted: Hosted, made: dict[str, str], name: str = "mine") -> str:
+    """Return a commit on main in whose folder of submissions a tree of entries has this name."""
+    tree = hosted.store_tree(made)
     for above in (HOME, *map(str, Path(HOME).parents[:-1]), ""):
         listed = world.git(hosted.folder, "ls-tree", "-z", f"main:{above}").split("\0")[:-1]
         entries = {path: head.split() for head, path in (line.split("\t") for line in listed)}
@@ -142,33 +144,23 @@ def grafted(hosted: Hosted, tree: str, name: str = "mine") -> str:
     return hosted.commit_tree(tree, "main")
 
 
-def _named(name: str) -> Callable[[Hosted], str]:
-    def make(hosted: Hosted) -> str:
-        sound = hosted.commit(hosted.resolve(), SOUND)
-        inner, file = (hosted.resolve(f"{sound}:{MINE}{end}") for end in ("", "/submission.toml"))
-        entries = {f"40000 {name}": inner, "100644 submission.toml": file}
-        return grafted(hosted, hosted.store_tree(entries))
-
-    return make
-
-
-def _bomb(hosted: Hosted, entries: dict[str, str]) -> str:
+def graft_bomb(hosted: Hosted, entries: dict[str, str]) -> str:
     """Return a commit of 300 to the power of five files, or empty folders, in five trees."""
-    tree = hosted.store_tree(entries)
     for _ in range(5):
-        tree = hosted.store_tree({f"40000 {n:03}": tree for n in range(300)})
-    return grafted(hosted, tree)
+        tree = hosted.store_tree(entries)
+        entries = {f"40000 {n:03}": tree for n in range(300)}
+    return graft(hosted, entries)
 
 
-def _empty(hosted: Hosted) -> str:
+def graft_empty_folder(hosted: Hosted) -> str:
     """Return a commit whose merge would add an empty folder to another's, and no file."""
     entries = {"40000 empty": hosted.store_tree({})}
     for name in ("p.npz", "submission.toml"):
         entries[f"100644 {name}"] = hosted.resolve(f"main:{THEIRS}/{name}")
-    return grafted(hosted, hosted.store_tree(entries), "theirs")
+    return graft(hosted, entries, "theirs")
 
 
-def _two_bases(hosted: Hosted) -> str:
+def merge_across(hosted: Hosted) -> str:
     """Return a merge across: against the later of two bases another's folder looks untouched."""
     first = hosted.resolve()
     newer = hosted.commit(first, {f"{THEIRS}/p.npz": b"theirs, better"})
@@ -180,11 +172,13 @@ def _two_bases(hosted: Hosted) -> str:
 
 
 TREES: list[tuple[str, Callable[[Hosted], str]]] = [
-    *(("git refuses its objects", _named(name)) for name in ("..", ".git", "a/b")),
-    ("2,000 files", lambda hosted: _bomb(hosted, {"100644 x": hosted.resolve("main:README.md")})),
-    ("2,000 files", lambda hosted: _bomb(hosted, {})),
-    (ANOTHER, _empty),
-    ("has 2 merge bases", _two_bases),
+    (UNSOUND, lambda hosted: graft(hosted, {"40000 ..": hosted.resolve(f"main:{THEIRS}")})),
+    (UNSOUND, lambda hosted: graft(hosted, {"40000 .git": hosted.resolve(f"main:{THEIRS}")})),
+    (UNSOUND, lambda hosted: graft(hosted, {"40000 a/b": hosted.resolve(f"main:{THEIRS}")})),
+    (MANY, lambda hosted: graft_bomb(hosted, {"100644 x": hosted.resolve("main:README.md")})),
+    (MANY, lambda hosted: graft_bomb(hosted, {})),
+    (ANOTHER, graft_empty_folder),
+    ("has 2 merge bases", merge_across),
 ]
 
 
@@ -227,12 +221,12 @@ FILES: list[Callable[[Path], object]] = [
 def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_runner(
     board: Board,
 ) -> None:
-    hostile = [{f"{MINE}/a\n::set-output\x1b[2J": b"x"}]
+    hostile: list[dict[str, File]] = [{f"{MINE}/a\n::set-output\x1b[2J": b"x"}]
     for write in FILES:
         write(file := board.home / "p.npz")
         given = {"file": "p.npz", "sha256": sha256_of_tree(file), "bytes": file.stat().st_size}
-        text = submission_text(world.submission(predictions=given)).encode()
-        hostile.append({f"{MINE}/submission.toml": text, f"{MINE}/p.npz": file.read_bytes()})
+        hostile.append(SOUND | {f"{MINE}/submission.toml": toml(predictions=given)})
+        hostile[-1][f"{MINE}/p.npz"] = file.read_bytes()
     for number, files in enumerate(hostile, 1):
         head = board.hosted.commit(board.hosted.resolve(), files)
         work = board.score(number, board.hosted.pull(number, head), code=1)

@@ -12,7 +12,7 @@ from contextlib import nullcontext, suppress
 from fnmatch import fnmatchcase
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -28,13 +28,7 @@ from airzoo_bench.leaderboard import checks, sealing
 from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.git import DataBranch, RefusedError, Try, check_tries
-from airzoo_bench.leaderboard.sealing import (
-    KEY_VARIABLE,
-    opened_truth,
-    round_score,
-    score_sealed,
-    seal,
-)
+from airzoo_bench.leaderboard.sealing import opened_truth, round_score, score_sealed, seal
 from airzoo_bench.results.result import ScoreColumn
 from tests.api.place import NAME
 from tests.leaderboard import conftest as world
@@ -47,20 +41,17 @@ NEW_KEY = sealing.load_pyrage().x25519.Identity.generate
 KEY = NEW_KEY()
 
 
-class Sealed(NamedTuple):
-    """A folder with its truth, and what was made of it."""
-
-    folder: Path
-    public: Path
-    archive: Path
-
-
 @pytest.fixture(scope="module")
-def sealed(host: Path, tmp_path_factory: pytest.TempPathFactory) -> Sealed:
-    public = tmp_path_factory.mktemp("sealed") / NAME
+def public(host: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the public folder of the host's; the archive of its truth lies beside it."""
+    found = tmp_path_factory.mktemp("sealed") / NAME
     with mock.patch("secrets.token_hex", return_value=SALT):
-        archive, _ = seal(host, public, KEY.to_public())
-    return Sealed(host, public, archive)
+        seal(host, found, KEY.to_public())
+    return found
+
+
+def archive_of(public: Path) -> Path:
+    return public.with_name(f"{public.name}.age")
 
 
 # --- the public folder ---
@@ -82,38 +73,38 @@ TABLE = {
 
 
 def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_truth(
-    sealed: Sealed,
+    host: Path, public: Path
 ) -> None:
-    whole, public, hidden = world.files_of(sealed.folder), world.files_of(sealed.public), []
-    for name, content in whole.items():
+    prepared, shown, hidden = world.files_of(host), world.files_of(public), []
+    for name, content in prepared.items():
         expected = next(what for pattern, what in TABLE.items() if fnmatchcase(name, pattern))
-        there = "same" if public.get(name) == content else "cut" if name in public else "sealed"
+        there = "same" if shown.get(name) == content else "cut" if name in shown else "sealed"
         assert there == expected, name
         hidden += [] if there == "same" else [hashlib.sha256(content).hexdigest()]
-    assert public.keys() <= whole.keys()
-    before, after = (pd.read_csv(of / SCENE / "queries.csv", dtype=str) for of in sealed[:2])
+    assert shown.keys() <= prepared.keys()
+    before, after = (pd.read_csv(of / SCENE / "queries.csv", dtype=str) for of in (host, public))
     assert not {*POSE_COLUMNS, "altitude_m", "pitch_deg"} & set(after.columns)
     assert after.equals(before[list(after.columns)])  # digits as they were
     hidden += [text for name in ("x", "y", "z", "qw") for text in before[name] if len(text) > 5]
     hidden += [world.TRUE_PLACE, SALT, "seen_share"]
     assert len(hidden) > 30
-    for name, content in world.files_of(sealed.public.parent).items():
+    for name, content in world.files_of(public.parent).items():
         assert not [secret for secret in hidden if secret.encode() in content], name
-    text = (sealed.public / "benchmark.toml").read_text()
+    text = (public / "benchmark.toml").read_text()
     assert "cloud" not in text.split("[checksums]")[0].split("[[scenes]]")[1]
 
 
 def test_truth_that_methods_are_given_and_data_outside_are_not_sealed(
-    sealed: Sealed, tmp_path: Path
+    host: Path, public: Path, tmp_path: Path
 ) -> None:
     queries, toml, images = f"{SCENE}/queries.csv", "benchmark.toml", f"data/{NAME}/images"
-    table = pd.read_csv(sealed.folder / queries)
+    table = pd.read_csv(host / queries)
     for name in POSE_COLUMNS:
         table[f"prior_{name}"] = table[f"prior_{name}"].where(table.index != 2, table[name])
-    outside = (sealed.folder / toml).read_text().replace(images, "../x")
+    outside = (host / toml).read_text().replace(images, "../x")
     faults = {"pose: 1, and": (queries, table.to_csv(index=False)), "outside": (toml, outside)}
     for said, (name, text) in faults.items():
-        folder = Path(shutil.copytree(sealed.folder, tmp_path / said[:4] / NAME))
+        folder = Path(shutil.copytree(host, tmp_path / said[:4] / NAME))
         (folder / name).write_text(text)
         world.write_sums(folder)
         with pytest.raises(BenchmarkError, match=said):
@@ -123,26 +114,26 @@ def test_truth_that_methods_are_given_and_data_outside_are_not_sealed(
 # --- keys and archives ---
 
 
-def opened(public: Path, archive: Path, key: Any = KEY) -> dict[str, bytes]:
-    with opened_truth(public, archive, key) as truth:
+def opened(public: Path, key: Any = KEY, archive: Path | None = None) -> dict[str, bytes]:
+    with opened_truth(public, archive or archive_of(public), key) as truth:
         assert truth.stat().st_mode & 0o077 == 0
         Benchmark.open(truth)
         return world.files_of(truth)
 
 
-def test_opened_is_what_was_sealed_and_goes(sealed: Sealed) -> None:
-    whole, found = world.files_of(sealed.folder), opened(sealed.public, sealed.archive)
+def test_opened_is_what_was_sealed_and_goes(host: Path, public: Path) -> None:
+    whole, found = world.files_of(host), opened(public)
     assert whole.keys() == found.keys()
     other = {name for name in whole if found[name] != whole[name]}
     assert other == {f"data/{NAME}/images/a.png"}  # it had metadata
     for error in (UserError("x"), KeyboardInterrupt(), SystemExit(143)):
-        with suppress(type(error)), opened_truth(sealed.public, sealed.archive, KEY) as truth:
+        with suppress(type(error)), opened_truth(public, archive_of(public), KEY) as truth:
             raise error
         assert not truth.exists()
 
 
-def test_other_archives_open_nothing(sealed: Sealed, tmp_path: Path) -> None:
-    path, content, plain = tmp_path / "x.age", sealed.archive.read_bytes(), BytesIO()
+def test_other_archives_open_nothing(public: Path, tmp_path: Path) -> None:
+    path, content, plain = tmp_path / "x.age", archive_of(public).read_bytes(), BytesIO()
     with tarfile.open(fileobj=plain, mode="w") as tar:  # anybody has the public key
         tar.addfile(tarfile.TarInfo("../../x"))
     forged = sealing.load_pyrage().encrypt(plain.getvalue(), [KEY.to_public()])
@@ -150,23 +141,23 @@ def test_other_archives_open_nothing(sealed: Sealed, tmp_path: Path) -> None:
     for data, key in [*cases, (content[:-1], KEY), (content, NEW_KEY()), (forged, KEY)]:
         path.write_bytes(data)
         with pytest.raises(BenchmarkError, match="is damaged, or not of this"):
-            opened(sealed.public, path, key)
+            opened(public, key, path)
 
 
 def test_faults_of_keys_repeat_no_key_and_the_command_replaces_nothing(
-    sealed: Sealed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    host: Path, public: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(KEY_VARIABLE, f"# a comment\n{KEY}\n")
+    monkeypatch.setenv(sealing.KEY_VARIABLE, f"# a comment\n{KEY}\n")
     assert str(sealing.read_key()) == str(KEY)
     for text in ("", f"{KEY}\n{KEY}\n", f"{KEY}!"):
-        monkeypatch.setenv(KEY_VARIABLE, text)
+        monkeypatch.setenv(sealing.KEY_VARIABLE, text)
         for read in (sealing.read_key, lambda: sealing.recipient(str(KEY))):
             with pytest.raises(UsageError) as caught:
                 read()
             assert str(KEY)[20:40] not in str(caught.value)
-    call = ("seal", sealed.folder, "--out", tmp_path / "m", "--to", KEY.to_public())
+    call = ("seal", host, "--out", tmp_path / "m", "--to", KEY.to_public())
     assert run_main(*call) == 0
-    assert opened(tmp_path / "m", tmp_path / "m.age")
+    assert opened(tmp_path / "m")
     shutil.rmtree(tmp_path / "m")
     assert run_main(*call) == 2
 
@@ -178,11 +169,13 @@ COLUMNS = {"share": HIT, "median": ERROR, "mean": MEAN}
 
 
 @pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
-def test_only_rounded_overall_scores_are_told(track: str, sealed: Sealed, tmp_path: Path) -> None:
-    path = world.write_template(track, sealed.public, tmp_path)
+def test_only_rounded_overall_scores_are_told(
+    track: str, host: Path, public: Path, tmp_path: Path
+) -> None:
+    path = world.write_template(track, public, tmp_path)
     checked = CheckedSubmission(path.parent, world.submission(protocol=f"{NAME}-{track}"), path)
-    answer = score_sealed(checked, "7" * 64, sealed.archive, KEY, sealed.public.parent, Run())
-    whole = evaluate(path, data=sealed.folder, method="M")
+    answer = score_sealed(checked, "7" * 64, archive_of(public), KEY, public.parent, Run())
+    whole = evaluate(path, data=host, method="M")
     shown = [column for column in whole.result.columns if column.headline]
     assert set(answer.row.scores) == {column.key for column in shown}
     for column in shown:
@@ -294,7 +287,7 @@ def sealed_board(board: Board, data: Path, monkeypatch: pytest.MonkeyPatch) -> B
     limits = world.BOARD.replace("[[", "[limits]\ntries = 1\ndays = 30\n[[", 1)
     (board.main / "leaderboard.toml").write_text(f'{limits}sealed = "made.age"\n')
     board.push_main("A sealed board")
-    monkeypatch.setenv(KEY_VARIABLE, str(KEY))
+    monkeypatch.setenv(sealing.KEY_VARIABLE, str(KEY))
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(public))
     monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo")])
     return board

@@ -29,10 +29,6 @@ WORKFLOWS = sorted([*(ROOT / ".github" / "workflows").glob("*.y*ml"), *STARTED.g
 LEADERBOARD = STARTED / "leaderboard.yml"
 
 
-def ids(path: Path) -> str:
-    return str(path.relative_to(ROOT))
-
-
 def loaded(path: Path) -> Any:
     return yaml.safe_load(path.read_text(encoding="utf-8"))
 
@@ -41,18 +37,13 @@ def steps(path: Path) -> list[dict[str, Any]]:
     return [step for job in loaded(path)["jobs"].values() for step in job["steps"]]
 
 
-@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
-def test_actions_are_pinned_and_nothing_of_strangers_is_run(path: Path) -> None:
+@pytest.mark.parametrize("path", WORKFLOWS, ids=str)
+def test_nothing_of_strangers_is_run_and_few_jobs_write(path: Path) -> None:
+    """That actions are pinned, and that no text of strangers is in a command, zizmor checks."""
     text = path.read_text(encoding="utf-8")
-    for line in re.findall(r"uses: *(.*)", text):
-        pinned = r"(actions|pypa)/[a-z-]+@[0-9a-f]{40} # v[0-9]+\.[0-9]+\.[0-9]+"
-        assert re.fullmatch(pinned, line), line
+    assert {*re.findall(r"uses: *([^/]*)/", text)} <= {"actions", "pypa"}
     for word in ("allow-unsafe-pr-checkout", "head.ref", "head_ref", "head.sha", "workflow_run"):
         assert word not in text
-    for step in steps(path):
-        assert "${{" not in step.get("run", ""), step
-        if step.get("uses", "").startswith("actions/checkout@"):
-            assert step["with"] == {"persist-credentials": False}
     top = loaded(path)["permissions"]
     assert top in ({}, {"contents": "read"})
     for name, job in loaded(path)["jobs"].items():
@@ -78,16 +69,14 @@ def test_rights_and_the_key() -> None:
     assert step in found["jobs"]["sealed"]["steps"]
 
 
-@pytest.mark.parametrize("name", ["leaderboard.yml", "board.yml"])
+@pytest.mark.parametrize("name", ["workflows/leaderboard.yml", "workflows/board.yml", "zizmor.yml"])
 def test_own_board_has_the_workflows_of_every_board(name: str) -> None:
-    own = (ROOT / ".github" / "workflows" / name).read_text(encoding="utf-8")
+    own = (ROOT / ".github" / name).read_text(encoding="utf-8")
     without_docs = re.sub(r", docs/\*\*|\n *# The documentation.*\n.*", "", own)
-    assert without_docs == (STARTED / name).read_text(encoding="utf-8")
-    zizmor = "zizmor.yml"
-    assert (ROOT / ".github" / zizmor).read_bytes() == (STARTER / "_github" / zizmor).read_bytes()
+    assert without_docs == (STARTER / "_github" / name).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("path", WORKFLOWS, ids=ids)
+@pytest.mark.parametrize("path", WORKFLOWS, ids=str)
 def test_every_command_and_option_exists(path: Path) -> None:
     joined = "\n".join(step.get("run", "") for step in steps(path)).replace("\\\n", " ")
     called = re.findall(r"airzoo-bench(?:\)\")? ((?:leaderboard|submi|seal|baseline).*)", joined)
@@ -155,12 +144,8 @@ def test_the_container_of_the_workflows_reads_predictions_and_nothing_else(
     monkeypatch.setenv("AIRZOO_BENCH_CONTAINER", command)
     for name in ("GIT_TOKEN", "AIRZOO_BENCH_KEY"):
         monkeypatch.setenv(name, "secret")
-    seen = call_limited(
-        f"{__name__}:look",
-        {"path": str(predictions), "other": str(other)},
-        where=predictions,
-        limits=Limits(1 << 30),
-        folder=work,
-    )
+    given, limits = {"path": str(predictions), "other": str(other)}, Limits(1 << 30)
+    call = f"{__name__}:look"
+    seen = call_limited(call, given, where=predictions, limits=limits, folder=work)
     assert seen[:2] == ["predictions", ""]
     assert not {"GIT_TOKEN", "AIRZOO_BENCH_KEY", "eth0"} & set(seen)
