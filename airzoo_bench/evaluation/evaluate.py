@@ -111,7 +111,7 @@ def evaluate(
         columns=tuple(scores),
         counts={name: scene.counts for name, scene in scored.items()},
         extra_queries=assignment.extra_queries,
-        notes=tuple(_list_notes(opened, truths, assignment, scored)),
+        notes=(*assignment.facts, *_list_notes(opened, truths, assignment, scored)),
         **asdict(results.summarise(records, scores, [scene.id for scene in chosen.scenes])),
         references=dict(opened.track.references(chosen, truths)),
     )
@@ -210,7 +210,7 @@ def check(
                 scored[truth.scene] = opened.track.check(part, truth, opened.protocol, run)
         except (PredictionError, CameraError) as error:
             found.errors.append(error)
-    found.described.append(f"answers {assignment.covered}")
+    found.described += [f"answers {assignment.covered}", *assignment.facts]
     found.notes = _list_notes(opened, truths, assignment, scored)
     return found
 

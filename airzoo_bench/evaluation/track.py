@@ -46,8 +46,8 @@ class Assignment:
     """Which part of the predictions is for which scene.
 
     `parts` are in the order of the scenes; one is None where its scene is refused, and `errors` say
-    why. `covered` says how much is answered, such as ``15 of 18 queries``, `notes` what is missing
-    or ignored, `extra_queries` how many ids, or scenes, the benchmark lacks.
+    why. `covered` says how much is answered, such as ``15 of 18 queries``, `facts` more of it,
+    `notes` what is missing or ignored, `extra_queries` how many ids, or scenes, are not known.
     """
 
     parts: list[Any] = field(default_factory=list)
@@ -55,6 +55,7 @@ class Assignment:
     notes: list[str] = field(default_factory=list)
     extra_queries: int = 0
     errors: list[PredictionError] = field(default_factory=list)
+    facts: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)

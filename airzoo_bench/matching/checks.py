@@ -72,10 +72,14 @@ def _check_matches(
     of_match = sizes[content.query]
     fix = f"{_X_FIRST}, in pixels of the photo at its full size"
     _refuse_outside("query_xy", content.query_xy, of_match, content, truth, fix)
-    far = 0.6 if len(of_match) < 2000 else 0.9
-    if len(of_match) >= 100 and (content.query_xy / of_match < far).all():
-        said = f"no match lies beyond {far:.0%} of the photos' width and height"
-        yield f"{said}: are the matches in the size of a smaller image?"
+    shares = {"photos": (content.query_xy / of_match, 0.6 if len(of_match) < 2000 else 0.9)}
+    if content.map_xy is not None:  # the margin of crops has no matches
+        corner, size = np.split(truth.crops[content.query], 2, axis=1)
+        shares["crops"] = ((content.map_xy - corner) / size, 0.6)
+    for pictures, (share, far) in shares.items():
+        if len(of_match) >= 100 and (share < far).all():
+            said = f"no match lies beyond {far:.0%} of the {pictures}' width and height"
+            yield f"{said}: are the matches in the size of a smaller image?"
     what, name, fix = "x and y exchanged", "map_xy", _X_FIRST
     if content.points3d is None:
         _check_map_pixels(content, truth)
@@ -195,9 +199,11 @@ def _check_axes(given: Floats, priors: Floats) -> None:
     near = [name for name, left in errors.items() if left < min(20.0, off / 3.0)]
     fitting = sorted(near, key=errors.__getitem__)
     if fitting:  # of cameras that look down several may fit
-        what = f"looks like {' or '.join(fitting)}: they differ from the IMU's by {off:.4g} degrees"
-        what += f", read so by {errors[fitting[0]]:.4g}"
-        raise _fault(what, "rotations", "convert them; OpenGL's w2c becomes diag(1, -1, -1) @ R")
+        what = f"looks like {' or '.join(fitting)}: they differ from the IMU's by {off:.1f} degrees"
+        what += f", read so by {errors[fitting[0]]:.1f}"
+        fix = "convert them; OpenGL's w2c becomes diag(1, -1, -1) @ R"
+        fix = "transpose them: R.T" if fitting[0] == "camera-to-world rotations" else fix
+        raise _fault(what, "rotations", fix)
 
 
 def _check_digits(given: PredictedPoses, truth: MatchingTruth, finest_m: float) -> Iterator[str]:
@@ -255,6 +261,8 @@ def _refuse_outside(
         what = f"{counted(int(outside.sum()), 'pixel')} outside the picture, in "
         what += _name(truth, np.unique(content.query[outside]))
         what += f"; the first is ({x:.1f}, {y:.1f}) in {width}x{height} px"
+        if _inside(xy[:, ::-1], size).all():
+            what += "; they look like x and y exchanged: read so, all are inside"
         raise _fault(what, name, fix)
 
 

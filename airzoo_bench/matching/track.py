@@ -71,8 +71,8 @@ class MatchingTrack(Track):
     ) -> Assignment:
         """See `Track.assign`; errors of all scenes are found before any pose is solved."""
         assignment = assign_queries(predictions, truths, protocol)
-        assignment.notes.append(f"{predictions.content.kind} are scored")
-        assignment.notes.extend(_fine_thresholds(truths, protocol.scores))
+        assignment.facts.append(f"{predictions.content.kind} are scored")
+        assignment.facts.extend(_fine_thresholds(truths, protocol.scores))
         for number, truth in enumerate(truths):
             rows, assignment.parts[number] = assignment.parts[number].rows, None
             content, answered = predictions.content.take(rows), rows >= 0

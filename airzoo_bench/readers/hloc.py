@@ -85,8 +85,8 @@ class _Features:
         names = [one.removesuffix(_KEYPOINTS) for one in found]
         self.names = {name.replace("/", "-"): name for name in names}
 
-    def keypoints(self, picture: Picture) -> Floats:
-        """Return the keypoints of a picture, as hloc counts them."""
+    def keypoints(self, picture: Picture, partner: Picture) -> Floats:
+        """Return the keypoints of a picture of a pair, as hloc counts them."""
         name = self.names.get(picture.name.replace("/", "-"))
         if name is None:
             raise PredictionError(f"no features of {picture.name[:200]!r} in {self.file.path}")
@@ -99,6 +99,8 @@ class _Features:
                 if size != picture.size:
                     what = f"its image_size is {size}, and the picture has {picture.size} px"
                     fix = "extract the features again from the files that prepare wrote"
+                    if size == partner.size:
+                        fix = f"that is {partner.name[:200]}'s: name the photo first in a pair"
                     raise PredictionError(what, where=f"{self.file.path}, {name[:200]}", fix=fix)
             self.file.budget.hold(self.file.path, f"pixels of {name[:200]}", given.size * 8)
             self._kept[name] = given.astype(np.float64)
@@ -121,7 +123,7 @@ def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) 
     if features is None:
         what = "counts keypoints of a file of features, which is not beside it"
         raise PredictionError(what, fix="copy the .h5 of extract_features there")
-    first, second = (features.keypoints(one) for one in pair)
+    first, second = (features.keypoints(*two) for two in (pair, pair[::-1]))
     return matched_pixels(first + _CENTRE, second + _CENTRE, file.read(group + _MATCHES))
 
 

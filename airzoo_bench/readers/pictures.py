@@ -144,15 +144,19 @@ class MatchRows:
     def _check(self, picture: Picture, xy: Floats, kind: str) -> None:
         if not np.isfinite(xy).all():
             raise PredictionError(f"pixels of {picture.name[:200]!r} are not finite")
-        outside = ((xy < -_SLACK_PX) | (xy > np.add(picture.size, _SLACK_PX))).any(axis=1)
+        most = np.add(picture.size, _SLACK_PX)
+        beyond = [(one < -_SLACK_PX) | (one > most) for one in (xy, xy[:, ::-1])]
+        outside, turned = (np.asarray(one.any(axis=1)) for one in beyond)
         if outside.any():
             width, height = picture.size
-            x, y = xy[outside][0]
+            (x, y), fix = xy[outside][0], "x and y look exchanged: write x, the column, before y"
+            if turned.any():
+                fix = "match the files that prepare wrote, and write pixels of their full size"
             raise PredictionError(
                 f"{counted(int(outside.sum()), 'pixel')} of {picture.name[:200]!r} outside it, the "
                 f"first at ({x:.1f}, {y:.1f}); it is a {kind} of {width}x{height} px",
                 expected="pixels of the picture at its full size",
-                fix="match the files that prepare wrote, and write pixels of their full size",
+                fix=fix,
             )
 
     def predictions(self, names: Iterable[str], pictures: Pictures) -> MatchingPredictions:

@@ -241,8 +241,13 @@ def check_resolution(cameras: Cameras, names: Sequence[str] | None, where: str) 
     """Refuse intrinsics of images of another size than the maps, which the cameras have.
 
     A factor is clear from 1.5 on, or from 1.1 on in all cameras: photos of 640 px and maps of 504.
+    Maps whose rows and columns are exchanged have the other side's centre on each axis.
     """
     size = np.stack((cameras.width, cameras.height), axis=-1)
+    off, apart = cameras.principal_point / size[:, ::-1] - 0.5, np.ptp(np.log(size), axis=1)
+    if len(size) and np.abs(off).max() < 0.02 and apart.min() > 0.2:
+        what = "principal points are the centres of maps with height and width exchanged"
+        raise PredictionError(what, where=where, fix="write maps as (views, height, width)")
     ratio = cameras.principal_point / (size / 2.0)
     logs = np.log(np.where(ratio > 0.0, ratio, 1.0))
     apart, factor = np.abs(logs[:, 0] - logs[:, 1]), np.abs(logs).min(axis=1)

@@ -22,11 +22,7 @@ _FAULTS_OF_LISTS = (  # field, what, expected
     ("ranked_ids", "an empty id before a tile", "empty ids only at the end of a shorter list"),
     ("ranked_ids", "a tile more than once", "each tile once a query, at its best rank"),
     ("scores", "NaN or infinite scores", "a finite number for each ranked tile"),
-    (
-        *("scores", "scores that are not in order"),
-        "best first: similarities that never rise along a row, or in all rows distances that "
-        "never fall",
-    ),
+    ("scores", "scores that are not in order", "similarities that fall, or distances that rise"),
 )
 
 

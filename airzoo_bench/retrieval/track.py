@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -45,14 +46,12 @@ RANKED_TILE = "tile@"
 Truths = Sequence[RetrievalTruth]
 Measure = Callable[[Floats, Floats], Floats]
 
-_CUT_SHORT = "cut_short"  # column of `score_scene`: lists that end without all positives
-_DIMENSIONS = 8  # of random descriptors
+_CUT_SHORT = "cut_short"  # column of `score_scene`: lengths of lists without all positives, or 0
 _NOTES = (  # count, its subject for one and for many, what of it
     ("empty_lists", "query has", "queries have", "an empty list, scored as missing"),
     ("tie_dependent", "query depends", "queries depend", "on ties, broken against it"),
     ("unranked", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
     ("dropped_tiles", "tile is", "tiles are", f"{TOO_EMPTY}, and in no gallery"),
-    ("short", "list ends", "lists end", "without all positives, which are not found"),
 )
 
 
@@ -94,7 +93,8 @@ class RetrievalTrack(Track):
         except PredictionError as error:
             raise error.inside(predictions.path) from error
         unranked = answered & (records["ranked"] == 0)
-        facts = {"unranked": int(unranked.sum()), "short": int(records.pop(_CUT_SHORT).sum())}
+        lengths = records.pop(_CUT_SHORT)
+        facts = {"unranked": int(unranked.sum()), "short": lengths[lengths > 0].tolist()}
         counts = {
             "queries": len(truth.queries),
             "tiles": len(truth.tiles),
@@ -123,6 +123,13 @@ class RetrievalTrack(Track):
         for name, one, many, what in _NOTES:
             if count := sum((scene.counts | scene.facts)[name] for scene in scored):
                 notes.append(f"{counted(count, one, many)} {what}")
+        if short := [length for scene in scored for length in scene.facts["short"]]:
+            deep, whole = map(", ".join, _scores_beyond(protocol.scores, min(short)))
+            ends = f"{counted(len(short), 'list ends', 'lists end')} without all positives"
+            if deep:
+                shortest = f"the shortest after {counted(min(short), 'tile')}"
+                notes.append(f"{deep} look deeper than some lists: {ends}, {shortest}")
+            notes.append(f"{whole}: {ends}, which are not found")
         excluded = pd.concat([truth.excluded for truth in truths])
         unanswered = excluded["id"][excluded["reason"] == UNANSWERED]
         if len(unanswered):
@@ -131,12 +138,11 @@ class RetrievalTrack(Track):
 
     def references(self, protocol: RetrievalProtocol, truths: Truths) -> dict[str, Reference]:
         """Return what tiles in random order score, by scene."""
-        records = pd.concat(
-            pd.DataFrame(
-                metrics.chance_scores(truth.positives.counts, len(truth.tiles), protocol.scores)
-            ).assign(scene=truth.scene)
-            for truth in truths
-        )
+        by_scene = {
+            one.scene: metrics.chance_scores(one.positives.counts, len(one.tiles), protocol.scores)
+            for one in truths
+        }
+        records = pd.concat(pd.DataFrame(found).assign(scene=s) for s, found in by_scene.items())
         scores = [score for score in list_scores(protocol.scores) if score.key in records]
         summary = asdict(summarise(records, scores, [truth.scene for truth in truths]))
         meaning = "what tiles in random order score on average, computed exactly"
@@ -159,7 +165,7 @@ class RetrievalTrack(Track):
         else:
             arrays["gallery_ids"] = np.concatenate(galleries)
             for name in ("query", "gallery"):
-                shape = len(arrays[f"{name}_ids"]), _DIMENSIONS
+                shape = len(arrays[f"{name}_ids"]), 8
                 arrays[f"{name}_descriptors"] = random.standard_normal(shape, np.float32)
         write_predictions(out, protocol.name, arrays)
 
@@ -194,6 +200,16 @@ def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
     return [*scores, share(*other), share("mrr", "MRR")]
 
 
+def _scores_beyond(settings: TileScores | ImageScores, rank: int) -> tuple[list[str], list[str]]:
+    """Name the headline scores at ranks beyond one, and the others that look beyond it."""
+    at_rank, others = list[str](), list[str]()
+    for score in list_scores(settings):
+        found = re.match(r"(?:recall|ap|ndcg)@(\d+)(?:/|$)", score.key)
+        if int(found[1]) > rank if found else re.match("recall|ap|map|mrr", score.key):
+            (at_rank if found and score.headline else others).append(score.title)
+    return at_rank, others
+
+
 def score_scene(
     truth: RetrievalTruth,
     ranked: Iterable[tuple[Ints, Ranking]],
@@ -207,13 +223,9 @@ def score_scene(
     scores = pd.concat([table for _, table in blocks], ignore_index=True)
     if (np.diff(order) < 0).any():  # those that are not searched come last
         scores = scores.iloc[np.argsort(order)].reset_index(drop=True)
-    first = {
-        "scene": truth.scene,
-        "query": truth.queries["id"].array,
-        "answered": answered,
-        "positives": truth.positives.counts,
-    }
-    return pd.concat([pd.DataFrame(first), scores, conditions_of(truth.queries)], axis=1)
+    first = pd.DataFrame({"scene": truth.scene, "query": truth.queries["id"].array})
+    first = first.assign(answered=answered, positives=truth.positives.counts)
+    return pd.concat([first, scores, conditions_of(truth.queries)], axis=1)
 
 
 def _score_block(
@@ -234,7 +246,7 @@ def _score_block(
         "tie_dependent": ranking.tie_dependent,
         "first_hit_rank": metrics.first_hit_rank(hits[:, : settings.ranks_kept]),
         "ranked": (kept >= 0).sum(axis=1),
-        _CUT_SHORT: (length > 0) & (length < whole) & (hits.sum(axis=1) < right.counts),
+        _CUT_SHORT: length * ((length < whole) & (hits.sum(axis=1) < right.counts)),
     }
     ids = pd.array([*truth.tiles["id"], ""], dtype="str")
     for k in range(max(settings.recall_at)):
@@ -298,7 +310,7 @@ def _image_distances(
     if settings.sdm_unit == "degree":
         # DenseUAV's: of longitude and latitude alike, from float32.
         asked, given = (one.astype(np.float32).astype(np.float64) for one in (queries, images))
-        apart = _distances(asked, given, tiles, _planar_distance)
+        apart = _distances(asked, given, tiles, _MEASURES["plane"])
     worst = measure(queries[:, None], images[None]).max(axis=1)
     return {
         **{f"sdm@{k}": metrics.sdm_at(apart, k, settings.sdm_scale) for k in settings.sdm_at},
@@ -318,14 +330,10 @@ def _distances(
     return distances
 
 
-def _planar_distance(a: Floats, b: Floats) -> Floats:
-    return np.asarray(np.hypot(*np.moveaxis(b - a, -1, 0)))
-
-
 _MEASURES: dict[str, Measure] = {
     "sphere": great_circle_m,
     "ellipsoid": geodesic_distance_m,
-    "plane": _planar_distance,
+    "plane": lambda a, b: np.asarray(np.hypot(*np.moveaxis(b - a, -1, 0))),
 }
 
 TRACK = RetrievalTrack()

@@ -120,7 +120,11 @@ def method_table(
         for name, r in named
     )
     prints = f"protocol {first.protocol.fingerprint[:12]}, truth {first.truth.fingerprint[:12]}"
-    notes = share_notes(((name, note) for name, r in named for note in r.notes), len(names))
+    hidden = {c.title for r in results for c in r.columns if not (every_score or c.headline)}
+    noted = ((name, note) for name, r in named for note in r.notes)
+    # A note may begin with the titles of the scores that it is about.
+    seen = [pair for pair in noted if {*pair[1].split(": ")[0].split(", ")} - hidden]
+    notes = share_notes(seen, len(names))
     marks = share_notes((pair for pair in floors.items() if pair[1]), len(names) == 1)
     # A score that a method has not stays empty.
     scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}

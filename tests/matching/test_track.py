@@ -292,6 +292,12 @@ def rolled(rotation: Any) -> Any:
     return quaternion_to_matrix(np.roll(matrix_to_quaternion(rotation), -1, axis=1))
 
 
+def in_crops(world: World, change: Callable[[Any], Any]) -> Fields:
+    """Return matches in pixels of the crops, which are changed."""
+    places = zip(world.map_xy, world.truth.crops[:, :2], strict=True)
+    return world.correspondences(world.query_xy, map_xy=[change(xy - at) for xy, at in places])
+
+
 def one_outside(world: World) -> Fields:
     query_xy = [xy.copy() for xy in world.query_xy]
     query_xy[2][7] = (641.5, 3.0)
@@ -301,6 +307,18 @@ def one_outside(world: World) -> Fields:
 # Faults beyond those of tests/goldens/refusals.txt.
 REFUSED: dict[str, tuple[Callable[[World], Fields], list[str]]] = {
     "outside": (one_outside, ["'query_xy'", "hills/q2", "(641.5, 3.0)", "640x480"]),
+    "photo x and y": (
+        lambda w: w.correspondences([xy[:, ::-1] for xy in w.query_xy], map_xy=w.map_xy),
+        ["'query_xy'", "x and y exchanged"],
+    ),
+    "crop x and y": (
+        lambda w: in_crops(w, lambda xy: xy[:, ::-1]) | {"map_frame": np.array("crop")},
+        ["'map_xy'", "x and y exchanged"],
+    ),
+    "rotations back": (
+        lambda w: turned(w, lambda R: np.swapaxes(R, 1, 2)),
+        ["camera-to-world rotations", "R.T"],
+    ),
     "points in degrees": (lambda w: moved_points(w, degrees), ["'points3d'", "degrees"]),
     "feet": (lambda w: centred(w, lambda xyz: xyz / (1.0, 1.0, 0.3048) + 0.1234567), ["feet"]),
     "in degrees": (lambda w: centred(w, degrees), ["degrees"]),
@@ -319,7 +337,7 @@ REFUSED: dict[str, tuple[Callable[[World], Fields], list[str]]] = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_meant_is_refused(world: World, tmp_path: Path, case: str) -> None:
     make, names = REFUSED[case]
-    judged = oblique(world) if case[0] in "Ox" else world
+    judged = oblique(world) if case[0] in "Oxr" else world
     message = refused(judged, tmp_path, make(world))
     for name in names:
         assert name in message
@@ -355,6 +373,10 @@ NOTED: dict[str, tuple[Callable[[World], list[Fields]], str]] = {
     "smaller photos": (
         lambda w: [smaller(w, 0.8), smaller(w, 0.5, 1)],
         "scene hills: no match lies beyond",
+    ),
+    "smaller crops": (
+        lambda w: [in_crops(w, lambda xy: xy / 2) | {"map_frame": np.array("crop")}],
+        "scene hills: no match lies beyond 60% of the crops'",
     ),
     "few matches or whole photos": (lambda w: [smaller(w, 0.8, 1), smaller(w, 1.0)], ""),
     **{f"poor {seed}": (lambda w, seed=seed: poor(w, seed), "") for seed in range(3)},

@@ -394,6 +394,9 @@ def test_intrinsics_of_photos_that_are_little_larger_or_smaller(width: int, heig
     K = np.tile(np.array([[500.0, 0, 320.5], [0, 500, 240.5], [0, 0, 1]]), (3, 1, 1))
     with pytest.raises(PredictionError, match=r"6[34]\d x 4[78]\d"):
         check_resolution(Cameras.from_matrices(K, width, height), None, "it")
+    K[:, :2, 2] = np.array([width, height]) / 2
+    with pytest.raises(PredictionError, match="height and width"):
+        check_resolution(Cameras.from_matrices(K, height, width), None, "it")
     K[:, :2, 2] = np.array([width, height]) / 2 * 1.09
     check_resolution(Cameras.from_matrices(K, width, height), None, "it")
 

@@ -12,6 +12,7 @@ import pytest
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval.predictions import Descriptors, check_predictions, read_retrieval
+from airzoo_bench.tables.layouts import method_table
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
 
@@ -50,10 +51,14 @@ def test_empty_and_short_lists_are_worst_and_counted(
 ) -> None:
     both(write_predictions(tmp_path / "q.npz", "made-retrieval", **perfect), data)
     lists, records = np.array(perfect["ranked_ids"]), []
-    for ranked in (lists[:, :3], np.where(np.arange(lists.shape[1]) < 3, lists, "")):
+    last = lists[:, ::-1]  # no positives
+    for ranked in (last[:, :3], np.where(np.arange(lists.shape[1]) < 3, last, "")):
         arrays = {"query_ids": perfect["query_ids"], "ranked_ids": ranked}
         path = write_predictions(tmp_path / "p.npz", "made-retrieval", **arrays)
-        records.append(evaluate(path, data=data).records)
+        found = both(path, data, "R@5", "MRR")
+        records.append(found.records)
+        shown = method_table([found.result]).notes
+        assert [any(one in note for note in shown) for one in ("R@5", "mAP")] == [True, False]
     assert records[0].equals(records[1])
     lists[1:3] = ""
     arrays = {"query_ids": perfect["query_ids"], "ranked_ids": lists}
