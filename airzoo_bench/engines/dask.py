@@ -16,7 +16,7 @@ from typing import Any
 
 import dask
 import numpy as np
-from distributed import Client, Future, KilledWorker, LocalCluster
+from distributed import Client, Future, KilledWorker, LocalCluster, wait
 from distributed.client import ClosedClientError
 from distributed.comm import CommClosedError, get_address_host_port
 from numpy.typing import NDArray
@@ -82,16 +82,19 @@ class DaskEngine(Engine):
     def _wait(self, future: Future) -> Any:
         """Wait for a block, but not for ever if no worker could do it."""
         alive = time.monotonic()
-        while time.monotonic() - alive < PATIENCE_S:
+        while not future.done():
             with suppress(TimeoutError):
-                return pickle.loads(future.result(timeout=1.0))  # noqa: S301 - of this run
+                wait(future, timeout=1.0)
             if self.client.status != "running":
                 raise ConnectionResetError(self.client.status)
             workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
             if any(worker["status"] == "running" for worker in workers):
                 alive = time.monotonic()
-        what = "there are no workers, or all are paused for want of memory"
-        raise UserError(what, where=self.place, fix=f"start more workers; or {MORE_MEMORY}")
+            elif time.monotonic() - alive > PATIENCE_S:
+                what = "there are no workers, or all are paused for want of memory"
+                fix = f"start more workers; or {MORE_MEMORY}"
+                raise UserError(what, where=self.place, fix=fix)
+        return pickle.loads(future.result())  # noqa: S301 - of this run
 
 
 def _work_on(key: str, held: NDArray[np.uint8] | None, data: bytes) -> bytes:

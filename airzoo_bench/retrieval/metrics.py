@@ -208,7 +208,7 @@ def chance_scores(
     scores["map"] = precisions(kept) / divisor
     scores["mrr"] = -np.diff(missed[:, : kept + 1], axis=1) @ inverse
     if isinstance(settings, ImageScores):
-        rank = rank_of_share(n_tiles, settings.recall_at_share)
+        rank = min(rank_of_share(n_tiles, settings.recall_at_share), n_tiles)
         scores[share_name(settings.recall_at_share)] = 1 - missed[:, rank]
         before = share * (1 + (n_tiles - 1) * beside)  # precision before hits; 1 at rank 1
         scores["ap/trapezoid"] = (scores["map"] + before / divisor) / 2

@@ -73,7 +73,7 @@ class Depths(NamedTuple):
 
     n_tiles: int
     k: int  # ranks that are kept
-    scored: int  # ranks that decide scores; a tie that begins later does not matter
+    scored: int  # ranks of recall and AP; a tie that begins later does not count
 
 
 RankedBlocks = Iterator[tuple[Ints, Ranking]]
