@@ -25,10 +25,8 @@ from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.shared import load_shared, write_shared
 from airzoo_bench.engines.engine import MORE_MEMORY, Engine, read_ahead, without_ctrl_c
 
-CONNECT_S = 10.0
-"""How long a scheduler may take to answer."""
-PATIENCE_S = 60.0
-"""How long there may be no worker that can work: none has come, all are gone or out of memory."""
+CONNECT_S = 10.0  # for a scheduler to answer
+PATIENCE_S = 60.0  # without a worker that can work: none has come, all are gone or out of memory
 _DEATHS = 3
 _SETTINGS = {
     "distributed.admin.large-graph-warning-threshold": "1TB",
@@ -91,8 +89,7 @@ class DaskEngine(Engine):
             if any(worker["status"] == "running" for worker in workers):
                 alive = time.monotonic()
             elif time.monotonic() - alive > PATIENCE_S:
-                what = "there are no workers, or all are paused for want of memory"
-                fix = f"start more workers; or {MORE_MEMORY}"
+                what, fix = "no worker has come or has memory left", f"start more; or {MORE_MEMORY}"
                 raise UserError(what, where=self.place, fix=fix)
         return pickle.loads(future.result())  # noqa: S301 - of this run
 
