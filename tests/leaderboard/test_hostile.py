@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,8 @@ from tests.leaderboard import conftest as world
 from tests.leaderboard.conftest import ADA, BOB, HOME, PROTOCOL, Board, File, Hosted
 from tests.statistics.support import HIT
 
-_MADE = {"name": "made", "title": "Made", "protocols": ["made-retrieval"]}
-_LIMITS = {"limits": {"committed_bytes": 1_000_000}, "maintainers": [world.MAINTAINER]}
-RULES = Rules.model_validate({"schema": 1, "title": "A", "benchmarks": [_MADE], **_LIMITS})
+LIMITS = {"limits": {"committed_bytes": 1_000_000}}
+RULES = Rules.model_validate(tomllib.loads(world.BOARD) | LIMITS)
 
 
 def toml(**changes: Any) -> bytes:
@@ -234,11 +234,9 @@ def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_run
         assert "is refused" in comment
         assert not [text for text in ("Traceback", str(board.home)) if text in comment]
         assert "set-output" not in outside_code(comment)
-        places = ("--out", work / "f.json", "--work", work / "again")
-        log = board.step("score", "--event", work / "event.json", *places, code=1)
-        assert log.stdout == "refused\n"
-        assert all(line.startswith("| ") for line in log.stderr.splitlines())
-        assert "\x1b" not in log.stderr
+        assert board.log.stdout == "refused\n"
+        assert all(line.startswith("| ") for line in board.log.stderr.splitlines())
+        assert "\x1b" not in board.log.stderr
 
 
 # --- the comment ---

@@ -29,7 +29,7 @@ from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
 from airzoo_bench.leaderboard.submission import read_submission, skeleton
 from tests.leaderboard import conftest as world
-from tests.leaderboard.conftest import ADA, HOME, PROTOCOL
+from tests.leaderboard.conftest import ADA, HOME, PROTOCOL, Board
 from tests.statistics.support import made_method
 from tests.support import write_predictions
 
@@ -279,21 +279,22 @@ def preds(tmp_path: Path, root: Path, perfect: Any, monkeypatch: pytest.MonkeyPa
     return write_predictions(tmp_path / "preds.npz", PROTOCOL, **perfect)
 
 
-def test_one_command_makes_a_branch_with_the_checked_folder(
-    root: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, value in world.AUTHOR.items():
-        monkeypatch.setenv(name, value)
-    world.git(root, "init", "--quiet", "-b", "main")
-    world.git(root, "add", "-A")
-    world.git(root, "commit", "--quiet", "-m", "A board")
-    more = ("--set", 'pipeline.uses=["prior"]', "--set", "code=https://example.org/salad")
+def test_one_command_makes_a_branch_with_the_checked_folder(board: Board, preds: Path) -> None:
+    fork = board.clone("ada")
+    more = (
+        "--board",
+        fork,
+        "--set",
+        'pipeline.uses=["prior"]',
+        "--set",
+        "code=https://example.org/salad",
+    )
     made = world.run("submit", preds, *OPTIONS, *more)
     steps = ["git push -u origin submit-salad", "gh pr create --fill"]
     assert made.stdout.splitlines()[-2:] == steps
-    changed = world.git(root, "show", "--name-only", "--format=", "submit-salad").splitlines()
+    changed = world.git(fork, "show", "--name-only", "--format=", "submit-salad").splitlines()
     assert changed == [f"{FOLDER}/{name}" for name in ("preds.npz", "submission.toml")]
-    stated = read_submission(root / FOLDER / "submission.toml")
+    stated = read_submission(fork / FOLDER / "submission.toml")
     assert (stated.protocol, stated.account, stated.pipeline.uses) == (PROTOCOL, ADA, ("prior",))
 
 
