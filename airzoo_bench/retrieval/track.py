@@ -126,10 +126,9 @@ class RetrievalTrack(Track):
         if short := [length for scene in scored for length in scene.facts["short"]]:
             deep, whole = map(", ".join, _scores_beyond(protocol.scores, min(short)))
             ends = f"{counted(len(short), 'list ends', 'lists end')} without all positives"
-            if deep:
-                shortest = f"the shortest after {counted(min(short), 'tile')}"
-                notes.append(f"{deep} look deeper than some lists: {ends}, {shortest}")
-            notes.append(f"{whole}: {ends}, which are not found")
+            shortest = f"the shortest after {counted(min(short), 'tile')}"
+            said = f"{deep} look deeper than some lists: {ends}, {shortest}"
+            notes.append(said if deep else f"{whole}: {ends}, which are not found")
         excluded = pd.concat([truth.excluded for truth in truths])
         unanswered = excluded["id"][excluded["reason"] == UNANSWERED]
         if len(unanswered):
