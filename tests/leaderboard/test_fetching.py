@@ -73,9 +73,9 @@ class Web(ThreadingTCPServer):
 
 
 @pytest.fixture
-def web(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Web]:
+def web(tmp_path_factory: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Web]:
     """Serve with a self-signed certificate for the hosts, which is its own authority."""
-    file = str(tmp_path / "certificate.pem")
+    file = str(tmp_path_factory.mktemp("web") / "certificate.pem")
     call = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj /CN=tests"
     call += f" -addext subjectAltName=DNS:{HOST},DNS:{OTHER}"
     subprocess.run([*call.split(), "-keyout", file, "-out", file], check=True, capture_output=True)
@@ -86,11 +86,6 @@ def web(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Web]:
         threading.Thread(target=made.serve_forever, args=[0.01], daemon=True).start()
         yield made
         made.shutdown()
-
-
-@pytest.fixture
-def into(tmp_path: Path) -> Path:
-    return tmp_path / "into"
 
 
 def fetched(into: Path, url: str = URL, *, size: int = len(CONTENT), seconds: float = 60.0) -> Path:
@@ -116,14 +111,14 @@ NAMES = {
 }
 
 
-def test_a_file_arrives_under_its_name_once(web: Web, into: Path) -> None:
+def test_a_file_arrives_under_its_name_once(web: Web, tmp_path: Path) -> None:
     web.answers = {path: send(CONTENT) for path in (*NAMES, SIGNED)}
     web.answers[PATH] = redirect(f"https://{OTHER}{SIGNED}")
     for number, (path, name) in enumerate(NAMES.items()):
         for _ in range(2):
-            found = fetched(into / str(number), f"https://{HOST}{path}")
+            found = fetched(tmp_path / str(number), f"https://{HOST}{path}")
             assert (found.name, found.read_bytes()) == (name, CONTENT)
-            assert found.parent == into / str(number)
+            assert found.parent == tmp_path / str(number)
     hosts = [re.findall(rb"\r\nHost: (.*)\r\n", request) for request in web.requests]
     assert hosts == [[HOST.encode()]] * len(NAMES) + [[OTHER.encode()]]
 
@@ -142,14 +137,14 @@ REFUSED: list[tuple[Answer, str]] = [
 
 
 def test_another_answer_and_a_certificate_of_nobody_are_refused(
-    web: Web, into: Path, monkeypatch: pytest.MonkeyPatch
+    web: Web, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for answer, said in REFUSED:
         web.answers[PATH] = answer
-        assert said in refusal(into)
+        assert said in refusal(tmp_path)
     assert len(web.requests) == len(REFUSED) + 5
     monkeypatch.delenv("SSL_CERT_FILE")
-    assert "certificate" in refusal(into)
+    assert "certificate" in refusal(tmp_path)
 
 
 def endless(begin: bytes, more: bytes, wait: float, sent: list[int]) -> Answer:
@@ -165,14 +160,14 @@ def endless(begin: bytes, more: bytes, wait: float, sent: list[int]) -> Answer:
     return answer
 
 
-def test_an_endless_body_is_cut_and_a_host_that_drips_is_left(web: Web, into: Path) -> None:
+def test_an_endless_body_is_cut_and_a_host_that_drips_is_left(web: Web, tmp_path: Path) -> None:
     web.answers[PATH] = endless(head(), bytes(1 << 16), 0.0, sent := [])
-    assert "more than" in refusal(into, size=1 << 20)
+    assert "more than" in refusal(tmp_path, size=1 << 20)
     time.sleep(0.1)
     assert sum(sent) < 64 << 20  # as much as buffers hold, not as much as could be sent
     for begin in (b"HTTP/1.1 200 OK\r\n", head("Content-Length: 330000")):
         web.answers[PATH] = endless(begin, b"X", 0.02, [])
-        assert "too slow" in refusal(into, seconds=0.3)
+        assert "too slow" in refusal(tmp_path, seconds=0.3)
 
 
 ADDRESSES = [
@@ -187,13 +182,13 @@ ADDRESSES = [
 ]
 
 
-def test_other_addresses_are_refused_before_any_look_up(web: Web, into: Path) -> None:
+def test_other_addresses_are_refused_before_any_look_up(web: Web, tmp_path: Path) -> None:
     for url in ADDRESSES:
-        assert "expected: https://HOST/PATH" in refusal(into, url)
+        assert "expected: https://HOST/PATH" in refusal(tmp_path, url)
     assert not web.requests
     for number, url in enumerate(ADDRESSES[:10], 1):
         web.answers[PATH] = redirect(url)
-        assert "expected: https://HOST/PATH" in refusal(into)
+        assert "expected: https://HOST/PATH" in refusal(tmp_path)
         assert len(web.requests) == number
 
 
@@ -205,10 +200,10 @@ PRIVATE = [
 ]
 
 
-def test_addresses_that_are_not_public_are_never_asked(web: Web, into: Path) -> None:
+def test_addresses_that_are_not_public_are_never_asked(web: Web, tmp_path: Path) -> None:
     web.answers[PATH] = redirect(f"https://{OTHER}/x")
     for number, address in enumerate(PRIVATE, 1):
         web.addresses = {OTHER: [PUBLIC, address]}
-        assert "is not public" in refusal(into, f"https://{OTHER}/x"), address
-        assert "is not public" in refusal(into), address
+        assert "is not public" in refusal(tmp_path, f"https://{OTHER}/x"), address
+        assert "is not public" in refusal(tmp_path), address
         assert len(web.requests) == number  # only the one that leads there
