@@ -18,7 +18,7 @@ from airzoo_bench.api.arguments import Scores
 from airzoo_bench.benchmark.folder import data_here
 from airzoo_bench.core.files import write_npz
 from airzoo_bench.evaluation import evaluate as scoring
-from airzoo_bench.evaluation.predictions import Reading
+from airzoo_bench.evaluation.predictions import ReadRequest
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.results import comparison
 from airzoo_bench.results.comparison import check_same_queries, choose_scores, find_scene
@@ -142,11 +142,11 @@ def evaluate(
     jobs, max_memory : int
         Threads, and bytes for the predictions; the numbers do not depend on them.
     """
-    reading = Reading(reader, None if names is None else Path(names))
+    request = ReadRequest(reader, None if names is None else Path(names))
     run = Run(memory_bytes=max_memory, jobs=jobs)
     with _as_path(predictions) as path:
         named: Any = {"protocol": protocol, "method": method, "data": data_here(data)}
-        done = scoring.evaluate(path, run=run, reading=reading, **named)
+        done = scoring.evaluate(path, run=run, request=request, **named)
     result, records = done.result, done.records
     if "query" not in records:
         records = records.assign(query=records["scene"])
@@ -167,9 +167,9 @@ def check(
     Parameters are as in `evaluate`; the truth of the benchmark may be sealed. Raises a `UserError`
     where there is nothing to check: no such file, or no known protocol.
     """
-    reading = Reading(reader, None if names is None else Path(names))
+    request = ReadRequest(reader, None if names is None else Path(names))
     with _as_path(predictions) as path:
-        return scoring.check(path, data=data_here(data), protocol=protocol, reading=reading)
+        return scoring.check(path, data=data_here(data), protocol=protocol, request=request)
 
 
 @contextmanager

@@ -59,7 +59,7 @@ def evaluate(
     """
     from airzoo_bench.evaluation.evaluate import check_run_folder, save
     from airzoo_bench.evaluation.evaluate import evaluate as score
-    from airzoo_bench.evaluation.predictions import Reading
+    from airzoo_bench.evaluation.predictions import ReadRequest
     from airzoo_bench.evaluation.track import Run
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -88,7 +88,7 @@ def evaluate(
             protocol=protocol,
             method=method,
             run=run,
-            reading=Reading(reader, names, image_size),
+            request=ReadRequest(reader, names, image_size),
             unfinished=unfinished,
         )
         if evaluation.opened.reader is not None:
@@ -139,7 +139,7 @@ def check(
     Example: airzoo-bench check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval
     """
     from airzoo_bench.evaluation.evaluate import check as find_errors
-    from airzoo_bench.evaluation.predictions import Reading
+    from airzoo_bench.evaluation.predictions import ReadRequest
     from airzoo_bench.evaluation.track import Run
 
     memory = cli.memory_bytes(max_memory)
@@ -148,7 +148,7 @@ def check(
         data=cli.resolve_data(data),
         protocol=protocol,
         run=Run(memory, limits=_limits(memory, untrusted)),
-        reading=Reading(reader, names, image_size),
+        request=ReadRequest(reader, names, image_size),
     )
     for line in checked.described:
         if checked.errors:

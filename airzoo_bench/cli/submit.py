@@ -11,7 +11,7 @@ import typer
 from airzoo_bench.cli.common import Format, Text, Texts, examples, option, progress, put, say, show
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
 from airzoo_bench.core.files import data_root
-from airzoo_bench.evaluation.predictions import Reading, open_predictions
+from airzoo_bench.evaluation.predictions import ReadRequest, open_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import submitting
 from airzoo_bench.leaderboard.board import BOARD_FILE, board_root, known_submissions, read_board
@@ -63,8 +63,8 @@ def submit(
         raise UsageError("no such file or folder", where=predictions)
     if protocol is None:
         with suppress(UserError):  # it is asked for
-            reading = Reading(reader)
-            protocol = open_predictions(predictions, data=data, reading=reading).protocol.name
+            request = ReadRequest(reader)
+            protocol = open_predictions(predictions, data=data, request=request).protocol.name
     given: dict[str, Any] = {"protocol": protocol, "method": method, "team": team}
     given |= {"contact": contact, "authors": author, "licence": licence}
     given |= {"training_data": training_data, "stages": stages}

@@ -24,9 +24,9 @@ from airzoo_bench.core.registry import READERS, TRACKS, load_track, resolve
 from airzoo_bench.core.version import versions
 from airzoo_bench.evaluation.predictions import (
     AS_FOUND,
-    HERE,
-    Reading,
-    ReadPredictions,
+    DEFAULT_RUN,
+    PredictionFile,
+    ReadRequest,
     check_npz,
     open_predictions,
     read_truths,
@@ -46,7 +46,7 @@ class Evaluation:
 
     result: results.Result
     records: pd.DataFrame
-    opened: ReadPredictions
+    opened: PredictionFile
     benchmark: Benchmark
     truths: list[Any]
     scored: dict[str, SceneScores]
@@ -59,13 +59,13 @@ def evaluate(
     track: str | None = None,
     protocol: str | None = None,
     method: str | None = None,
-    run: Run = HERE,
-    reading: Reading = AS_FOUND,
+    run: Run = DEFAULT_RUN,
+    request: ReadRequest = AS_FOUND,
     unfinished: Path | None = None,
 ) -> Evaluation:
     """Score predictions; scenes are kept in a folder `unfinished` until all are scored."""
     opened = open_predictions(
-        path, data=data, track=track, protocol=protocol, run=run, reading=reading
+        path, data=data, track=track, protocol=protocol, run=run, request=request
     )
     chosen, known = opened.protocol, opened.truths
     benchmark, truths = known if known and not known[0].is_sealed else read_truths(chosen, data)
@@ -140,7 +140,7 @@ def keep_scene(folder: Path, run: Sequence[Any], score: Callable[[], SceneScores
 
 
 def _list_notes(
-    opened: ReadPredictions,
+    opened: PredictionFile,
     truths: Sequence[Any],
     assignment: Assignment,
     scored: Mapping[str, SceneScores],
@@ -185,8 +185,8 @@ def check(
     *,
     data: Path,
     protocol: str | None = None,
-    run: Run = HERE,
-    reading: Reading = AS_FOUND,
+    run: Run = DEFAULT_RUN,
+    request: ReadRequest = AS_FOUND,
 ) -> Check:
     """Find errors of predictions, the first in each file or scene, without scoring them.
 
@@ -194,7 +194,7 @@ def check(
     """
     found, scored = Check(), {}
     try:
-        opened = open_predictions(path, data=data, protocol=protocol, run=run, reading=reading)
+        opened = open_predictions(path, data=data, protocol=protocol, run=run, request=request)
         found.described, found.notes = _describe(opened), [*opened.notes]
         _, truths = opened.truths or read_truths(opened.protocol, data, sealed=True)
         assignment = opened.track.assign(opened.predictions, truths, opened.protocol)
@@ -215,7 +215,7 @@ def check(
     return found
 
 
-def _describe(opened: ReadPredictions) -> list[str]:
+def _describe(opened: PredictionFile) -> list[str]:
     what = f"{opened.protocol.track} predictions for {opened.protocol.name}"
     if opened.reader is None:
         return [what]
@@ -232,7 +232,7 @@ def run_baseline(
     *,
     data: Path,
     settings: Any = None,
-    run: Run = HERE,
+    run: Run = DEFAULT_RUN,
     note: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Run a track's baseline on a benchmark and write predictions."""

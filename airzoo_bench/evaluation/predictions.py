@@ -136,7 +136,7 @@ def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class ReadRequest:
     """How a method's own files are to be read, and all that their reader knows beside the path.
 
     People may give the name of a `reader`, else it is found from the files; `names`, a list of
@@ -159,7 +159,7 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class ReadPredictions:
+class PredictionFile:
     """Predictions as a reader has read them, or as their track has opened them.
 
     `conventions` say for the result what was taken to be so: pixel centres, axes, quaternions.
@@ -199,7 +199,7 @@ class Reader(ABC):
         """Return from 0 to 1 how sure it is that a path is its own, by the content of the files."""
 
     @abstractmethod
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """Read a path into predictions."""
 
 
@@ -232,7 +232,7 @@ def find_reader(path: Path, track: str | None = None) -> str | None:
 
 # --- opening ---
 
-HERE, AS_FOUND = Run(), Reading()
+DEFAULT_RUN, AS_FOUND = Run(), ReadRequest()
 
 
 def open_predictions(
@@ -241,14 +241,14 @@ def open_predictions(
     data: Path,
     track: str | None = None,
     protocol: str | None = None,
-    run: Run = HERE,
-    reading: Reading = AS_FOUND,
-) -> ReadPredictions:
+    run: Run = DEFAULT_RUN,
+    request: ReadRequest = AS_FOUND,
+) -> PredictionFile:
     """Open predictions in this process, or in a child under limits where `run` has some."""
     if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
         raise UnreadableError("no such prediction file or folder", where=path, **_example())
     if run.limits is not None:
-        return _open_limited(path, data, protocol, run, track=track, reading=reading)
+        return _open_limited(path, data, protocol, run, track=track, request=request)
     fields, stated, chosen = files.npz_fields(path), None, None
     if path.suffix == ".npz":  # other fields may be a method's own, which its reader opens
         stated = protocol_name(NpzFile(path, run.memory_bytes, fields - {"protocol"}))
@@ -256,29 +256,29 @@ def open_predictions(
         chosen = _choose_protocol(path, protocol, stated, track, data)
         track = chosen.track
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
-    name = reading.reader or (None if is_own else find_reader(path, track))
+    name = request.reader or (None if is_own else find_reader(path, track))
     if name is None:
         track = track or _track_by_kind(path, fields)
         predictions = load_track(track).open(path, run.memory_bytes)
         chosen = chosen or _choose_protocol(path, None, predictions.protocol, track, data)
-        return ReadPredictions(predictions, protocol=chosen)
+        return PredictionFile(predictions, protocol=chosen)
     reader = reader_named(name)
     if track not in (None, reader.track):
         what = f"is {reader.title}, predictions of the {reader.track} track, not of {track}"
         fix = f"those are scored by `airzoo-bench eval {reader.track} {path}`"
         raise UnreadableError(what, where=path, fix=fix)
     chosen = chosen or _choose_protocol(path, None, None, reader.track, data)
-    asked = replace(reading, reader=name, protocol=chosen, memory_bytes=run.memory_bytes)
+    asked = replace(request, reader=name, protocol=chosen, memory_bytes=run.memory_bytes)
     return _read_native(path, reader, asked, data)
 
 
-def _read_native(path: Path, reader: Reader, asked: Reading, data: Path) -> ReadPredictions:
+def _read_native(path: Path, reader: Reader, asked: ReadRequest, data: Path) -> PredictionFile:
     """Read what a method wrote."""
     benchmark, truths = read_truths(asked.protocol, data, sealed=True)
     scenes = tuple(scene.id for scene in benchmark.file.scenes)
-    reading = replace(asked, truths=truths, folders=benchmark.image_folders, scenes=scenes)
+    request = replace(asked, truths=truths, folders=benchmark.image_folders, scenes=scenes)
     try:
-        read = reader.read(path, reading)
+        read = reader.read(path, request)
     except IsADirectoryError as error:
         raise UnreadableError(f"a folder, and so not {reader.title}", where=path) from error
     beside = [*read.beside, *([asked.names] if asked.names else [])]
@@ -353,7 +353,7 @@ def read_truth(benchmark: Benchmark, protocol: protocols.Protocol, scene: str) -
 
 def _open_limited(
     path: Path, data: Path, protocol: str | None, run: Run, **asked: Any
-) -> ReadPredictions:
+) -> PredictionFile:
     # In a container the child does not see the folder of benchmarks, which has their truth.
     stated = protocols.protocol_files(data).get(protocol or "", protocol)
     request = {"path": path, "data": data, "protocol": stated, **asked}
@@ -375,7 +375,7 @@ def _call_child(request: Mapping[str, Any], path: Path, run: Run, *scene: Any) -
         folder = stack.enter_context(files.temporary_folder(parent, "airzoo-bench"))
         place = f"{__name__}:open_in_child"
         found = call_limited(place, arguments, where=path, limits=run.limits, folder=folder)
-        owner = found.predictions if isinstance(found, ReadPredictions) else found
+        owner = found.predictions if isinstance(found, PredictionFile) else found
         weakref.finalize(owner, stack.pop_all().close)
         return nullcontext(found)
 

@@ -12,7 +12,7 @@ from airzoo_bench.core.errors import BenchmarkError, SubmissionError, UserError,
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
-from airzoo_bench.evaluation.predictions import Reading
+from airzoo_bench.evaluation.predictions import ReadRequest
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
@@ -53,8 +53,8 @@ class CheckedSubmission:
         if self.predictions is None:
             raise BenchmarkError("the predictions are not here; add --fetch", where=self.folder)
         names: Any = {"protocol": given.protocol, "method": given.method}
-        reading = Reading(given.predictions.reader)
-        scored = evaluate(self.predictions, data=data, **names, run=run, reading=reading)
+        request = ReadRequest(given.predictions.reader)
+        scored = evaluate(self.predictions, data=data, **names, run=run, request=request)
         check_pipeline(given, scored.result)
         return scored
 
@@ -81,8 +81,8 @@ def check_submission(
         _check_place(place, given, board, data)
         found.predictions = _find_predictions(folder, given, board.limits, data, seconds)
         if (path := found.predictions) is not None:
-            reading = Reading(given.predictions.reader)
-            checked = check(path, data=data, protocol=given.protocol, run=run, reading=reading)
+            request = ReadRequest(given.predictions.reader)
+            checked = check(path, data=data, protocol=given.protocol, run=run, request=request)
             found.errors += checked.errors
             found.warnings += checked.notes
     except BenchmarkError as error:

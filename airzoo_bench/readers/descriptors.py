@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
-from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import (
+    PredictionFile,
+    QueryPredictions,
+    Reader,
+    ReadRequest,
+)
 from airzoo_bench.formats.arrays import as_floating, check_fields, gather, temporary_array, texts
 from airzoo_bench.formats.foreign_arrays import Hdf5File, dataset_names, mat_names, read_mat
 from airzoo_bench.formats.npz import NpzFile, map_numbers
@@ -34,23 +39,23 @@ Opened = tuple[Sequence[str], Callable[[int], NDArray[Any]]]
 class SceneImages:
     """The photos and tiles of a protocol's scenes by name; names without a scene mean `home`."""
 
-    reading: Reading
+    request: ReadRequest
     home: str
 
     @cached_property
     def queries(self) -> ImageNames:
         """The photos that are queries."""
-        return query_names(self.reading, self.home)
+        return query_names(self.request, self.home)
 
     @cached_property
     def tiles(self) -> ImageNames:
         """The galleries."""
-        tiles = chain.from_iterable(map(tile_images, self.reading.truths))
-        return ImageNames("tile", tiles, scenes=self.reading.scenes, home=self.home)
+        tiles = chain.from_iterable(map(tile_images, self.request.truths))
+        return ImageNames("tile", tiles, scenes=self.request.scenes, home=self.home)
 
     def at_run(self, folders: Iterable[str]) -> SceneImages:
         """Take the scene that the folders of a run name, for names without one."""
-        scene_of = scene_finder(truth.scene for truth in self.reading.truths)
+        scene_of = scene_finder(truth.scene for truth in self.request.truths)
         named = {scene_of(folders_of(folder)) for folder in folders} - {None}
         return replace(self, home="".join(map(str, named)) if len(named) == 1 else "")
 
@@ -127,9 +132,9 @@ def join(
     return QueryPredictions(path, None, asked, Descriptors(rows, tiles, gallery))
 
 
-def describe_metric(reading: Reading) -> str:
+def describe_metric(request: ReadRequest) -> str:
     """Say how descriptors are compared."""
-    metric = str(reading.protocol.scores.descriptor_metric)
+    metric = str(request.protocol.scores.descriptor_metric)
     return f"descriptors are compared by {metric.replace('_', ' ')}, as the protocol says"
 
 
@@ -146,16 +151,16 @@ class DescribedSets(Reader):
     def described(self, path: Path, kind: str, memory: int) -> Described:
         """Return names and descriptors of "query" or "gallery"."""
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`."""
-        images, given = SceneImages(reading, str(path)), {}
+        images, given = SceneImages(request, str(path)), {}
         for kind in ("query", "gallery"):
-            names, rows = given[kind] = self.described(path, kind, reading.memory_bytes)
+            names, rows = given[kind] = self.described(path, kind, request.memory_bytes)
             check_descriptors(path, f"'{kind}' features", rows, len(names))
         queries = query_rows(given["query"], images, path)
         predictions = join(path, [queries], [gallery_rows(given["gallery"], images, path)])
-        said = (*self.conventions, describe_metric(reading))
-        return ReadPredictions(predictions, said, note_strange(queries.strange))
+        said = (*self.conventions, describe_metric(request))
+        return PredictionFile(predictions, said, note_strange(queries.strange))
 
 
 class _Game4Loc(DescribedSets):
@@ -210,10 +215,10 @@ class DescribedImages(Reader):
     def opened(self, path: Path, memory: int) -> Opened:
         """Return the names of images, and what reads the descriptor of one by its number."""
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`; descriptors are gathered in temporary files."""
-        images = SceneImages(reading, str(path))
-        names, read = self.opened(path, reading.memory_bytes)
+        images = SceneImages(request, str(path))
+        names, read = self.opened(path, request.memory_bytes)
         photos, tiles = (known.find_all(names, path) for known in (images.queries, images.tiles))
         both = [name for name, one, two in zip(names, photos, tiles, strict=True) if one and two]
         if both:
@@ -223,11 +228,11 @@ class DescribedImages(Reader):
         queries, gallery = (_rows(path, names, found, read) for found in (photos, tiles))
         predictions = join(path, [queries], [gallery])
         stored = f"descriptors are {queries.rows.dtype}, as the file has them"
-        said = (stored, *self.conventions, describe_metric(reading))
+        said = (stored, *self.conventions, describe_metric(request))
         others = zip(names, photos, tiles, strict=True)
         left = [name[-80:] for name, one, two in others if one is two is None]
         asides = (f"images that are neither queries nor tiles, left aside: {first_of(left)}",)
-        return ReadPredictions(predictions, said, asides * bool(left))
+        return PredictionFile(predictions, said, asides * bool(left))
 
 
 def _rows(

@@ -155,7 +155,7 @@ class _PosesAndPoints(scenes.Layout):
         return found[0] if len(found) == 1 else None
 
     def order(self, output: scenes.SceneOutput) -> str:
-        listed = output.reading.names
+        listed = output.request.names
         if listed is None:
             return "numbers are the first number in the name of each photo"
         return f"numbers are lines, from 0, of {listed.name}, or those that stand there"
@@ -180,10 +180,10 @@ def _names_by_number(
 ) -> scenes.ViewNames:
     """Return the photo of each number, by the names of photos or by ``--names``."""
     times, unclear = Counter(numbers), False
-    if output.reading.names is not None:
-        photos = _number_listed(output, output.reading.names)
+    if output.request.names is not None:
+        photos = _number_listed(output, output.request.names)
     else:
-        truths = [one for one in output.reading.truths if one.scene == output.scene]
+        truths = [one for one in output.request.truths if one.scene == output.scene]
         names = [image for _, image in names_in(truth.photos for truth in truths)]
         found = [(re.search(_NUMBER, name.rsplit("/", 1)[-1]), name) for name in names]
         photos = {float(number[0]): name for number, name in found if number is not None}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import PredictionFile, Reader, ReadRequest
 from airzoo_bench.formats.foreign_arrays import Hdf5File, dataset_names
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.pictures import (
@@ -41,13 +41,13 @@ class _Hloc(Reader):
         kinds = {_kind_of(one) for one in _hdf5_files(path)}
         return 0.9 if "matches" in kinds else 0.6 * ("features" in kinds and path.is_file())
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         matches, features = _pair_of_files(path)
-        limit = reading.memory_bytes // 2  # for each of the two files
+        limit = request.memory_bytes // 2  # for each of the two files
         file = Hdf5File(matches, limit)
         given = None if features is None else _Features(features, limit)
-        pictures = Pictures(reading)
-        dashed = Pictures(reading, lambda name: name.replace("-", "/"))
+        pictures = Pictures(request)
+        dashed = Pictures(request, lambda name: name.replace("-", "/"))
 
         def picture(key: str) -> Picture | None:
             name = None if given is None else given.names.get(key)
@@ -71,7 +71,7 @@ class _Hloc(Reader):
         steps = () if given is None else given.steps()
         said = "pixels of the picture at its full size, whole numbers at centres: 0.5 was added"
         beside = () if features is None or path.is_dir() else (features,)
-        return ReadPredictions(predictions, (said, *steps), (*notes, *steps), beside)
+        return PredictionFile(predictions, (said, *steps), (*notes, *steps), beside)
 
 
 class _Features:

@@ -20,7 +20,7 @@ import pandas as pd
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import read_text
-from airzoo_bench.evaluation.predictions import Reading
+from airzoo_bench.evaluation.predictions import ReadRequest
 from airzoo_bench.formats.photos import PHOTO_SUFFIXES
 
 _LIMIT_BYTES = 256 << 20
@@ -174,13 +174,13 @@ def names_in(tables: Iterable[pd.DataFrame]) -> Iterator[tuple[str, str]]:
     )
 
 
-def query_names(reading: Reading, home: str = "") -> ImageNames:
+def query_names(request: ReadRequest, home: str = "") -> ImageNames:
     """Return the queries of a protocol by name."""
     return ImageNames(
         "query",
-        names_in(truth.queries for truth in reading.truths),
-        left_out=names_in(truth.excluded for truth in reading.truths),
-        scenes=reading.scenes,
+        names_in(truth.queries for truth in request.truths),
+        left_out=names_in(truth.excluded for truth in request.truths),
+        scenes=request.scenes,
         home=home,
     )
 

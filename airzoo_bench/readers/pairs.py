@@ -13,7 +13,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, UsageError, counted
 from airzoo_bench.core.files import first_bytes, npz_fields
-from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import PredictionFile, Reader, ReadRequest
 from airzoo_bench.formats.arrays import Arrays, numbers
 from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers, read_header
 from airzoo_bench.geometry.arrays import Floats
@@ -45,15 +45,15 @@ class PairFiles(Reader):
         names = npz_fields(path)
         return {*self.fields} <= names and not names & {"query_ids", "protocol"}
 
-    def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
+    def matches(self, path: Path, pair: Pair, request: ReadRequest) -> Pixels:
         """Return the matched pixels of both pictures at full size, corners being (0, 0)."""
-        arrays = NpzFile(path, reading.memory_bytes // 4)  # numbers may grow as doubles
+        arrays = NpzFile(path, request.memory_bytes // 4)  # numbers may grow as doubles
         first, second = self.pixels(arrays)
         if len(first) != len(second):
             what = f"{' and '.join(self.fields)} have {len(first):,} and {len(second):,} rows"
             raise PredictionError(what, where=path)
         sides = zip((0, 1), (first, second), pair, strict=True)
-        found = [self.enlarged(arrays, side, xy + _CENTRE, one, reading) for side, xy, one in sides]
+        found = [self.enlarged(arrays, side, xy + _CENTRE, one, request) for side, xy, one in sides]
         return found[0], found[1]
 
     def pixels(self, arrays: Arrays) -> Pixels:
@@ -62,12 +62,12 @@ class PairFiles(Reader):
         return pixels_of(arrays, one), pixels_of(arrays, other)
 
     def enlarged(
-        self, arrays: Arrays, side: int, xy: Floats, picture: Picture, reading: Reading
+        self, arrays: Arrays, side: int, xy: Floats, picture: Picture, request: ReadRequest
     ) -> Floats:
         """Bring pixels (N, 2), corners being (0, 0), to a picture's full size."""
         if not self.takes_image_size:
             return xy
-        size = size_of(arrays, side, reading)
+        size = size_of(arrays, side, request)
         _check_within(arrays, xy, size)
         return xy * np.divide(picture.size, size)
 
@@ -76,10 +76,10 @@ class PairFiles(Reader):
         files = list(islice(_files(path, self.suffix), _HEAD))
         return 0.8 if files and all(self.knows(one) for one in files) else 0.0
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`."""
-        pictures = Pictures(reading)
-        rows, left = MatchRows(path, Budget(reading.memory_bytes)), []
+        pictures = Pictures(request)
+        rows, left = MatchRows(path, Budget(request.memory_bytes)), []
         for one in sorted(_files(path, self.suffix)):
             inside = one.name if one == path else one.relative_to(path).as_posix()
             name = inside.removesuffix(self.suffix)
@@ -88,14 +88,14 @@ class PairFiles(Reader):
                 if pair is None:
                     left.append(name)
                 else:
-                    rows.add(pair, self.matches(one, pair, reading), name)
+                    rows.add(pair, self.matches(one, pair, request), name)
             except PredictionError as error:
                 raise error if str(one) in str(error.where) else error.inside(one) from error
         predictions = rows.predictions(left, pictures)
         notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
-        size = reading.image_size
+        size = request.image_size
         said = () if size is None else (f"pictures were {size} px: --image-size",)
-        return ReadPredictions(predictions, (*self.conventions, *said), notes)
+        return PredictionFile(predictions, (*self.conventions, *said), notes)
 
 
 def _files(path: Path, suffix: str) -> Iterator[Path]:
@@ -134,10 +134,10 @@ def pixels_of(arrays: Arrays, name: str, columns: int = 2) -> Floats:
     return pixels
 
 
-def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
+def size_of(arrays: Arrays, side: int, request: ReadRequest) -> tuple[float, float]:
     """Return the width and height of the model's input, from the file or the user."""
     name = f"image_size{side}"
-    if (name in arrays.names()) == (reading.image_size is not None):
+    if (name in arrays.names()) == (request.image_size is not None):
         raise PredictionError(
             "says not, or twice, to which size of the pictures its pixels belong",
             where=arrays.path,
@@ -145,10 +145,10 @@ def size_of(arrays: Arrays, side: int, reading: Reading) -> tuple[float, float]:
             fix=f"add to np.savez: image_size{side}=[image{side}.shape[-1], image{side}.shape[-2]]"
             ", or give --image-size WxH for files that do not state it",
         )
-    if reading.image_size is not None:
-        size = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", reading.image_size)
+    if request.image_size is not None:
+        size = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", request.image_size)
         if size is None:
-            what = f"{reading.image_size[:40]!r} is no size of a picture"
+            what = f"{request.image_size[:40]!r} is no size of a picture"
             raise UsageError(what, where="--image-size", expected="such as 640x480")
         return float(size[1]), float(size[2])
     values: Any = arrays.read(name)
@@ -212,8 +212,8 @@ class _Roma(PairFiles):
     def knows(self, path: Path) -> bool:
         return super().knows(path) and not npz_fields(path) & {*_SuperGlue.fields}
 
-    def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
-        values = pixels_of(NpzFile(path, reading.memory_bytes // 4), "matches", 4)
+    def matches(self, path: Path, pair: Pair, request: ReadRequest) -> Pixels:
+        values = pixels_of(NpzFile(path, request.memory_bytes // 4), "matches", 4)
         beyond = int((np.abs(values) > _NORMALISED).any(axis=1).sum())
         if beyond > 0.5 * len(values):  # pixels of a picture are hardly ever in its first
             return values[:, :2], values[:, 2:]
@@ -239,7 +239,7 @@ class _Dust3r(PairFiles):
     )
 
     def enlarged(
-        self, arrays: Arrays, side: int, xy: Floats, picture: Picture, reading: Reading
+        self, arrays: Arrays, side: int, xy: Floats, picture: Picture, request: ReadRequest
     ) -> Floats:
         """Undo what `dust3r.utils.image.load_images` does with ``square_ok=False``."""
         value = arrays.read("size") if "size" in arrays.names() else np.zeros(0)
@@ -292,7 +292,7 @@ class _AerialExtreMatch(PairFiles):
             return False
         return dtype.kind == "f" and len(shape) == 2 and shape[1] == 4
 
-    def matches(self, path: Path, pair: Pair, reading: Reading) -> Pixels:
+    def matches(self, path: Path, pair: Pair, request: ReadRequest) -> Pixels:
         values = np.array(map_numbers(path), dtype=np.float64)
         if values.shape[1:] != (4,):
             what = f"an array of shape {values.shape}"
@@ -324,7 +324,7 @@ class _PickledMatches(Reader):
         # The zip of torch.save begins with its pickle, not compressed.
         return 0.9 * (first is not None and self.mark in first_bytes(first, 1 << 16))
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         what = f"is {self.title}: a Python pickle, which would run whatever it says, never loaded"
         fix = "convert it by the lines in docs/recipes/matching.md, under Pickles"
         raise PredictionError(what, where=path, expected="arrays that numpy.savez wrote", fix=fix)

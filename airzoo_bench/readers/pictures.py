@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
-from airzoo_bench.evaluation.predictions import QueryPredictions, Reading
+from airzoo_bench.evaluation.predictions import QueryPredictions, ReadRequest
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.predictions import Correspondences, MatchingPredictions
@@ -43,12 +43,12 @@ class Picture:
 class Pictures:
     """Photos, crops and maps of a protocol's scenes by their names."""
 
-    def __init__(self, reading: Reading, change: Callable[[str], str] = str) -> None:
+    def __init__(self, request: ReadRequest, change: Callable[[str], str] = str) -> None:
         """Take names; the method makes a `change` to them before it writes them."""
         self._change = change
         self._known: dict[tuple[str, str], Picture] = {}
         photos, crops, maps = [], [], []
-        scenes = reading.truths
+        scenes = request.truths
         for scene in scenes:
             if not scene.map_per_query:
                 dom = scene.maps[0].dom
@@ -66,7 +66,7 @@ class Pictures:
         left_out = names_in(scene.excluded for scene in scenes)
         kinds = (("query", photos, left_out), ("crop", crops, ()), ("map", maps, ()))
         self._names = [
-            ImageNames(what, names, left_out=others, scenes=reading.scenes, change=change)
+            ImageNames(what, names, left_out=others, scenes=request.scenes, change=change)
             for what, names, others in kinds
         ]
         self._found: dict[str, Picture | None] = {}

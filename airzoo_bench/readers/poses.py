@@ -11,7 +11,12 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted
-from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import (
+    PredictionFile,
+    QueryPredictions,
+    Reader,
+    ReadRequest,
+)
 from airzoo_bench.formats.npz import Budget
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.matching.predictions import PredictedPoses, make_poses
@@ -54,17 +59,17 @@ class PoseReader(Reader):
     conventions: ClassVar[tuple[str, ...]]
 
     @abstractmethod
-    def poses(self, path: Path, reading: Reading) -> NamedPoses:
+    def poses(self, path: Path, request: ReadRequest) -> NamedPoses:
         """Read the poses."""
 
     def notes(self, found: PredictedPoses) -> tuple[str, ...]:
         """Return what must be known of the poses."""
         return ()
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`."""
-        given = self.poses(path, reading)
-        ids = query_names(reading).find_all(given.names, path)
+        given = self.poses(path, request)
+        ids = query_names(request).find_all(given.names, path)
         kept = np.array([row for row, one in enumerate(ids) if one is not None], dtype=np.int64)
         rotation, place = given.rotation[kept], given.place[kept]
         flat = np.column_stack([rotation.reshape(len(kept), -1), place])
@@ -77,7 +82,7 @@ class PoseReader(Reader):
         strange = len(ids) - len(kept)
         left = (f"{counted(strange, 'pose')} of photos that are no queries left out",)
         notes = (*left * (strange > 0), *self.notes(content))
-        return ReadPredictions(predictions, self.conventions, notes)
+        return PredictionFile(predictions, self.conventions, notes)
 
 
 class _HlocPoses(PoseReader):
@@ -101,8 +106,8 @@ class _HlocPoses(PoseReader):
             return 0.0  # a time stamp and an odd place
         return 0.2 if any("/" in row[0] for row in rows) else 0.8
 
-    def poses(self, path: Path, reading: Reading) -> NamedPoses:
-        names, values = read_rows(path, 7, named=True, memory=reading.memory_bytes)
+    def poses(self, path: Path, request: ReadRequest) -> NamedPoses:
+        names, values = read_rows(path, 7, named=True, memory=request.memory_bytes)
         values[(values == (1, 0, 0, 0, 0, 0, 0)).all(axis=1)] = np.nan
         return NamedPoses(names, values[:, :4], values[:, 4:])
 
@@ -132,9 +137,9 @@ class _Trajectory(PoseReader):
     def recognise(self, path: Path) -> float:
         return _BY_TRACK * (trajectory_columns(path) == self.columns)
 
-    def poses(self, path: Path, reading: Reading) -> NamedPoses:
-        _, values = read_rows(path, self.columns, named=False, memory=reading.memory_bytes)
-        names = [] if reading.names is None else read_names(reading.names)
+    def poses(self, path: Path, request: ReadRequest) -> NamedPoses:
+        _, values = read_rows(path, self.columns, named=False, memory=request.memory_bytes)
+        names = [] if request.names is None else read_names(request.names)
         if len(names) != len(values):
             what = f"{counted(len(values), 'pose')}, and {counted(len(names), 'name')} of photos"
             expected = "--names LIST, a text with the photo of each row, in their order"
@@ -167,9 +172,9 @@ class _Colmap(PoseReader):
     def recognise(self, path: Path) -> float:
         return _BY_TRACK * (self._file(path) is not None)
 
-    def poses(self, path: Path, reading: Reading) -> NamedPoses:
+    def poses(self, path: Path, request: ReadRequest) -> NamedPoses:
         file = self._file(path) or path / "images.bin"
-        names, values = read_images(file, Budget(reading.memory_bytes))
+        names, values = read_images(file, Budget(request.memory_bytes))
         return NamedPoses(names, values[:, :4], values[:, 4:])
 
 

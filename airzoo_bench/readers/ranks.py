@@ -12,7 +12,12 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, first_of
 from airzoo_bench.core.files import first_bytes
-from airzoo_bench.evaluation.predictions import QueryPredictions, Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import (
+    PredictionFile,
+    QueryPredictions,
+    Reader,
+    ReadRequest,
+)
 from airzoo_bench.readers.descriptors import SceneImages, note_strange
 from airzoo_bench.readers.names import ImageNames
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
@@ -28,9 +33,9 @@ class RankedLists(Reader):
     def ranked(self, path: Path) -> Mapping[str, Mapping[str, float]]:
         """Read scores by query and tile, both by name."""
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`."""
-        images = SceneImages(reading, str(path))
+        images = SceneImages(request, str(path))
         given = self.ranked(path)
         asked = images.queries.find_all(list(given), path)
         names = list(dict.fromkeys(tile for scores in given.values() for tile in scores))
@@ -42,7 +47,7 @@ class RankedLists(Reader):
                 lists[query] = [tiles[tile] for tile in best]
                 scores[query] = [own[tile] for tile in best]
         predictions = ranked_lists(path, lists, scores)
-        return ReadPredictions(predictions, self.conventions, note_strange(len(asked) - len(lists)))
+        return PredictionFile(predictions, self.conventions, note_strange(len(asked) - len(lists)))
 
 
 def tile_ids(known: ImageNames, names: Sequence[str], path: Path) -> list[str]:

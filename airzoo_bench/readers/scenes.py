@@ -18,7 +18,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
-from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import PredictionFile, Reader, ReadRequest
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.arrays import gather, texts
 from airzoo_bench.formats.npz import Budget, NpzFile
@@ -48,12 +48,12 @@ class SceneOutput:
 
     place: Path
     scene: str
-    reading: Reading
+    request: ReadRequest
     alone: bool = True
 
     def view_names(self, beside: Path | None = None) -> ViewNames | None:
         """Name the views by ``--names``, else by the sorted images in a folder next to them."""
-        listed = self.reading.names
+        listed = self.request.names
         if listed is not None:
             names = self.photos(self.names_of_scene(read_names(listed)))
             return ViewNames(names, f"named by {listed.name}, in its order")
@@ -66,19 +66,19 @@ class SceneOutput:
 
     def photos(self, names: Sequence[str]) -> list[str]:
         """Return the benchmark's names of the photos that names mean; others stay as they are."""
-        truths = [one for one in self.reading.truths if one.scene == self.scene]
+        truths = [one for one in self.request.truths if one.scene == self.scene]
         if not truths:
             return list(names)
         images = dict(names_in([truths[0].photos]))
-        found = _photo_names(truths, self.reading).find_all(names, self.place)
+        found = _photo_names(truths, self.request).find_all(names, self.place)
         return [images.get(str(one), name) for name, one in zip(names, found, strict=True)]
 
     def names_of_scene(self, names: list[str]) -> list[str]:
         """Return the listed names of this scene."""
         if self.alone:
             return names
-        where = self.reading.names or self.place
-        found = _photo_names(self.reading.truths, self.reading).find_all(names, where)
+        where = self.request.names or self.place
+        found = _photo_names(self.request.truths, self.request).find_all(names, where)
         lost = [repr(name) for name, one in zip(names, found, strict=True) if one is None]
         if lost:
             what = f"names that are of no photo, so that their scene is not known: {first_of(lost)}"
@@ -88,10 +88,10 @@ class SceneOutput:
         return [name for name, scene in zip(names, scenes, strict=True) if scene == self.scene]
 
 
-def _photo_names(truths: Sequence[ReconstructionTruth], reading: Reading) -> ImageNames:
+def _photo_names(truths: Sequence[ReconstructionTruth], request: ReadRequest) -> ImageNames:
     photos = names_in(truth.photos for truth in truths)
     left_out = names_in(truth.excluded for truth in truths)
-    return ImageNames("photo", photos, left_out=left_out, scenes=reading.scenes)
+    return ImageNames("photo", photos, left_out=left_out, scenes=request.scenes)
 
 
 class ViewNames(NamedTuple):
@@ -110,7 +110,7 @@ class ViewNames(NamedTuple):
 
 
 class Layout(ABC):
-    """A layout of a scene's output; `said` are conventions, see `ReadPredictions`."""
+    """A layout of a scene's output; `said` are conventions, see `PredictionFile`."""
 
     said: tuple[str, ...] = ()
 
@@ -157,9 +157,9 @@ class SceneReader(Reader):
         """Return the layout that a place has."""
         return next((layout for layout in self.layouts if layout.sure(place)), None)
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """List the scenes; each is read when it is scored."""
-        outputs, others = find_outputs(path, reading, lambda one: self.layout_of(one) is not None)
+        outputs, others = find_outputs(path, request, lambda one: self.layout_of(one) is not None)
 
         def open_scene(output: SceneOutput, memory: int, _: object) -> Any:
             return nullcontext(self.layout_of(output.place).read(output, memory))
@@ -168,16 +168,16 @@ class SceneReader(Reader):
         output = next(iter(outputs.values()))
         first = self.layout_of(output.place)
         said = (*first.said, first.order(output))
-        return ReadPredictions(ScenePredictions(path, entries, others), said)
+        return PredictionFile(ScenePredictions(path, entries, others), said)
 
 
 def find_outputs(
-    path: Path, reading: Reading, is_output: Callable[[Path], bool]
+    path: Path, request: ReadRequest, is_output: Callable[[Path], bool]
 ) -> tuple[dict[Path, SceneOutput], tuple[str, ...]]:
     """Find each scene's output by its place, and what is none; refuse none, and two of a scene."""
-    known = [scene.id for scene in reading.protocol.scenes]
+    known = [scene.id for scene in request.protocol.scenes]
     if is_output(path):
-        return {path: SceneOutput(path, _only_scene(path, known), reading)}, ()
+        return {path: SceneOutput(path, _only_scene(path, known), request)}, ()
     children = _children(path)
     found = {child: _scene_name(child) for child in children if is_output(child)}
     scenes = [*found.values()]
@@ -189,7 +189,7 @@ def find_outputs(
         fix = "`airzoo-bench readers` says what each reader recognises"
         raise PredictionError(what, where=path, expected=expected, fix=fix)
     alone = len(found) == 1
-    outputs = {one: SceneOutput(one, scene, reading, alone) for one, scene in found.items()}
+    outputs = {one: SceneOutput(one, scene, request, alone) for one, scene in found.items()}
     return outputs, tuple(child.name for child in children if child not in outputs)
 
 
@@ -322,7 +322,7 @@ class ViewArrays(Layout):
         names = output.view_names(None if self.photos is None else path.parent / self.photos)
         if names is not None or self.names not in npz_fields(path):
             return names
-        file = NpzFile(path, output.reading.memory_bytes, npz_fields(path) - {str(self.names)})
+        file = NpzFile(path, output.request.memory_bytes, npz_fields(path) - {str(self.names)})
         listed = texts(file, str(self.names), 1).tolist()
         return ViewNames(output.photos(listed), f"named by the field {self.names}")
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import first_bytes, read_text
-from airzoo_bench.evaluation.predictions import Reader, Reading, ReadPredictions
+from airzoo_bench.evaluation.predictions import PredictionFile, Reader, ReadRequest
 from airzoo_bench.formats.arrays import row_blocks, rows_among
 from airzoo_bench.formats.npz import map_numbers
 from airzoo_bench.readers.descriptors import (
@@ -102,16 +102,16 @@ class _Vpr(Reader):
         except OSError:  # a folder that may not be listed
             return 0.0
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
-        images = SceneImages(reading, str(path))
-        names, found = _Names(reading, path), [*_logs(path)]
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
+        images = SceneImages(request, str(path))
+        names, found = _Names(request, path), [*_logs(path)]
         # Runs that broke off left a log alone; all are read where all did.
         logs = [log for log in found if log.has_descriptors or log.lists] or found
         if any(log.has_descriptors for log in logs):
             parts = [_descriptors(log, images, names) for log in logs]
             names.check_used_up()
             predictions = join(path, *map(list, zip(*parts, strict=True)))
-            said = describe_metric(reading)
+            said = describe_metric(request)
             left = sum(one[0].strange for one in parts)
         else:
             read = [_lists(log, images) for log in logs]
@@ -125,7 +125,7 @@ class _Vpr(Reader):
         unheld = _BY_COUNT in names.used and not all(log.lists for log in logs)
         methods = sorted({log.method for log in logs if log.method})
         conventions = (*(f"info.log says: method {one}" for one in methods), *names.used, said)
-        return ReadPredictions(
+        return PredictionFile(
             predictions, conventions, (*note_strange(left), *(_BY_COUNT,) * unheld)
         )
 
@@ -242,11 +242,11 @@ class _Names:
     names came from.
     """
 
-    def __init__(self, reading: Reading, path: Path) -> None:
+    def __init__(self, request: ReadRequest, path: Path) -> None:
         self.used: dict[str, None] = {}
-        self._list = reading.names
-        self._left = None if reading.names is None else read_names(reading.names)
-        self._roots = [Path(os.path.realpath(root)) for root in (path, *reading.folders)]
+        self._list = request.names
+        self._left = None if request.names is None else read_names(request.names)
+        self._roots = [Path(os.path.realpath(root)) for root in (path, *request.folders)]
 
     def names_of_run(
         self, log: _Log, images: SceneImages, tiles: int, photos: int
@@ -293,8 +293,8 @@ def _by_count(
     log: _Log, images: SceneImages, tiles: int, photos: int
 ) -> tuple[list[str], list[str]]:
     """Take the benchmark's own order where one scene, or all, has an image for each row."""
-    own = [truth for truth in images.reading.truths if truth.scene == images.home]
-    for truths in filter(None, (own, list(images.reading.truths))):
+    own = [truth for truth in images.request.truths if truth.scene == images.home]
+    for truths in filter(None, (own, list(images.request.truths))):
         squares = sorted(f"{one.scene}/{name}" for one in truths for _, name in tile_images(one))
         asked = [truth.queries for truth in truths]
         for tables in (asked, asked + [truth.excluded for truth in truths]):

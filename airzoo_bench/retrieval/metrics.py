@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
-from airzoo_bench.retrieval.settings import ApVariant, ImageScores, TileScores
+from airzoo_bench.retrieval.settings import ApVariant, ImageScoring, TileScoring
 
 _BITMAP_CELLS = 1 << 22  # 4 MB stay in the cache, where random reads are cheap
 
@@ -184,7 +184,7 @@ def dis_at(distances: Floats, k: int, worst: Floats) -> Floats:
 
 
 def chance_scores(
-    positives: Ints, n_tiles: int, settings: TileScores | ImageScores
+    positives: Ints, n_tiles: int, settings: TileScoring | ImageScoring
 ) -> dict[str, Floats]:
     """Return the expected scores of queries (Q,) whose gallery is in random order, exactly.
 
@@ -192,7 +192,7 @@ def chance_scores(
     """
     kinds, back = np.unique(positives, return_inverse=True)
     kept = n_tiles
-    if isinstance(settings, TileScores):
+    if isinstance(settings, TileScoring):
         kept = min(settings.ranks_kept, n_tiles)
     missed = _miss_probabilities(kinds, n_tiles, max(kept, *settings.recall_at))
     divisor, share = np.maximum(kinds, 1), kinds / n_tiles
@@ -207,7 +207,7 @@ def chance_scores(
     scores = {f"recall@{k}": 1 - missed[:, k] for k in settings.recall_at}
     scores["map"] = precisions(kept) / divisor
     scores["mrr"] = -np.diff(missed[:, : kept + 1], axis=1) @ inverse
-    if isinstance(settings, ImageScores):
+    if isinstance(settings, ImageScoring):
         rank = min(rank_of_share(n_tiles, settings.recall_at_share), n_tiles)
         scores[share_name(settings.recall_at_share)] = 1 - missed[:, rank]
         before = share * (1 + (n_tiles - 1) * beside)  # precision before hits; 1 at rank 1

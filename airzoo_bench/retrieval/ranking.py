@@ -27,7 +27,7 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.arrays import release_pages, row_blocks, rows_among, temporary_array
 from airzoo_bench.geometry.arrays import Bools, Floats, Ints
 from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
-from airzoo_bench.retrieval.settings import ImageScores, Metric, TileScores
+from airzoo_bench.retrieval.settings import ImageScoring, Metric, TileScoring
 from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of
 
 Names = Sequence[object] | NDArray[Any]
@@ -84,7 +84,7 @@ def rank_scene(
     predictions: RetrievalPredictions,
     truth: RetrievalTruth,
     rows: NDArray[np.intp],
-    settings: TileScores | ImageScores,
+    settings: TileScoring | ImageScoring,
     run: Run,
 ) -> RankedBlocks:
     """Rank the gallery for the queries of a scene, which the predictions answer in these rows.
@@ -94,7 +94,7 @@ def rank_scene(
     content, there = predictions.content, np.flatnonzero(rows >= 0)
     names, tiles = predictions.query_ids[rows[there]], truth.tiles["id"].to_numpy(str)
     positives, depths = truth.positives.take(there), Depths(*[len(tiles)] * 3)
-    if isinstance(settings, TileScores):  # of images whole lists are scored
+    if isinstance(settings, TileScoring):  # of images whole lists are scored
         k, scored = min(settings.ranks_kept, len(tiles)), max(*settings.recall_at, settings.ap_at)
         depths = Depths(len(tiles), k, scored)
     if isinstance(content, RankedIds):

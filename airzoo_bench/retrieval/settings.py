@@ -56,7 +56,7 @@ class StatedRules(Strict):
     without_positive: WithoutPositive
 
 
-class TileScores(Strict):
+class TileScoring(Strict):
     """Scores of a ranked gallery of tiles that are cut from a map."""
 
     descriptor_metric: Metric
@@ -73,7 +73,7 @@ class TileScores(Strict):
     pdm_tolerance_tiles: Positive
 
 
-class DistanceScores(Strict):
+class DistanceScoring(Strict):
     """Scores of the positions of images, as the benchmark's own code computes them."""
 
     metres: Literal["sphere", "ellipsoid", "plane"]
@@ -84,7 +84,7 @@ class DistanceScores(Strict):
     dis_at: Ranks
 
 
-class ImageScores(Strict):
+class ImageScoring(Strict):
     """Scores of a ranked gallery of images, as the benchmarks' own code computes them."""
 
     descriptor_metric: Metric
@@ -92,7 +92,7 @@ class ImageScores(Strict):
     recall_at: Ranks
     recall_at_share: Part
     ap: Literal["trapezoid", "trec"]
-    distances: DistanceScores | None = None
+    distances: DistanceScoring | None = None
 
 
 def _kind(section: Any) -> str:
@@ -119,7 +119,7 @@ class RetrievalProtocol(Protocol):
     ground_truth: Annotated[
         Annotated[GeometricRules, _MAP] | Annotated[StatedRules, _IMAGES], _KINDS
     ]
-    scores: Annotated[Annotated[TileScores, _MAP] | Annotated[ImageScores, _IMAGES], _KINDS]
+    scores: Annotated[Annotated[TileScoring, _MAP] | Annotated[ImageScoring, _IMAGES], _KINDS]
 
     def map_rules(self) -> tuple[MapGallery, GeometricRules]:
         """Return how the map is cut into tiles, and which of them answer."""

@@ -33,10 +33,10 @@ from airzoo_bench.retrieval.predictions import (
 from airzoo_bench.retrieval.ranking import Ranking, rank_scene
 from airzoo_bench.retrieval.settings import (
     ApVariant,
-    DistanceScores,
-    ImageScores,
+    DistanceScoring,
+    ImageScoring,
     RetrievalProtocol,
-    TileScores,
+    TileScoring,
 )
 from airzoo_bench.retrieval.truth import TOO_EMPTY, UNANSWERED, RetrievalTruth, scene_truth
 
@@ -169,11 +169,11 @@ class RetrievalTrack(Track):
         write_predictions(out, protocol.name, arrays)
 
 
-def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
+def list_scores(settings: TileScoring | ImageScoring) -> list[ScoreColumn]:
     """Return the scores that a protocol asks for, the paper's first."""
     share, error = ScoreColumn.share, ScoreColumn.error
     scores = [share(f"recall@{k}", f"R@{k}", headline=True) for k in settings.recall_at]
-    if isinstance(settings, TileScores):
+    if isinstance(settings, TileScoring):
         variants = dict.fromkeys((settings.ap, *get_args(ApVariant)))  # the protocol's own first
         names = [ap_name(settings.ap_at, one) for one in variants]
         return [
@@ -199,7 +199,7 @@ def list_scores(settings: TileScores | ImageScores) -> list[ScoreColumn]:
     return [*scores, share(*other), share("mrr", "MRR")]
 
 
-def _scores_beyond(settings: TileScores | ImageScores, rank: int) -> tuple[list[str], list[str]]:
+def _scores_beyond(settings: TileScoring | ImageScoring, rank: int) -> tuple[list[str], list[str]]:
     """Name the headline scores at ranks beyond one, and the others that look beyond it."""
     at_rank, others = list[str](), list[str]()
     for score in list_scores(settings):
@@ -213,7 +213,7 @@ def score_scene(
     truth: RetrievalTruth,
     ranked: Iterable[tuple[Ints, Ranking]],
     answered: Bools,
-    settings: TileScores | ImageScores,
+    settings: TileScoring | ImageScoring,
     jobs: int = 1,
 ) -> pd.DataFrame:
     """Score every query of a scene, in the blocks in which they are ranked."""
@@ -231,14 +231,14 @@ def _score_block(
     truth: RetrievalTruth,
     rows: Ints,
     ranking: Ranking,
-    settings: TileScores | ImageScores,
+    settings: TileScoring | ImageScoring,
     jobs: int,
 ) -> pd.DataFrame:
     right, tiles, n_tiles = truth.positives.take(rows), ranking.tiles, len(truth.tiles)
     hits = metrics.hit_matrix(tiles, right.offsets, right.tiles, n_tiles)
     kept, length = tiles[:, : settings.ranks_kept], (tiles >= 0).sum(axis=1)
     whole, aps, ndcg_at = n_tiles, dict[int, Any](), tuple[int, ...]()
-    if isinstance(settings, TileScores):
+    if isinstance(settings, TileScoring):
         whole, ndcg_at = min(n_tiles, settings.ranks_kept), settings.ndcg_at
         aps = {settings.ap_at: get_args(ApVariant)}
     columns: dict[str, Any] = {
@@ -252,13 +252,13 @@ def _score_block(
         ranked = tiles[:, k] if k < tiles.shape[1] else np.full(len(rows), -1)
         columns[f"{RANKED_TILE}{k + 1}"] = ids.take(ranked)
     columns |= hit_columns(hits, right.counts, settings.recall_at, aps, ndcg_at)
-    if isinstance(settings, TileScores):
-        return pd.DataFrame(columns | _tile_distances(truth, rows, tiles, settings, jobs))
+    if isinstance(settings, TileScoring):
+        return pd.DataFrame(columns | _tile_distance_scores(truth, rows, tiles, settings, jobs))
     last = metrics.rank_of_share(n_tiles, settings.recall_at_share)
     columns[share_name(settings.recall_at_share)] = metrics.recall_at(hits, last)
     columns["ap/trapezoid"] = metrics.trapezoid_precision(hits, right.counts)
     if settings.distances is not None:
-        columns |= _image_distances(truth, rows, tiles, settings.distances)
+        columns |= _image_distance_scores(truth, rows, tiles, settings.distances)
     return pd.DataFrame(columns)
 
 
@@ -279,8 +279,8 @@ def hit_columns(
     return columns | {f"ndcg@{k}": metrics.ndcg_at(hits, n_positives, k) for k in ndcg_at}
 
 
-def _tile_distances(
-    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: TileScores, jobs: int
+def _tile_distance_scores(
+    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: TileScoring, jobs: int
 ) -> dict[str, Floats]:
     """Score the metres from the footprint's centre to the centres of the first tiles."""
     tiles = ranked[:, : max(1, *settings.sdm_at, *settings.pdm_at)]
@@ -298,8 +298,8 @@ def _tile_distances(
     }
 
 
-def _image_distances(
-    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: DistanceScores
+def _image_distance_scores(
+    truth: RetrievalTruth, rows: Ints, ranked: NDArray[np.int32], settings: DistanceScoring
 ) -> dict[str, Floats]:
     """Score the distances between positions that a benchmark states, by its own formulas."""
     asked, images = truth.positions

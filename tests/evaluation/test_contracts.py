@@ -17,10 +17,10 @@ from airzoo_bench.core.registry import READERS, TRACKS
 from airzoo_bench.evaluation.evaluate import check, evaluate
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.evaluation.predictions import (
+    PredictionFile,
     QueryPredictions,
     Reader,
-    Reading,
-    ReadPredictions,
+    ReadRequest,
     assign_queries,
 )
 from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
@@ -122,13 +122,13 @@ class Toy(Reader):
     def recognise(self, path: Path) -> float:
         return 0.9 * (path.is_file() and path.read_bytes().startswith(MAGIC.encode()))
 
-    def read(self, path: Path, reading: Reading) -> ReadPredictions:
+    def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         rows = [line.split() for line in path.read_text().splitlines()[1:]]
         if not rows:
             raise PredictionError("is empty", where=path)
         listed = RankedIds(np.array([row[1:] for row in rows]), None)
         found = QueryPredictions(path, None, np.array([row[0] for row in rows]), listed)
-        return ReadPredictions(found, ("best first",), (f"{len(reading.truths)} scenes",))
+        return PredictionFile(found, ("best first",), (f"{len(request.truths)} scenes",))
 
 
 TOY = Toy()

@@ -14,7 +14,7 @@ import pytest
 from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import READERS
-from airzoo_bench.evaluation.predictions import Reading, find_reader
+from airzoo_bench.evaluation.predictions import ReadRequest, find_reader
 from tests.matching.world import SIZE
 
 
@@ -46,13 +46,13 @@ def test_folders_name_the_scene_of_their_pairs(named, worlds, tmp_path):
     crops = world.truth.crops[:2]
     other = replace(world.truth, scene="town", queries=asked, crops=crops, excluded=left_out)
     scenes = ("hills", "town", "coast")
-    reading = Reading(
+    request = ReadRequest(
         protocol=world.protocol,
         truths=[world.truth, other],
         memory_bytes=1 << 26,
         scenes=scenes,
     )
-    read = READERS.get("loftr").read(home, reading)
+    read = READERS.get("loftr").read(home, request)
     assert set(read.predictions.query_ids) == {*world.ids, *asked["id"]}
     assert read.notes == ("8 files of other pictures left out",)
 

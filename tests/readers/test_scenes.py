@@ -14,7 +14,7 @@ import pycolmap
 import pytest
 
 from airzoo_bench.core.errors import PredictionError
-from airzoo_bench.evaluation.predictions import Reading, find_reader
+from airzoo_bench.evaluation.predictions import ReadRequest, find_reader
 from airzoo_bench.readers.scenes import find_outputs
 from tests.goldens.recipes import spoil
 from tests.readers.conftest import Worlds, change_fields
@@ -49,8 +49,8 @@ def outputs(path: Path, *scenes: str, names: Path | None = None) -> Any:
         truths.append(SimpleNamespace(scene=scene, photos=photos, excluded=left_out))
     protocol: Any = SimpleNamespace(scenes=[SimpleNamespace(id=scene) for scene in scenes])
     more: Any = {"memory_bytes": 1 << 20, "scenes": (*scenes, "dock")}
-    reading = Reading(None, names, protocol=protocol, truths=truths, **more)
-    found, others = find_outputs(path, reading, lambda one: (one / "out.txt").is_file())
+    request = ReadRequest(None, names, protocol=protocol, truths=truths, **more)
+    found, others = find_outputs(path, request, lambda one: (one / "out.txt").is_file())
     return {output.scene: output for output in found.values()}, others
 
 

@@ -25,7 +25,7 @@ from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.retrieval.metrics import chance_scores
 from airzoo_bench.retrieval.predictions import Descriptors, RankedIds, RetrievalPredictions
 from airzoo_bench.retrieval.ranking import Ranking, rank_scene
-from airzoo_bench.retrieval.settings import RetrievalProtocol, TileScores
+from airzoo_bench.retrieval.settings import RetrievalProtocol, TileScoring
 from airzoo_bench.retrieval.track import list_scores, score_scene
 from airzoo_bench.retrieval.truth import POSITION_COLUMNS, RetrievalTruth
 from tests.retrieval.ranking_support import records_of
@@ -209,11 +209,11 @@ def test_sections_must_fit(base: str, section: str, changes: dict[str, Any], nam
 # --- chance, against all orders there are, SciPy, and the metrics themselves ---
 
 
-def tile_scores(**changes: object) -> TileScores:
-    return TileScores.model_validate(protocol().scores.model_dump() | changes)
+def tile_scores(**changes: object) -> TileScoring:
+    return TileScoring.model_validate(protocol().scores.model_dump() | changes)
 
 
-def score_orders(tiles: np.ndarray, n_positives: int, chosen: TileScores) -> dict[str, np.ndarray]:
+def score_orders(tiles: np.ndarray, n_positives: int, chosen: TileScoring) -> dict[str, np.ndarray]:
     """Score orders (n, tiles) of a gallery whose first tiles are positive by our own metrics."""
     scene = MadeScene("s", [list(range(n_positives))] * len(tiles), tiles.shape[1])
     ranking = Ranking(tiles[:, : chosen.ranks_kept], np.zeros(len(tiles), bool))
