@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +10,6 @@ import pytest
 
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
-from airzoo_bench.core.files import sha256_of
-from tests.matching import world as matching
-from tests.support import run_main
 
 
 @pytest.mark.parametrize(
@@ -75,55 +70,3 @@ def test_degrees_are_degrees(tmp_path: Path) -> None:
     pd.DataFrame({"id": ["a", "b"], "lat_min": [0, 256], "x": [0, 256]}).to_parquet(path)
     with pytest.raises(BenchmarkError, match=r"column 'lat_min', row 2: 256\n.*at most 90 in size"):
         read_table(path, ("id",))
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a benchmark, ``data``, and predictions for it, ``p.npz``."""
-    home = tmp_path_factory.mktemp("made")
-    world = matching.make_world(home)
-    world.write(home / "p.npz", world.poses())
-    return home
-
-
-@pytest.mark.parametrize(
-    ("file", "change", "said"),
-    [
-        (
-            "queries.csv",
-            lambda t: t.assign(fx=["wide", *t["fx"][1:]]),
-            "column 'fx', row 1: 'wide'",
-        ),
-        (
-            "queries.csv",
-            lambda t: t.assign(x=t["x"].where(t["id"] != "hills/q3")),
-            "queries.csv: column 'x', row 4 (hills/q3): nothing\n  expected: a number",
-        ),
-        (
-            "queries.csv",
-            lambda t: t.assign(prior_qw=np.nan),
-            "column 'prior_qw', row 1 (hills/q0): nothing; row 2 (hills/q1): nothing",
-        ),
-        ("matching/crops.csv", lambda t: t.assign(crop_x="left"), "column 'crop_x', row 1: 'left'"),
-        ("matching/crops.csv", lambda t: t.assign(crop_x=np.nan), "row 1: nothing"),
-    ],
-)
-def test_a_folder_made_by_hand(
-    file: str,
-    change: Callable[[pd.DataFrame], pd.DataFrame],
-    said: str,
-    made: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    folder = tmp_path / matching.SCENE
-    shutil.copytree(made / "data" / matching.SCENE, folder)
-    path = folder / "scenes" / matching.SCENE / file
-    before = sha256_of(path)
-    change(pd.read_csv(path)).to_csv(path, index=False)
-    toml = folder / "benchmark.toml"
-    toml.write_text(toml.read_text().replace(before, sha256_of(path)))
-    assert run_main("eval", "matching", made / "p.npz", "--data", tmp_path) == 2
-    message = capsys.readouterr().err
-    assert said in message
-    assert "Traceback" not in message

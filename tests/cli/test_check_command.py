@@ -113,7 +113,9 @@ def odd(world: World, folder: Path, kind: str) -> Path:
     if kind == "views":
         extrinsics = world.cameras("yard")["extrinsics"].copy()
         extrinsics[4:] = np.nan
-        save(folder / "yard.npz", world.views("yard", extrinsics=extrinsics, image_names=None))
+        fields = world.views("yard") | {"extrinsics": extrinsics}
+        del fields["image_names"]
+        save(folder / "yard.npz", fields)
         save(folder / "lot.npz", world.views("lot"))
         (folder / "protocol.txt").write_text(WORLD_PROTOCOL)
         return folder
@@ -131,7 +133,7 @@ def odd(world: World, folder: Path, kind: str) -> Path:
         (folder / "yard.ply").rename(folder / "yrad.ply")
     elif kind == "axes":
         axes = np.diag((1.0, -1, -1)) @ world.cameras("yard")["extrinsics"]
-        save(folder / "yard.cameras.npz", world.cameras("yard", extrinsics=axes))
+        save(folder / "yard.cameras.npz", world.cameras("yard") | {"extrinsics": axes})
     return folder
 
 

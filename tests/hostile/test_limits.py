@@ -88,7 +88,8 @@ def one_long_list(folder: Path) -> Path:
 
 def views(folder: Path) -> Path:
     """Write depth maps that are small as they stand and large while they are fused."""
-    fields = reconstruction.World(folder).views("yard", depth=np.ones((6, 700, 3000), np.float16))
+    fields = reconstruction.World(folder).views("yard")
+    fields["depth"] = np.ones((6, 700, 3000), np.float16)
     (folder / "p").mkdir()
     write_npz(folder / "p" / "yard.npz", fields, compress=True)
     return folder / "p"

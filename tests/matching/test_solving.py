@@ -9,7 +9,6 @@ import pytest
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras
-from airzoo_bench.matching.protocol import Solver
 from airzoo_bench.matching.solving import PoseEstimate, Status, solve_pose, solve_queries
 from tests.engines.work import Scattered
 from tests.matching.world import PROJECTED, SOLVER, Problem, errors, joined, make_scene
@@ -124,9 +123,3 @@ def test_failures(case: str, name: str, capfd: pytest.CaptureFixture[str]) -> No
     assert np.isnan(estimate.matrix).all()
     assert estimate.inliers.tolist() == [False] * len(problem.points)
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize(("key", "value"), [("max_matches", 10**9), ("confidence", 1.0)])
-def test_bounds_of_protocols(key: str, value: float) -> None:
-    with pytest.raises(ValueError, match=key):
-        Solver.model_validate(SOLVER.model_dump() | {key: value})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,8 @@ from hypothesis import given
 from pyproj import CRS, Transformer
 from rasterio import Affine
 
-from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import POSE_COLUMNS, PRIOR_COLUMNS, SceneInputs, poses_of
 from airzoo_bench.core.errors import BenchmarkError, RasterError
-from airzoo_bench.core.files import sha256_of
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import (
@@ -36,11 +33,11 @@ from airzoo_bench.matching.truth import (
     MatchingTruth,
     build_truth,
     crop_windows,
-    read_truth,
     write_crop,
 )
 from tests.geometry.support import looking_down, quick, seeds, write_tif
-from tests.matching.world import SCENE, World, made_inputs
+from tests.matching.world import SCENE, World
+from tests.support import PLACE_CRS
 
 NAN = np.nan
 X, Y = 576000.0, 5188000.0
@@ -136,8 +133,9 @@ def test_cut_to_the_map_and_off_it_and_without_a_ray() -> None:
 
 
 @pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory) -> SceneInputs:
-    return made_inputs(tmp_path_factory.mktemp("sources"))
+def inputs(world: World) -> SceneInputs:
+    dom, dsm = (world.root.parent / "sources" / name for name in ("dom.tif", "dsm.tif"))
+    return SceneInputs(SCENE, world.truth.queries, PLACE_CRS, open_info(dom), dsm, 100.0)
 
 
 def built(inputs: SceneInputs, photos: pd.DataFrame, prior: Prior = METADATA) -> MatchingTruth:
@@ -215,26 +213,6 @@ def test_fingerprint_sees_all_that_scores_depend_on(world: World) -> None:
     ]
     prints = {truth.fingerprint, *(other.fingerprint for other in others)}
     assert len(prints) == 1 + len(others) == 17
-
-
-@pytest.mark.parametrize(
-    ("name", "old", "new", "said"),
-    [
-        ("crops.csv", "q0", "q9", r"not those of queries\.csv"),
-        ("crops.csv", ",", ",-", r"crops\.csv: column '\w+', row 1"),
-        ("map.json", "500000.0", "500030.0", "another grid[\\s\\S]*500030.0"),
-    ],
-)
-def test_a_folder_made_by_hand_is_checked(
-    world: World, tmp_path: Path, name: str, old: str, new: str, said: str
-) -> None:
-    folder = shutil.copytree(world.folder, tmp_path / SCENE)
-    path, file = folder / "scenes" / SCENE / "matching" / name, folder / "benchmark.toml"
-    before, (head, line, text) = sha256_of(path), path.read_text().partition("hills/")
-    path.write_text(head + line + text.replace(old, new, 1) if line else head.replace(old, new, 1))
-    file.write_text(file.read_text().replace(before, sha256_of(path)))
-    with pytest.raises(BenchmarkError, match=said):
-        read_truth(Benchmark.open(folder), SCENE)
 
 
 # --- the lift ---

@@ -116,9 +116,9 @@ class Worlds:
 
     @classmethod
     def make(cls, home: Path) -> Worlds:
-        for track in ("retrieval", "matching", "reconstruction"):
+        for track in ("retrieval", "reconstruction"):
             unpack(f"readers-{track}", home / track)
-        return cls(make_hills(home / "hills"), home)
+        return cls(make_hills(home / "matching"), home)
 
     def sample(self, name: str, folder: Path) -> Path:
         """Put the files of a layout into a new folder; those of views beside a list of photos."""
@@ -134,7 +134,7 @@ class Worlds:
         return path
 
     def evaluate(self, track: str, path: Path, **options: Any) -> ab.Result:
-        data = self.hills.root if track == "matching" else self.home / track / "data"
+        data = self.home / track / "data"
         name = "hills" if track == "matching" else "made"
         return ab.evaluate(
             path, **{"protocol": f"{name}-{track}", "data": data, "jobs": 1} | options

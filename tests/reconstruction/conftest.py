@@ -8,11 +8,5 @@ from tests.reconstruction.world import World, make_world
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> World:
-    return make_world(tmp_path_factory.mktemp("world") / "data")
-
-
-@pytest.fixture
-def world(made: World, monkeypatch: pytest.MonkeyPatch) -> World:
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(made.root))
-    return made
+def world(tmp_path_factory: pytest.TempPathFactory) -> World:
+    return make_world(tmp_path_factory.mktemp("world"))

@@ -97,14 +97,10 @@ def test_folders_and_archives(packed: str | None, folder: Path) -> None:
         np.testing.assert_array_equal(given.geometry.values, VIEWS["depth"])
 
 
-def test_a_file_alone_is_a_scene_and_cameras_twice_are_refused(folder: Path) -> None:
+def test_a_file_alone_is_a_scene(folder: Path) -> None:
     packed = pack(folder.parent / "a.zip", [("school/cloud.ply", b"")])
     for path in (folder / "school.ply", packed):
         assert list(open_reconstruction(path).entries) == ["school"]
-    (folder / "plaza.cameras.npz").write_bytes((folder / "school.cameras.npz").read_bytes())
-    found = open_reconstruction(folder)
-    with pytest.raises(PredictionError), found.entries["plaza"](LIMIT, None):
-        pass
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
@@ -125,15 +121,6 @@ def test_wrong_entries(names: list[str], tmp_path: Path, monkeypatch: pytest.Mon
         open_reconstruction(pack(tmp_path / "p.zip", files))
     assert "p.zip" in str(caught.value)
     assert "\n.ply" not in str(caught.value)
-
-
-def test_links_other_archives_and_nothing_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.rar").write_bytes(b"Rar!")
-    (tmp_path / "link").mkdir()
-    (tmp_path / "link" / "a.ply").symlink_to("/etc/passwd")
-    for name in ("none", "a.rar", "link"):
-        with pytest.raises(PredictionError):
-            open_reconstruction(tmp_path / name)
 
 
 # --- maps ---
@@ -161,29 +148,6 @@ def test_pixel_centres_that_are_integers_are_shifted(
     maps = read_views(tmp_path, pixel_centres=centres, **changes).geometry
     assert isinstance(maps, DepthMaps)
     assert maps.cameras.principal_point[0].tolist() == [WIDTH / 2 + shift, HEIGHT / 2 + shift]
-
-
-HALF_NAN = np.where(np.arange(48).reshape(4, 3, 4) == 24, np.nan, VIEWS["extrinsics"])
-# Faults beyond those of tests/goldens/refusals.txt.
-WRONG: list[tuple[dict[str, Any], str]] = [
-    ({"depth": np.zeros((4, 36, 48), int)}, "depth"),
-    ({"depth": np.zeros((4, 0, 48)), "conf": None}, "depth"),
-    ({"image_names": np.array(["a", "b", "c"])}, "image_names"),
-    ({"image_names": np.array(["a", "b", "a", "c"])}, "'a'"),
-    ({"image_names": np.array(["a", "b\x1b", "b", "c"])}, "image_names"),
-    ({"extrinsics": HALF_NAN}, "lot_2"),
-    ({"intrinsics": VIEWS["intrinsics"] * -1}, "intrinsics"),
-]
-
-
-@pytest.mark.parametrize(("changes", "field"), WRONG)
-def test_wrong_views_are_refused_by_their_field(
-    changes: dict[str, Any], field: str, tmp_path: Path
-) -> None:
-    with pytest.raises(PredictionError) as caught:
-        read_views(tmp_path, **changes)
-    assert field in str(caught.value)
-    assert "v.npz" in str(caught.value)
 
 
 # --- depth maps and point maps as clouds, pixel by pixel and fused ---
@@ -455,13 +419,15 @@ def test_far_depths_are_those_after_the_alignment(
 
 
 def test_half_a_pixel_is_asked_for_where_it_matters(world: World, tmp_path: Path) -> None:
-    def asked(name: str, **changes: Any) -> list[str]:
-        path = save(tmp_path / name / "lot.npz", world.views("lot", **changes)).parent
+    def asked() -> list[str]:
+        path = save(tmp_path / "p" / "lot.npz", fields).parent
         return [note for note in notes_of(world, path) if "pixel_centres" in note]
 
-    assert not asked("stated")
-    (note,) = asked("silent", pixel_centres=None)
+    fields = world.views("lot")
+    assert not asked()
+    del fields["pixel_centres"]
+    (note,) = asked()
     # Depth 35 m at a focal length of 80 px: half a pixel in x and y is 0.3 m.
     error = float(note.partition("points are ")[2].partition(" m off")[0])
-    depth = world.views("lot")["depth"]
+    depth = fields["depth"]
     assert error == pytest.approx(np.hypot(0.5, 0.5) / 80 * np.median(depth[depth > 0]), rel=0.05)

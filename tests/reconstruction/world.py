@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import laspy
 import numpy as np
-import pandas as pd
 import tomli_w
+import trimesh
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.benchmark.queries import photo_table
+from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
-from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import Cloud
 from airzoo_bench.formats.clouds.ply import write_ply
 from airzoo_bench.geometry.arrays import Floats
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.reconstruction.alignment import PosedCameras, Similarity, shipped_alignment
 from airzoo_bench.reconstruction.settings import AlignmentSettings, ReconstructionProtocol
-from airzoo_bench.reconstruction.truth import ReconstructionTruth
+from airzoo_bench.reconstruction.truth import ReconstructionTruth, read_truth
 from tests.geometry.support import looking_down
 from tests.goldens.run import unpack
 
@@ -38,44 +37,30 @@ ORIGIN = np.array((500_000.0, 5_200_000.0, 100.0))
 SIDE = 60.0  # of the square of ground that the true cloud covers
 STEP = 0.5
 BOX_LOW, BOX_HIGH = np.array((26.0, 24.0, 0.0)), np.array((36.0, 32.0, 6.0))
-PHOTO_SIZE = (480, 360)
 MAP_SIZE = (48, 36)
 FOCAL = 80.0  # of the maps, px
 
 
-def ground() -> Array:
-    """Points of level ground, with the made world's origin as (0, 0, 0)."""
-    along = np.arange(STEP / 2, SIDE, STEP)
-    x, y = np.meshgrid(along, along, indexing="ij")
-    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+@cache
+def _read_world(scene: str) -> tuple[ReconstructionTruth, Array]:
+    with TemporaryDirectory() as home:
+        truth = read_truth(Benchmark.open(make_world(Path(home)).folder), scene)
+        return truth, trimesh.load(truth.cloud).vertices
+
+
+def made_truth(scene: str) -> ReconstructionTruth:
+    """Return the truth of a scene, whose cloud is not there: see `true_points`."""
+    return _read_world(scene)[0]
 
 
 def true_points(scene: str) -> Array:
     """The true cloud: ground and a box, its top and walls, in the yard; ground only in the lot."""
-    points = ground()
-    if scene == "lot":
-        return points + ORIGIN
-    inside = ((points > BOX_LOW) & (points < BOX_HIGH))[:, :2].all(axis=1)
-    up = np.arange(STEP / 2, BOX_HIGH[2], STEP)
-    along = [np.arange(BOX_LOW[axis] + STEP / 2, BOX_HIGH[axis], STEP) for axis in (0, 1)]
-    x, z = (grid.ravel() for grid in np.meshgrid(along[0], up))
-    y, w = (grid.ravel() for grid in np.meshgrid(along[1], up))
-    walls = []
-    for corner in (BOX_LOW, BOX_HIGH):
-        walls.append(np.stack([x, np.full(x.size, corner[1]), z], axis=1))
-        walls.append(np.stack([np.full(y.size, corner[0]), y, w], axis=1))
-    top = points[inside] + (0.0, 0.0, BOX_HIGH[2])
-    return np.concatenate([points[~inside], top, *walls]) + ORIGIN
+    return np.array(_read_world(scene)[1])
 
 
 def camera_poses(scene: str) -> Poses:
     """Cameras above the middle that look down and to all sides, none like another."""
-    count = {"yard": 6, "lot": 4}[scene]
-    rows = np.arange(count)
-    rotation = np.concatenate([looking_down(5 + 3 * n, 65 * n - 40) for n in rows])
-    east, north = 22 + 7 * (rows % 3) + rows, 22 + 9 * (rows // 3) + 0.7 * rows
-    centres = np.stack([east, north, 28 + 2.0 * rows], axis=1) + ORIGIN
-    return Poses(rotation=rotation, centres=centres)
+    return made_truth(scene).poses
 
 
 def extrinsics_of(rotation: Array, centres: Array) -> Array:
@@ -85,13 +70,6 @@ def extrinsics_of(rotation: Array, centres: Array) -> Array:
 def matrix_of_maps() -> Array:
     width, height = MAP_SIZE
     return np.array([[FOCAL, 0, width / 2], [0, FOCAL, height / 2], [0, 0, 1.0]])
-
-
-def lenses(count: int) -> Cameras:
-    """Return the cameras of the photos."""
-    matrix = matrix_of_maps() * (PHOTO_SIZE[0] / MAP_SIZE[0])
-    matrix[2, 2] = 1.0
-    return Cameras.from_matrices(np.tile(matrix, (count, 1, 1)), *PHOTO_SIZE)
 
 
 def exact_depth(poses: Poses, boxed: bool) -> Array:
@@ -139,24 +117,22 @@ class World:
         return self.root / NAME
 
     def images(self, scene: str) -> list[str]:
-        return [f"{scene}_{row}.jpg" for row in range(len(camera_poses(scene)))]
+        return made_truth(scene).photos["image"].tolist()
 
-    def cameras(self, scene: str, **changes: Any) -> dict[str, Any]:
+    def cameras(self, scene: str) -> dict[str, Any]:
         """Return the fields of a file of true cameras."""
         poses, names = camera_poses(scene), np.array(self.images(scene))
-        fields = {"image_names": names, "extrinsics": extrinsics_of(poses.rotation, poses.centres)}
-        return _changed(fields, changes)
+        return {"image_names": names, "extrinsics": extrinsics_of(poses.rotation, poses.centres)}
 
-    def views(self, scene: str, **changes: Any) -> dict[str, Any]:
+    def views(self, scene: str) -> dict[str, Any]:
         """Return the fields of a file of exact depth maps."""
         poses = camera_poses(scene)
-        fields = {
+        return {
             "depth": exact_depth(poses, boxed=scene == "yard"),
             "pixel_centres": np.array("half"),
             "intrinsics": np.tile(matrix_of_maps(), (len(poses), 1, 1)),
             **self.cameras(scene),
         }
-        return _changed(fields, changes)
 
     def protocol(self, path: Path, **sections: Any) -> Path:
         """Write a protocol file with some keys changed."""
@@ -172,13 +148,11 @@ class World:
 
     def score(self, predictions: Path, **options: Any) -> Evaluation:
         given = {"data": self.root, "protocol": PROTOCOL} | options
-        names = {"memory_bytes", "jobs", "keep", "progress"}
-        resources = Run(**{name: given.pop(name) for name in names & given.keys()})
-        return evaluate(predictions, track="reconstruction", run=resources, **given)
+        return evaluate(predictions, track="reconstruction", **given)
 
 
 def make_world(root: Path) -> World:
-    """Unpack the benchmark folder of the goldens, whose truth is that of these functions."""
+    """Unpack the benchmark folder of the goldens."""
     with TemporaryDirectory() as home:
         unpack("canonical-reconstruction", Path(home))
         shutil.copytree(Path(home) / "data", root, dirs_exist_ok=True)
@@ -203,19 +177,6 @@ def predict_clouds(
             save(folder / f"{scene}.cameras.npz", world.cameras(scene))
     (folder / "protocol.txt").write_text(PROTOCOL + "\n")
     return folder
-
-
-def made_truth(scene: str) -> ReconstructionTruth:
-    """Return the truth of a scene, without its cloud."""
-    poses = camera_poses(scene)
-    images = tuple(f"{scene}_{row}.jpg" for row in range(len(poses)))
-    photos = photo_table(scene, images, lenses(len(poses)), poses, None, ORIGIN[2])
-    nothing = pd.DataFrame({"id": [], "image": [], "reason": []}, dtype=str)
-    return ReconstructionTruth(scene, photos, Path(), "", nothing)
-
-
-def _changed(fields: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in (fields | changes).items() if value is not None}
 
 
 def notes_of(world: World, path: Path, protocol: str = PROTOCOL) -> list[str]:

@@ -320,7 +320,7 @@ def test_maps_and_surface_models_in_a_bucket(command: Run, bucket: Bucket, tmp_p
     (scene,) = benchmark.file.scenes
     (world.folder / "maps").mkdir()
     for kind in ("dom", "dsm"):
-        shutil.copy(getattr(scene, kind), world.folder / "maps" / f"{kind}.tif")
+        shutil.copy(tmp_path / "sources" / f"{kind}.tif", world.folder / "maps" / f"{kind}.tif")
     dsm = world.folder / "maps" / "dsm.tif"
     changes = {"dom": "maps/dom.tif", "dsm": "maps/dsm.tif", "dsm_sha256": sha256_of(dsm)}
     scenes = (scene.model_copy(update=changes),)
