@@ -54,13 +54,6 @@ def test_optional_and_further_columns(path):
         table.numbers("Phi1")
 
 
-@pytest.mark.parametrize("value", ["", "x", "nan", "inf", "91", "1_0", "29,5", "1.000,5"])
-def test_numbers_that_are_none(path, value):
-    table = read(path, f'filename,lat,height\na,1.5,2\nb,"{value}",2\n')
-    with pytest.raises(BenchmarkError, match=r"line 3: column lat(.|\n)*a number from -90 to 90"):
-        table.numbers("lat", -90, 90)
-
-
 def test_names_of_other_programs_mean_photos(path):
     photos = ["a/DJI_1.JPG", "b/DJI_2.JPG", "b/DJI_3.JPG"]
     given = ["DJI_1", "B\\dji_2.jpg", "b/DJI_3.JPG", "DJI_9"]

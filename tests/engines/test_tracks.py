@@ -128,12 +128,3 @@ def test_scenes_of_another_run_and_damaged_ones_are_not_used(tmp_path: Path) -> 
     path.write_bytes(path.read_bytes()[:-30])
     with pytest.raises(RuntimeError):
         kept("one run")
-
-
-def test_resume_needs_a_folder(
-    predictions: dict[str, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_main("eval", "matching", predictions["matching"], "--resume") == 2
-    message = capsys.readouterr().err
-    assert "--resume" in message
-    assert "--out" in message

@@ -236,13 +236,9 @@ def test_retrieval_of_strangers_maps_what_the_file_stores(
 
 
 @LINUX
-def test_matches_of_strangers(tmp_path: Path) -> None:
-    world = make_matching(tmp_path)
-    alike(world.write(tmp_path / "p.npz", world.named(**world.matches())), world.root)
-
-
-@LINUX
-def test_clouds_of_strangers_in_a_folder(tmp_path: Path) -> None:
+def test_matches_and_clouds_of_strangers(tmp_path: Path) -> None:
+    hills = make_matching(tmp_path / "hills")
+    alike(hills.write(tmp_path / "p.npz", hills.named(**hills.matches())), hills.root)
     world = make_world(tmp_path / "data")
     clouds = predict_clouds(world, tmp_path / "p", {"lot": true_points("lot")}, cameras=False)
     alike(clouds, world.root, keep=True)

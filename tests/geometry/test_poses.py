@@ -150,16 +150,6 @@ def test_convergence_is_taken_from_yaw() -> None:
 
 
 @quick
-@given(angles, st.floats(-90, 90), angles)
-def test_against_scipy(yaw: float, pitch: float, roll: float) -> None:
-    to_ned = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()
-    from_enu = np.array(((0, 1, 0), (1, 0, 0), (0, 0, -1)))
-    to_camera = np.array(((0, 1, 0), (0, 0, 1), (1, 0, 0)))  # forward-right-down, renamed
-    found = angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0)
-    np.testing.assert_allclose(found, to_camera @ to_ned.T @ from_enu, rtol=0, atol=1e-15)
-
-
-@quick
 @given(st.floats(-180, 179.9), st.floats(-89.9, 89.9), st.floats(-179.9, 179.9), angles)
 def test_angles_come_back(yaw: float, pitch: float, roll: float, convergence: float) -> None:
     rotation = angles_to_rotations(yaw, pitch, roll, convergence_deg=convergence)

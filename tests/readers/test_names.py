@@ -72,11 +72,6 @@ def test_names_with_other_separators_name_scenes_too():
     assert known.find("photos/b/c.jpg") == "s-1/b-c"
 
 
-def test_two_names_of_one_image_are_refused():
-    with pytest.raises(PredictionError, match=r"'g\.JPG' and 'x/g\.jpg' are both city/g"):
-        NAMES.find_all(["g.JPG", "x/g.jpg"], Path("list.txt"))
-
-
 def test_names_of_nothing_are_refused():
     with pytest.raises(PredictionError, match="none of its names is that of a query"):
         NAMES.find_all(["x", "y"], Path("list.txt"))
