@@ -63,11 +63,6 @@ def test_another_protocol_s_settings_are_all_named(data: Path, scenes: list[Made
     benchmark.check_fits(RetrievalProtocol.model_validate(values))
 
 
-def test_a_table_without_truth(tmp_path: Path) -> None:
-    with pytest.raises(BenchmarkError, match="no truth here"):
-        read_table(tmp_path / "none.csv", ("id",))
-
-
 def test_ids_stay_text(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("id,image,weather\n01/007,nan,\n01/null,NA,rain\n")
     table = read_table(tmp_path / "a.csv", ("id", "image"))

@@ -23,12 +23,8 @@ from airzoo_bench.protocol.model import (
 )
 
 
-def base() -> dict[str, Any]:
-    return tomllib.loads(shipped_protocols()["photos-retrieval"].read_text())
-
-
 def written(path: Path, edit: Callable[[dict[str, Any]], object]) -> Path:
-    values = base()
+    values = tomllib.loads(shipped_protocols()["photos-retrieval"].read_text())
     edit(values)
     path.write_text(tomli_w.dumps(values))
     return path

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 from rasterio import Affine
 
-from airzoo_bench.core.errors import RasterError
 from airzoo_bench.core.progress import silent
 from airzoo_bench.datasets.content import make_content
 from airzoo_bench.datasets.folder import summary_of
@@ -113,16 +111,11 @@ def test_what_is_suspect_is_named(case, place, tmp_path):
     assert {code for code, _ in scene_warnings(facts)} == set(codes.split())
 
 
-def test_a_map_elsewhere_and_a_missing_surface_model_are_named(
-    place: Place, tmp_path: Path
-) -> None:
+def test_a_missing_surface_model_is_named(place: Place, tmp_path: Path) -> None:
     chosen = PhotoOptions("park", place.images, place.poses, place.dom, plane_height=100.0)
     protocols = PHOTOS.benchmark_protocols(chosen, tmp_path)
     content = make_content(PHOTOS.read(chosen, "park", silent), protocols)
     assert "--dsm" in summary_of(content, protocols).without_truth["matching"]
-    map_at((MAP_SIZE_M,) * 2, 200_000, 0, place)
-    with pytest.raises(RasterError, match=r"dom\.tif: .*EPSG:32633.*km from the cameras"):
-        make_content(PHOTOS.read(replace(chosen, dsm=place.dsm), "park", silent), protocols)
 
 
 def test_a_warning_is_printed_with_its_code(place, tmp_path, capsys, monkeypatch):

@@ -92,19 +92,9 @@ def test_anchor_pixels_in_order() -> None:
     assert anchor_pixels(camera, inset=0.0).tolist() == [[[0, 0], [160, 0], [160, 80], [0, 80]]]
 
 
-@pytest.mark.parametrize(
-    ("entry", "value", "message"),
-    [
-        ((0, 0), np.nan, "NaN or infinite"),
-        ((1, 1), -5.0, "no positive focal length"),
-        ((0, 2), 1e200, "an entry above"),
-        ((0, 1), 0.5, "skew"),
-        ((2, 2), 2.0, "last row"),
-    ],
-)
-def test_matrices_that_are_none(entry: tuple[int, int], value: float, message: str) -> None:
+def test_matrices_that_are_none_are_counted() -> None:
+    """What else is refused is in tests/goldens/refusals.txt."""
     matrices = np.tile(K, (6, 1, 1))
-    matrices[1:5, entry[0], entry[1]] = value
-    with pytest.raises(CameraError, match=message) as caught:
+    matrices[1:5, 0, 0] = np.nan
+    with pytest.raises(CameraError, match=r"4 of 6 \(first 3: b, c, d\)"):
         Cameras.from_matrices(matrices, 10, 10, names=list("abcdef"))
-    assert "4 of 6 (first 3: b, c, d)" in str(caught.value)

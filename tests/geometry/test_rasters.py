@@ -12,7 +12,7 @@ from rasterio import Affine
 from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning
 
-from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.datasets.folder import copy_map
 from airzoo_bench.geometry.rasters import (
     RasterInfo,
@@ -39,14 +39,6 @@ def test_grid_agrees_with_rasterio(tmp_path: Path) -> None:
             centre = pixel_to_world(transform, (column + 0.5, row + 0.5))
             np.testing.assert_allclose(centre, dataset.xy(row, column), rtol=0, atol=1e-9)
             assert dataset.index(*centre) == (row, column)
-
-
-@pytest.mark.parametrize("profile", [{"crs": None}, {"transform": Affine(1, 2, 9, 1, 2, 9)}])
-@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_files_without_georeference(tmp_path: Path, profile: dict) -> None:
-    path = write_tif(tmp_path / "a.tif", GREY, **profile)
-    with pytest.raises(RasterError, match=r"a\.tif: no georeference"):
-        open_info(path)
 
 
 def test_gsd_is_true_ground(tmp_path: Path) -> None:
