@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from airzoo_bench.cli.common import Format, Text, Texts, examples, option, progress, put, say, show
-from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError
+from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
 from airzoo_bench.core.files import data_root
 from airzoo_bench.evaluation.predictions import ReadRequest, open_predictions
 from airzoo_bench.evaluation.track import Run
@@ -19,13 +19,9 @@ from airzoo_bench.leaderboard.checks import FETCHING_S, check_submission
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 from airzoo_bench.tables.layouts import scenes_table
 
-PANELS = {
-    "Questions": (
-        *("protocol", "method", "team", "contact", "author", "licence", "training_data", "stages"),
-    ),
-    "More": ("more", "url", "reader"),
-    "Board": ("board", "force", "commit"),
-}
+_ASKED = ("protocol", "method", "team", "contact", "author", "licence", "training_data", "stages")
+PANELS = {"Questions": _ASKED, "More": ("more", "url", "reader")}
+PANELS |= {"Board": ("board", "force", "commit")}
 
 app = typer.Typer(help="Check a submission to a board.", no_args_is_help=True)
 
@@ -65,12 +61,17 @@ def submit(
         with suppress(UserError):  # it is asked for
             request = ReadRequest(reader)
             protocol = open_predictions(predictions, data=data, request=request).protocol.name
-    given: dict[str, Any] = {"protocol": protocol, "method": method, "team": team}
-    given |= {"contact": contact, "authors": author, "licence": licence}
+    given = {"account": submitting.gh_account(), "protocol": protocol, "method": method}
+    given |= {"team": team, "contact": contact, "authors": author, "licence": licence}
     given |= {"training_data": training_data, "stages": stages}
-    values = submitting.ask_missing(given, more or ())
-    values = {"account": submitting.gh_account() if commit else None} | values
+    values = submitting.merge_options(given, more or ())
+    submitting.ask_missing(values, ("protocol", "method", "account"))
     place = submitting.find_place(values["protocol"], values["method"], rules, data)
+    branch = "-".join(("submit", *place))
+    if commit:
+        submitting.switch_branch(root, branch, rules.branch)
+    submitting.check_owner(root, place, values["account"], replace=force)
+    submitting.ask_missing(values, given)
     folder, values["predictions"] = root / place.path, {"url": url, "reader": reader}
     submitting.write_submission(folder, values, predictions, rules.limits, replace=force)
     put(f"{folder}\n")
@@ -79,7 +80,7 @@ def submit(
         raise typer.Exit(1)
     if commit:
         title = f"{values['method']} on {place.benchmark}, {place.track}"
-        for step in submitting.open_pull_request(root, place, title):
+        for step in submitting.open_pull_request(root, place, branch, title):
             put(f"{step}\n")
 
 
@@ -119,5 +120,5 @@ def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     for line in (*(f"{folder}: {one}" for one in checked.warnings), *checked.errors):
         say(str(line))
     if not checked.errors:
-        put(f"{folder}: {done}, nothing wrong was found\n")
+        put(f"{folder}: {done}, no error, {counted(len(checked.warnings), 'warning')}\n")
     return not checked.errors

@@ -24,7 +24,7 @@ from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.leaderboard import submission
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
-from airzoo_bench.results.comparison import make_sample, score_intervals
+from airzoo_bench.results.comparison import make_sample, notes_of, score_intervals
 from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, read_result
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -184,7 +184,7 @@ def measure(run: Path, tree: str) -> Answer:
         version=result.versions["airzoo-bench"],
         head=head_of(result),
         columns=result.columns,
-        row=row.model_copy(update={"notes": result.notes, "conditions": by_condition}),
+        row=row.model_copy(update={"notes": notes_of(result), "conditions": by_condition}),
         floors=tuple(floors),
         about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
         conditions=conditions,

@@ -149,6 +149,8 @@ def _check_claims(
     """Yield names that readers would take for another's, and notes on claims for the reviewer."""
     ignored = (key for key in rules.EARLIER_KEYS if key in given.model_fields_set)
     yield from (f"key '{key}' is ignored" for key in ignored)
+    if given.account is None:
+        yield "key 'account' is missing: CI takes this from maintainers only; write account = ID"
     others = {at: one for at, one in known.items() if at != place}
     for at, one in others.items():
         is_rival, whose = at[:2] == place[:2], f"of team {one.team!r}, in {at.path}"

@@ -178,9 +178,8 @@ def fetch_changed(
     if len({repository.resolve(f"{commit}:submissions") for commit in (pull.head, base)}) == 1:
         return None  # its other changes are none of a board's business
     place = _find_place(repository, base, pull.head)
-    then, at_head, at_base = (
-        repository.resolve(f"{at}:{place.path}") for at in (base, pull.head, _BASE)
-    )
+    trees = [repository.resolve(f"{at}:{place.path}") for at in (base, pull.head, _BASE)]
+    then, at_head, at_base = trees
     owner = find_owner(place) if at_base is None else _find_owner(repository, place)
     is_new = at_base is None and owner is None
     if pull.account not in (owner, *board.maintainers) and not is_new:

@@ -21,10 +21,11 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import atomic_folder, check_new_folder
 from airzoo_bench.core.version import __version__
 from airzoo_bench.leaderboard.answers import Entry, read_entries
-from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.board import BOARD_FILE, Board
 from airzoo_bench.leaderboard.pictures import read_pictures
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
@@ -68,7 +69,9 @@ def board_json(entries: Sequence[Entry], board: Board, data: Path, cache: Path) 
     tables = {}
     for benchmark in board.benchmarks:
         for name in benchmark.protocols:
-            made = make_table(find_protocol(name, data), benchmark.title, entries, cache)
+            if (protocol := find_protocol(name, data)).benchmark != benchmark.name:
+                raise SubmissionError(f"{name} is not of {benchmark.name}", where=BOARD_FILE)
+            made = make_table(protocol, benchmark.title, entries, cache)
             tables[name] = json.loads(made.model_dump_json())
             for row in tables[name]["rows"]:
                 row["bibtex"] = bibtex(row, board.title)

@@ -49,10 +49,8 @@ class Rules:
 
     def is_current(self, head: answers.Head) -> bool:
         """Whether an answer is by the present protocol and truth."""
-        protocol, is_sealed = (
-            find_protocol(head.protocol, self.data),
-            head.benchmark in self.board.archives,
-        )
+        protocol = find_protocol(head.protocol, self.data)
+        is_sealed = head.benchmark in self.board.archives
         stated = (head.protocol_version, head.protocol_fingerprint, head.sealed)
         if stated != (protocol.version, protocol.fingerprint, is_sealed):
             return False
@@ -230,11 +228,8 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     if before is not None and before.tree == tree and (sealed or counts):
         return "" if counts else "not scored again by another truth: commit it again to try"
     # Which of two alike came first: the one that has a run.
-    known = {
-        at: one
-        for at, one in known_submissions(rules.root).items()
-        if at == place or run_folders(out / at.runs)
-    }
+    every = known_submissions(rules.root).items()
+    known = {at: one for at, one in every if at == place or run_folders(out / at.runs)}
     checked, run = rules.check(folder, known), answers.next_run(out / place.runs)
     given = checked.sound
     if sealed:

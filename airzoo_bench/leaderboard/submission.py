@@ -123,8 +123,9 @@ QUESTIONS = {
     "authors": ("Authors of the method, in their order.", "Ada Example, Grace Example"),
     "licence": ("Under which others may use these predictions, an id of SPDX.", "CC-BY-4.0"),
     "training_data": ("Ids of all datasets that weights were trained on, or none.", "gsv-cities"),
-    "stages": ("Whether a second method re-orders or refines the answer.", "single-stage"),
-    "contact": ("Where the maintainers reach you; this file is public.", "first.last@example.org"),
+    "stages": ("Whether a second method refines the answer.", "single-stage or re-ranked"),
+    "contact": ("Public: a mail address, https://... or @account.", "first.last@example.org"),
+    "account": ("Id of your GitHub account: https://api.github.com/users/NAME shows it.", "1001"),
 }
 
 

@@ -10,7 +10,7 @@ import stat
 import subprocess
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,10 @@ import typer
 from pydantic import TypeAdapter, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, UsageError
-from airzoo_bench.core.files import atomic_folder, sha256_of_tree
+from airzoo_bench.core.files import atomic_folder, check_new_folder, sha256_of_tree
 from airzoo_bench.core.validation import SAFE_NAME, nearest, validated
 from airzoo_bench.leaderboard import submission as rules
-from airzoo_bench.leaderboard.board import Board, Limits, Place
+from airzoo_bench.leaderboard.board import Board, Limits, Place, known_submissions
 from airzoo_bench.leaderboard.checks import check_listing, size_of_tree
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission
 from airzoo_bench.protocol.model import find_protocol
@@ -29,20 +29,9 @@ from airzoo_bench.protocol.model import find_protocol
 _LISTS = ("authors", "training_data")
 
 
-def ask_missing(given: Mapping[str, Any], more: Sequence[str]) -> dict[str, Any]:
-    """Return the keys of submission.toml, once the missing ones were asked for.
-
-    `given` is by key, None where an option is missing; `more` are further keys, such as
-    ``paper=https://...``.
-    """
-    missing = [key for key, value in given.items() if value is None]
-    if missing and not (sys.stdin.isatty() and sys.stderr.isatty()):
-        names = [f"--{key.replace('_', '-').replace('authors', 'author')}" for key in missing]
-        fix = "add these options, or call it on a terminal, where it asks"
-        raise UsageError(f"missing: {', '.join(names)}", fix=fix)
-    values = dict(given) | {key: _ask(key) for key in missing}
-    values |= {key: [] if [*values[key]] == ["none"] else [*values[key]] for key in _LISTS}
-    values |= {"pipeline": {"stages": values.pop("stages")}, "date": datetime.date.today()}
+def merge_options(given: Mapping[str, Any], more: Sequence[str]) -> dict[str, Any]:
+    """Return the keys of submission.toml, given and further ones, such as ``paper=https://...``."""
+    values = dict(given) | {"date": datetime.date.today()}
     for text in more:
         name, _, value = text.partition("=")
         try:
@@ -51,6 +40,16 @@ def ask_missing(given: Mapping[str, Any], more: Sequence[str]) -> dict[str, Any]
             found = value
         values[name] = values.get(name, {}) | found if isinstance(found, dict) else found
     return values
+
+
+def ask_missing(values: dict[str, Any], keys: Iterable[str]) -> None:
+    """Ask for the keys that are missing; where nobody can be asked, only the account may be."""
+    missing = [key for key, value in values.items() if value is None]
+    if sys.stdin.isatty() and sys.stderr.isatty():
+        values |= {key: _ask(key) for key in missing if key in keys}
+    elif names := [f"--{key.replace('_', '-')}" for key in missing if key != "account"]:
+        fix = "add these options, or call it on a terminal, where it asks"
+        raise UsageError(f"missing: {', '.join(names).replace('authors', 'author')}", fix=fix)
 
 
 def _ask(key: str) -> Any:
@@ -73,12 +72,20 @@ def find_place(protocol: str, method: str, board: Board, data: Path) -> Place:
     """Return the place of a submission on a board, in a folder named after its method."""
     if protocol not in board.protocols:
         what = f"this board does not score by {protocol!r}{nearest(protocol, board.protocols)}"
-        expected = f"one of {', '.join(board.protocols)}"
-        raise UsageError(what, where="--protocol", expected=expected)
+        raise UsageError(what, where="--protocol", expected=f"one of {', '.join(board.protocols)}")
     name = re.sub(r"[^a-z0-9]+", "-", method.casefold()).strip("-")[:64]
     name = name or f"method-{hashlib.sha256(method.encode()).hexdigest()[:8]}"
     chosen = find_protocol(protocol, data)
     return Place(chosen.benchmark, chosen.track, name)
+
+
+def check_owner(root: Path, place: Place, account: int | None, *, replace: bool) -> None:
+    """Refuse the folder of another account, and, unless `replace`, one that is there already."""
+    there = known_submissions(root).get(place)
+    if there and there.account not in (None, account):
+        what = f"belongs to team {there.team!r}, account {there.account}, not to {account}"
+        raise UsageError(what, where=place.path, fix="choose another name by --method")
+    check_new_folder(root / place.path, replace=replace, mark=SUBMISSION_FILE)
 
 
 def write_submission(
@@ -96,6 +103,8 @@ def write_submission(
     given = {"sha256": sha256_of_tree(predictions), "bytes": size, **values["predictions"]}
     given |= {} if url else {"file": name}
     keys, path = {**values, "schema": 1, "predictions": given}, folder / SUBMISSION_FILE
+    keys |= {key: [] if [*keys[key]] == ["none"] else [*keys[key]] for key in _LISTS}
+    keys["pipeline"] = {"stages": keys.pop("stages")} | keys.get("pipeline", {})
     stated = validated(keys, Submission, SubmissionError, path, "option of that name")
     with atomic_folder(folder, replace=replace, mark=SUBMISSION_FILE) as staged:
         if url is None and predictions.is_dir():
@@ -115,17 +124,22 @@ def gh_account() -> int | None:
     return int(said) if said and said.strip().isdecimal() else None
 
 
-def open_pull_request(root: Path, place: Place, title: str) -> list[str]:
-    """Commit the folder on a branch of its own and open a pull request; return the steps left."""
-    branch, push = f"submit-{place.folder}", ["gh", "pr", "create", "--fill"]
-    steps = [f"git push -u origin {branch}", " ".join(push)]
+def switch_branch(root: Path, branch: str, base: str) -> None:
+    """Begin a branch anew from the board's own, whatever is checked out."""
+    if _run(root, "git", "switch", "--quiet", "--no-track", "-C", branch, base) is None:
+        fix = "commit or stash what is changed in this clone, or add --no-commit"
+        raise UsageError(f"git cannot begin {branch} from {base}", where=root, fix=fix)
+
+
+def open_pull_request(root: Path, place: Place, branch: str, title: str) -> list[str]:
+    """Commit the folder on the branch and open a pull request; return the steps left."""
+    steps = [f"git push --force -u origin {branch}", "gh pr create --fill"]
     commit = ("commit", "--quiet", "-m", title, "--", place.path)
-    calls = (("switch", "--quiet", "-C", branch), ("add", "--", place.path), commit)
-    if any(_run(root, "git", *words) is None for words in calls):
-        return [f"git switch -C {branch}", f"git add {place.path}", "git commit", *steps]
+    if any(_run(root, "git", *words) is None for words in (("add", "--", place.path), commit)):
+        return [f"git add {place.path}", "git commit", *steps]
     if shutil.which("gh") is None or not sys.stdin.isatty():
         return steps
-    done = subprocess.run([*push, "--title", title], cwd=root, check=False)
+    done = subprocess.run([*steps[1].split(), "--title", title], cwd=root, check=False)
     return steps if done.returncode else []
 
 

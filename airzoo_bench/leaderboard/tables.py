@@ -179,7 +179,7 @@ def _rank(
     near = ((p_values[best] > significance.LEVEL) | (values == values[best])) & np.isfinite(values)
     ranges = significance.rank_ranges(values, corrected, higher_is_better=column.higher_is_better)
     for n, (one, rank, is_near) in enumerate(zip(members, ranges.tolist(), near, strict=True)):
-        update = {"rank": tuple(rank), "near_best": bool(is_near)}
+        update = {"rank": tuple(rank), "near_best": bool(is_near) and len(members) > 1}
         score = one.row.scores.get(column.key, Score()).model_copy(update=update)
         row = one.row.model_copy(update={"scores": one.row.scores | {column.key: score}})
         members[n] = one._replace(row=row)

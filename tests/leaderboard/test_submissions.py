@@ -232,6 +232,7 @@ CLAIMS: list[tuple[str, dict[str, Any], str]] = [
     ("note", {"team": "Other"}, "'SALAD' is on this board already, of team 'Example Lab'"),
     ("note", {"team": "Other", "method": "Net (official)"}, "says that it is official"),
     ("note", {"method": "Newer"}, "'supersedes' is ignored"),
+    ("note", {"method": "Newer", "account": None}, "'account' is missing"),
 ]
 
 
@@ -281,19 +282,14 @@ def preds(tmp_path: Path, root: Path, perfect: Any, monkeypatch: pytest.MonkeyPa
 
 def test_one_command_makes_a_branch_with_the_checked_folder(board: Board, preds: Path) -> None:
     fork = board.clone("ada")
-    more = (
-        "--board",
-        fork,
-        "--set",
-        'pipeline.uses=["prior"]',
-        "--set",
-        "code=https://example.org/salad",
-    )
-    made = world.run("submit", preds, *OPTIONS, *more)
-    steps = ["git push -u origin submit-salad", "gh pr create --fill"]
-    assert made.stdout.splitlines()[-2:] == steps
-    changed = world.git(fork, "show", "--name-only", "--format=", "submit-salad").splitlines()
-    assert changed == [f"{FOLDER}/{name}" for name in ("preds.npz", "submission.toml")]
+    more = ("--board", fork, "--set", 'pipeline.uses=["prior"]', "--set", "code=https://a.org/b")
+    for name in ("vinegar", "salad"):  # the second begins at the board's branch too
+        made = world.run("submit", preds, *OPTIONS, *more, "--method", name)
+        branch = f"submit-made-retrieval-{name}"
+        steps = [f"git push --force -u origin {branch}", "gh pr create --fill"]
+        assert made.stdout.splitlines()[-2:] == steps
+        changed = world.git(fork, "diff", "--name-only", "main", branch).splitlines()
+        assert changed == [f"{HOME}/{name}/{file}" for file in ("preds.npz", "submission.toml")]
     stated = read_submission(fork / FOLDER / "submission.toml")
     assert (stated.protocol, stated.account, stated.pipeline.uses) == (PROTOCOL, ADA, ("prior",))
 
@@ -316,21 +312,28 @@ def test_wrong_options_write_nothing_and_a_version_is_replaced_only_by_force(
     stated = read_submission(path).predictions
     assert (stated.url, stated.size) == ("https://example.org/preds.npz", preds.stat().st_size)
     assert "--force" in str(world.run("submit", preds, *whole, code=1).exception)
+    theirs = (*whole, "--force", "--set", "account=7")
+    assert f"account {ADA}" in str(world.run("submit", preds, *theirs, code=1).exception)
     world.run("submit", preds, *whole, "--force", "--set", "summary=Newer")
     assert read_submission(path).summary == "Newer"
 
 
-def test_eight_questions_at_most_on_a_terminal(
+def test_nine_questions_at_most_on_a_terminal(
     root: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     terminal = SimpleNamespace(isatty=lambda: True)
     streams = SimpleNamespace(stdin=terminal, stderr=terminal)
     monkeypatch.setattr("airzoo_bench.leaderboard.submitting.sys", streams)
+    monkeypatch.setattr("airzoo_bench.leaderboard.submitting.gh_account", lambda: None)
     given = ("SALAD", "Example Lab", "nobody", "ada@example.org", "Ada Example, Grace Example")
-    answers = "\n".join((*given, "CC-BY-4.0", "none", "single-stage", ""))
+    answers = "\n".join(("1001", *given, "CC-BY-4.0", "none", "single-stage", ""))
     made = CliRunner().invoke(app, ["submit", str(preds), "--no-commit"], input=answers)
     assert made.exit_code == 0, made.output
     assert "'nobody'" in made.output  # asked again
     stated = read_submission(root / FOLDER / "submission.toml")
     assert (stated.method, stated.authors) == ("SALAD", ("Ada Example", "Grace Example"))
     assert (stated.training_data, stated.pipeline.stages) == ((), "single-stage")
+    assert stated.account == ADA
+    # The folder is looked at before further questions.
+    again = CliRunner().invoke(app, ["submit", str(preds), "--no-commit"], input="1001\nSALAD\n")
+    assert "--force" in str(again.exception)

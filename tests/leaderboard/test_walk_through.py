@@ -39,6 +39,7 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     board.merge(1, head)
     site = world.files_of(board.build(said="scored"))
     assert b"Salad" in site["index.html"]
+    assert b'"near_best":true' not in site["board.json"]  # of one method alone
     assert not [name for name, content in site.items() if b"ada@example.org" in content]
     assert "contact" not in board.data_file(f"{SALAD}/1/submission.toml")
 
