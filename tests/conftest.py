@@ -35,7 +35,6 @@ LONGEST = (
     "reconstruction/test_track.py",
     "leaderboard/test_walk_through.py",
     "matching/test_baseline.py",
-    "cli/test_check_command.py",
     "retrieval/test_ranking.py",
     "engines/test_engines.py",
 )

@@ -54,13 +54,9 @@ def audited(rows: Rows, counts: Mapping[str, int] | None = None) -> Audit:
     return audit(published(rows), counts)
 
 
-def told(found: Audit, check: str | None = None) -> list[tuple[str, str, str, str]]:
+def told(found: Audit) -> list[tuple[str, str, str, str]]:
     """Return grade, check, method and score of the findings."""
-    return [
-        (f.grade.value, f.check, f.cell.method, f.cell.metric)
-        for f in found.findings
-        if check in (None, f.check)
-    ]
+    return [(f.grade.value, f.check, f.cell.method, f.cell.metric) for f in found.findings]
 
 
 # --- honest tables ---

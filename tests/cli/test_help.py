@@ -60,23 +60,6 @@ def test_a_common_option_means_the_same_everywhere() -> None:
     assert {name: len(said[name]) for name in COMMON} == dict.fromkeys(COMMON, 1)
 
 
-NEAR = {
-    "evl retrieval": "did you mean 'eval'",
-    "eval retreival p.npz": "did you mean 'retrieval'",
-    "plot recal r.json -o a.png": "did you mean 'recall'",
-    "prepare UAV_VisLoc": "did you mean 'uav-visloc'",
-    "leaderboard biuld": "did you mean 'build'",
-    "table --layuot scenes": "--layout",
-    "eval p.npz": "eval retrieval p.npz",
-}
-
-
-def test_a_mistyped_name_is_answered_with_the_near_one(capsys: pytest.CaptureFixture[str]) -> None:
-    for call, near in NEAR.items():
-        assert run_main(*call.split()) == 2
-        assert near in capsys.readouterr().err.replace("Did", "did"), call
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_fits_80_columns(
     name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -1,4 +1,4 @@
-"""``prepare``: mistyped names, other options, full disks, poses the wrong way, the real scene."""
+"""``prepare``: mistyped names, other options, poses the wrong way, the real scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from airzoo_bench.geometry.crs import geodesic_distance_m
 from airzoo_bench.results.result import read_result
 from airzoo_bench.retrieval.truth import read_truth
 from tests.goldens.run import unpack
-from tests.support import files_below, make_place, run_main
+from tests.support import make_place, run_main
 
 
 def test_a_mistyped_scene_is_named_and_other_options_or_files_do_not_replace_a_folder(
@@ -37,21 +37,6 @@ def test_a_mistyped_scene_is_named_and_other_options_or_files_do_not_replace_a_f
     (source / "09").rename(source.parent / "aside")
     assert f"there is no scene '09' below {source}" in prepare(2, "--scene", "09")
     assert "uav-visloc-partial" in prepare(0, "--force")
-
-
-def test_stopping_leaves_nothing_half_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def stop(*arguments: object) -> None:
-        raise KeyboardInterrupt
-
-    place = make_place(tmp_path / "sources")
-    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
-    monkeypatch.setattr("airzoo_bench.datasets.folder.write_benchmark_file", stop)
-    before = files_below(tmp_path / "sources")
-    assert run_main(*place.arguments()) == 130
-    assert files_below(tmp_path / "sources") == before
-    assert files_below(tmp_path / "data") == set()
 
 
 def test_camera_to_world_poses_of_oblique_photos_are_noticed(

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.results.records import Method
-from airzoo_bench.results.result import ScoreColumn
+from airzoo_bench.results.result import ScoreColumn, write_result
 from tests.statistics import support
 from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, write_method
 from tests.support import run_main
@@ -193,9 +193,24 @@ WRONG = {
     "breakdown 0 --by altitud": "did you mean 'altitude_m'",
     "breakdown 0 --by weather --bins 1": "--bins",
     "breakdown 0 --by altitude_m --bins 9,5": "--bins",
+    "breakdown 0 --by altitude_m --bins 5,5": "--bins",
+    "breakdown 0 --by altitude_m --bins nan": "--bins",
     "compare 0 other": "protocol",
     "breakdown 0 other --by scene": "protocol",
     "table 0 other --layout methods": "layout methods",
+    "table 0 1 --layout result": "layout result",
+    "table 0 1 --layout scenes --scene East": "--scene",
+    "table 0 1 --baseline weak_1": "did you mean 'weak_1 & co'",
+    "table 0 1 --highlight x": "--highlight",
+    "table 0 --cite none.toml": "none.toml: no such file",
+    "table 0 --score R@2": "did you mean 'R@1'",
+    "table 0 1 --scene Sea": "one of east, west",
+    "table alone.json --intervals": "records",
+    "plot errors 0 --score R@1 -o x.png": "no error",
+    "plot condition 0 --by wether -o x.png": "'weather'",
+    "plot thresholds 0 -o x.png": "no precision over distance",
+    "plot condition 0 --by weather --width wide -o x.png": "no width",
+    "plot condition 0 --by weather -o x.gif": "cannot be written as .gif",
     "plot condition 0 other --by scene -o x.png": "protocol",
 }
 
@@ -209,5 +224,7 @@ def test_wrong_calls(
     used = other.result.protocol.model_copy(update={"name": "another"})
     result = other.result.model_copy(update={"protocol": used}).with_checksum()
     write_method(tmp_path / "other", Method("other", result, other.records))
+    write_result(tmp_path / "alone.json", result)
     for call, named in WRONG.items():
         assert named in run(*call.split(), code=2), call
+    assert not list(tmp_path.glob("x.*"))

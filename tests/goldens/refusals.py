@@ -1,4 +1,4 @@
-"""Bad inputs of ``refusals.txt``: sound ones that a recipe spoils, and a command that refuses them.
+"""Bad inputs of ``refusals.txt``: sound ones that a recipe spoils; a command refuses or notes it.
 
 A line is ``name | recipe | command | exit code and names`` (recipes.py). Names are what the message
 must hold, however it is worded or wrapped.

@@ -177,13 +177,7 @@ def test_every_kind_is_drawn_by_the_command(tmp_path: Path, ask: tuple[object, .
 @pytest.mark.parametrize(
     ("ask", "said"),
     [
-        (("thresholds", "-o", "x.png"), "no precision over distance"),
-        (("recall", "-o", "x.gif"), "cannot be written as .gif"),
         (("recall", "--up-to", 9, "-o", "x.png"), "keeps 5 ranks"),
-        (("condition", "--by", "wether", "-o", "x.png"), "'weather'"),
-        (("errors", "--score", "R@1", "-o", "x.png"), "no error"),
-        (("recal", "-o", "x.png"), "did you mean 'recall'"),
-        (("recall", "--width", "wide", "-o", "x.png"), "no width"),
         (("map", "--scene", "eats", "-o", "x.png"), "no scene 'eats'"),
     ],
 )

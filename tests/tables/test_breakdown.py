@@ -84,19 +84,6 @@ def test_labels_are_all_different(values: list[object], labels: list[str]) -> No
     assert set(found) == set(labels)
 
 
-@pytest.mark.parametrize(
-    ("by", "bins", "said"),
-    [
-        ("altitud_m", None, "did you mean 'altitude_m'"),
-        ("weather", [1.0], "no number"),
-        *(("altitude_m", bins, "ascend") for bins in ([100.0, 50.0], [50.0, 50.0], [NAN], [])),
-    ],
-)
-def test_what_bad_groups_get(by: str, bins: list[float] | None, said: str) -> None:
-    with pytest.raises(UsageError, match=said):
-        group_records(RECORDS, by, bins)
-
-
 @given(
     st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=2, max_size=50),
     st.integers(2, 9),

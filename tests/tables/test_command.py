@@ -182,30 +182,6 @@ def test_a_document_with_everything(files: list[Path], tmp_path: Path, capsys: A
     assert "% † reported, not re-scored: airzoo-paper" in source
 
 
-@pytest.mark.parametrize(
-    ("options", "fragments"),
-    [
-        (["--layout", "result"], ["layout result"]),
-        (["--layout", "scenes", "--scene", "City"], ["layout scenes", "--scene"]),
-        (["--baseline", "Megaloc"], ["--baseline", "'Megaloc' (did you mean 'MegaLoc'?)"]),
-        (["--highlight", "x"], ["--highlight", "'x'", "Mine, MegaLoc"]),
-        (["--cite", "none.toml"], ["none.toml: no such file of citations"]),
-        (["--score", "R@2"], ["called 'R@2' (did you mean 'R@1'", "one of: R@1"]),
-        (["--scene", "Sea"], ["no scene 'Sea'", "one of City, Rural"]),
-        (["--intervals"], ["records"]),
-    ],
-)  # fmt: skip
-def test_what_is_refused(
-    options: list[str], fragments: list[str], files: list[Path], capsys: Any
-) -> None:
-    assert run_main("table", *files, *options) == 2
-    out, message = capsys.readouterr()
-    assert out == ""
-    assert "Traceback" not in message
-    for fragment in fragments:
-        assert fragment in message
-
-
 def test_intervals(data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: Any) -> None:
     perfect["ranked_ids"][0] = list(reversed(perfect["ranked_ids"][0]))
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
