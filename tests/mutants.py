@@ -20,7 +20,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "airzoo_bench"
@@ -33,11 +33,8 @@ SWAPS = {
 }
 
 
-class Mutant(NamedTuple):
-    """The n-th place of a file that can be changed."""
-
-    path: Path
-    number: int
+Mutant = tuple[Path, int]
+"""A file, and which of its places that can be changed is changed."""
 
 
 def places(node: ast.AST) -> Iterator[ast.AST]:
@@ -72,7 +69,7 @@ def all_mutants(rooms: list[str]) -> list[Mutant]:
         room = path.relative_to(PACKAGE).parts[0]
         if not rooms or room in rooms:
             count = len(list(places(ast.parse(path.read_text("utf-8")))))
-            found += [Mutant(path.relative_to(ROOT), number) for number in range(count)]
+            found += [(path.relative_to(ROOT), number) for number in range(count)]
     return found
 
 
@@ -89,16 +86,17 @@ def tests_of(path: Path) -> list[str]:
 
 def is_killed(mutant: Mutant, copy: Path) -> tuple[bool, str]:
     """Return whether a test fails on a mutant, and what the changed line was."""
-    target, source = copy / mutant.path, (ROOT / mutant.path).read_text("utf-8")
+    path, number = mutant
+    target, source = copy / path, (ROOT / path).read_text("utf-8")
     tree = ast.parse(source)
-    node: Any = list(places(tree))[mutant.number]
+    node: Any = list(places(tree))[number]
     before = ast.unparse(node)
     for name, value in changes_of(node).items():
         setattr(node, name, value)
-    text = f"{mutant.path}:{node.lineno}: {before} -> {ast.unparse(node)}"
+    text = f"{path}:{node.lineno}: {before} -> {ast.unparse(node)}"
     target.write_text(ast.unparse(tree), "utf-8")
     options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants"]
-    command = [sys.executable, "-m", "pytest", *options, *tests_of(mutant.path)]
+    command = [sys.executable, "-m", "pytest", *options, *tests_of(path)]
     env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
@@ -124,9 +122,9 @@ def main() -> None:
         shutil.copytree(ROOT, copy, symlinks=True, ignore=ignored)
         for mutant in chosen:
             dead, text = is_killed(mutant, copy)
-            killed[mutant.path.parts[1]] += dead
+            killed[mutant[0].parts[1]] += dead
             print("killed  " if dead else "SURVIVED", text, flush=True)  # noqa: T201
-    tried = Counter(mutant.path.parts[1] for mutant in chosen)
+    tried = Counter(path.parts[1] for path, _ in chosen)
     rows = [f"{room}: {killed[room]} of {count} killed" for room, count in sorted(tried.items())]
     print(*rows, f"{killed.total()} of {len(chosen)} killed", sep="\n")  # noqa: T201
 

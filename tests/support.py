@@ -261,7 +261,7 @@ def write_raster(
     *,
     crs: str | None = PLACE_CRS,
     transform: Any = None,
-    nodata: float | None = None,
+    **more: Any,
 ) -> Path:
     """Write bands (B, H, W) as GeoTIFF, by default with a pixel a metre from `NORTH_WEST`."""
     import rasterio
@@ -282,7 +282,7 @@ def write_raster(
             dtype=bands.dtype,
             crs=crs,
             transform=transform,
-            nodata=nodata,
+            **more,
         ) as dataset:
             dataset.write(bands)
     return path

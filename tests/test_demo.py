@@ -33,7 +33,7 @@ from airzoo_bench.datasets.mini.renderer import FrameList, default_camera, rende
 from airzoo_bench.datasets.mini.world import CRS, World, save_world
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
-from tests.support import run_main
+from tests.support import run_main, write_raster
 
 NAME = "airzoo-demo"
 SEED = 0
@@ -90,16 +90,12 @@ def _write(path: Path, pixels: NDArray[Any], world: World) -> None:
     edge = round(EDGE_M / step)
     pixels = pixels[edge:-edge, edge:-edge]
     bands = pixels[None] if heights else np.moveaxis(pixels, -1, 0)
-    count, height, width = bands.shape
     west, north = region.west + EDGE_M, region.south + region.side_m - EDGE_M
     place = rasterio.Affine(step, 0.0, west, 0.0, -step, north)
     packed: dict[str, Any] = {"compress": "JPEG", "photometric": "YCBCR", "jpeg_quality": 85}
     if heights:
         packed = {"compress": "DEFLATE", "predictor": 3, "zlevel": 9}
-    profile: dict[str, Any] = {"driver": "GTiff", "crs": CRS, "transform": place, "tiled": True}
-    profile |= {"count": count, "height": height, "width": width, "dtype": pixels.dtype.name}
-    with rasterio.open(path, "w", **profile, **packed) as dataset:
-        dataset.write(bands)
+    write_raster(path, bands, crs=CRS, transform=place, tiled=True, **packed)
 
 
 def _write_cloud(path: Path, points: NDArray[np.float64]) -> None:

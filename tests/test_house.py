@@ -87,22 +87,10 @@ def _room(module: str) -> str:
     return module.split(".")[1] if "." in module else ""
 
 
-@pytest.fixture(scope="module")
-def graph() -> Imports:
-    return imports(HOME)
-
-
-def test_no_files_import_each_other_in_a_circle(graph: Imports) -> None:
-    assert circle(graph) == []
-
-
-def test_rooms_import_only_what_stands_above_them(graph: Imports) -> None:
-    assert upward(graph, floors()) == []
-
-
-def test_the_table_has_every_room() -> None:
-    rooms = {path.parent.name for path in (HOME / PACKAGE).glob("*/__init__.py")}
-    assert set(floors()) == rooms
+def test_imports_are_no_circle_and_point_up_the_table_which_has_every_room() -> None:
+    graph, floor = imports(HOME), floors()
+    assert (circle(graph), upward(graph, floor)) == ([], [])
+    assert set(floor) == {path.parent.name for path in (HOME / PACKAGE).glob("*/__init__.py")}
 
 
 def weights(home: Path) -> Counter[str]:

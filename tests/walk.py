@@ -39,7 +39,8 @@ def walk(arguments: list[str]) -> dict[str, int]:
     finally:
         sys.setprofile(None)
     # Functions are optimised code, the bodies of modules and classes are not.
-    functions = [code for code in ran if code.co_flags & 1 and _is_ours(code)]
+    home = f"{PACKAGE}{os.sep}"
+    functions = [one for one in ran if one.co_flags & 1 and one.co_filename.startswith(home)]
     files = {Path(code.co_filename).relative_to(PACKAGE) for code in functions}
     rooms = Counter(file.parts[0] for file in files)
     return {
@@ -48,10 +49,6 @@ def walk(arguments: list[str]) -> dict[str, int]:
         "functions": len(functions),
         "modules": sum(name.split(".")[0] == PACKAGE.name for name in sys.modules),
     }
-
-
-def _is_ours(code: CodeType) -> bool:
-    return code.co_filename.startswith(f"{PACKAGE}{os.sep}")
 
 
 def walk_template(track: str) -> dict[str, int]:

@@ -103,13 +103,8 @@ def test_a_folder_stands_for_the_result_in_it(
         assert run_main("table", given) == 0
         shown.append(capsys.readouterr().out)
     assert shown[0] == shown[1]
-    for call, named in (
-        (("table", tmp_path), f"{tmp_path}/*"),
-        (("plot", "errors", made, "--by", "x", "-o", "c.png"), "of these: --score"),
-        (("plot", "condition", made, "-o", "c.png"), "needs --by"),
-    ):
-        assert run_main(*call) == 2
-        assert named in capsys.readouterr().err
+    assert run_main("table", tmp_path) == 2
+    assert f"{tmp_path}/*" in capsys.readouterr().err
 
 
 # --- streams ---

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -165,15 +166,16 @@ def test_the_best_of_a_scene(tmp_path: Path, run: Run) -> None:
 def test_groups_are_averages_of_their_queries(
     methods: list[Method], paths: list[Path], run: Run
 ) -> None:
-    records, column = methods[2].records, headline(methods)[0]
+    records = methods[2].records
     edges = sorted({float(f"{e:.1f}") for e in records["altitude_m"].quantile([0.3, 0.7])})
     bins = ("--bins", ",".join(map(str, edges)))
     codes = np.searchsorted(edges, records["altitude_m"], side="right")
-    for by, options, groups in (
+    kinds: list[tuple[str, tuple[str, ...], Any]] = [
         ("altitude_m", bins, codes),
         ("weather", (), records["weather"]),
         ("scene", (), records["scene"]),
-    ):
+    ]
+    for column, (by, options, groups) in product(headline(methods), kinds):
         columns, rows, _ = read(
             run, "breakdown", *paths, "--by", by, *options, "--score", column.key
         )
@@ -198,6 +200,8 @@ WRONG = {
     "compare 0 other": "protocol",
     "breakdown 0 other --by scene": "protocol",
     "table 0 other --layout methods": "layout methods",
+    "table moved.json alone.json": "alone.json",
+    "table alone.json moved.json": "moved.json",
     "table 0 1 --layout result": "layout result",
     "table 0 1 --layout scenes --scene East": "--scene",
     "table 0 1 --baseline weak_1": "did you mean 'weak_1 & co'",
@@ -206,8 +210,11 @@ WRONG = {
     "table 0 --score R@2": "did you mean 'R@1'",
     "table 0 1 --scene Sea": "one of east, west",
     "table alone.json --intervals": "records",
+    "plot errors 0 --by weather -o x.png": "of these: --score",
+    "plot condition 0 -o x.png": "needs --by",
     "plot errors 0 --score R@1 -o x.png": "no error",
     "plot condition 0 --by wether -o x.png": "'weather'",
+    "plot map 0 --scene eats -o x.png": "no scene 'eats'",
     "plot thresholds 0 -o x.png": "no precision over distance",
     "plot condition 0 --by weather --width wide -o x.png": "no width",
     "plot condition 0 --by weather -o x.gif": "cannot be written as .gif",
@@ -225,6 +232,10 @@ def test_wrong_calls(
     result = other.result.model_copy(update={"protocol": used}).with_checksum()
     write_method(tmp_path / "other", Method("other", result, other.records))
     write_result(tmp_path / "alone.json", result)
+    truth = result.truth.model_copy(update={"fingerprint": "u" * 64})
+    write_result(
+        tmp_path / "moved.json", result.model_copy(update={"truth": truth}).with_checksum()
+    )
     for call, named in WRONG.items():
         assert named in run(*call.split(), code=2), call
     assert not list(tmp_path.glob("x.*"))

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import typer
 from typer.testing import CliRunner, Result
 
-from airzoo_bench.cli.results import breakdown, plot, report
+from airzoo_bench.cli.main import app
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from tests.statistics.support import ERROR, HIT, made_result, write_method
@@ -30,11 +29,6 @@ F1 = [
     for limit in (1, 10)
     for what in ("precision", "recall", "f1")
 ]
-
-app = typer.Typer()
-app.command("report")(report)
-app.command("breakdown")(breakdown)
-app.command("plot")(plot)
 
 
 def run(*arguments: object) -> Result:

@@ -76,6 +76,8 @@ def test_a_line_ends_where_the_longest_list_does() -> None:
     assert [line.get_xdata()[-1] for line in figure.axes[0].lines] == [3, 4]
     short.records["ranked"] = 0
     figure_bytes(draw.recall([short]), "png")
+    with pytest.raises(UserError, match="keeps 5 ranks"):
+        draw.recall([long], 9)
 
 
 def test_a_condition_shows_the_table_of_breakdown() -> None:
@@ -172,22 +174,6 @@ def test_every_kind_is_drawn_by_the_command(tmp_path: Path, ask: tuple[object, .
     done = run("plot", ask[0], *paths, *ask[1:], "-o", tmp_path / "x.svg")
     assert done.exit_code == 0, done.output
     assert "<svg" in (tmp_path / "x.svg").read_text()
-
-
-@pytest.mark.parametrize(
-    ("ask", "said"),
-    [
-        (("recall", "--up-to", 9, "-o", "x.png"), "keeps 5 ranks"),
-        (("map", "--scene", "eats", "-o", "x.png"), "no scene 'eats'"),
-    ],
-)
-def test_what_cannot_be_drawn(tmp_path: Path, ask: tuple[object, ...], said: str) -> None:
-    [path] = write_methods(tmp_path, [retrieval_method("a", 0)])
-    where = [tmp_path / a if str(a).startswith("x.") else a for a in ask]
-    done = run("plot", where[0], path, *where[1:])
-    assert isinstance(done.exception, UserError)
-    assert said in str(done.exception)
-    assert not list(tmp_path.glob("x.*"))
 
 
 def test_matches_and_errors_of_a_run_are_kept_drawn_and_reported(tmp_path: Path) -> None:

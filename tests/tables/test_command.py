@@ -158,17 +158,6 @@ def test_methods_of_one_name_share_a_row(tmp_path: Path, show: Show) -> None:
     ]
 
 
-def test_results_of_another_truth_are_refused_by_their_files(
-    files: list[Path], capsys: Any
-) -> None:
-    other = made("Mine", 0.5, 0.5)
-    truth = other.truth.model_copy(update={"fingerprint": "u" * 64})
-    write_result(files[1], other.model_copy(update={"truth": truth}).with_checksum())
-    assert run_main("table", *files) == 2
-    said = capsys.readouterr().err
-    assert all(str(path) in said for path in files)
-
-
 def test_a_document_with_everything(files: list[Path], tmp_path: Path, capsys: Any) -> None:
     keys = tmp_path / "refs.toml"
     keys.write_text('Mine = "me:2026,you"\n', encoding="utf-8")
