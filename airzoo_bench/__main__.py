@@ -84,7 +84,8 @@ def _stop(code: int) -> None:
         process.terminate()
     for process in workers:
         process.join(_PATIENCE_S)
-        process.kill()
+        if process.pid is not None and process.is_alive():
+            os.kill(process.pid, 9)  # those of loky have no method for it
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
