@@ -160,7 +160,6 @@ def _sample_block(
 # --- poses from points ---
 
 MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
-
 # Both libraries multiply the number of trials that the confidence asks for; both default to 3.
 _TRIALS_MULTIPLIER = 3.0
 # Points nearer to a line than this share of its length leave the turn about it to rounding.

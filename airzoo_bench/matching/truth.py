@@ -66,7 +66,6 @@ _DECIMALS = 6
 # Along each side of a window that is taken to another CRS, where sides bend.
 _SIDE_POINTS = 33
 
-
 PixelWindow = tuple[int, ...]  # x, y, width and height
 
 
@@ -232,19 +231,14 @@ def _open_map(
         what, expected = f"{what}: {json.dumps(found.grid)}", json.dumps(prepared)
         raise BenchmarkError(what, where=dom, expected=expected, fix=fix)
     check_same_crs(found.dom.crs, prepared.get("crs"), f"{dom} and the map that was prepared")
-    check_dsm(dsm, dsm_sha256)
-    return found
-
-
-def check_dsm(dsm: Path, prepared: str | None) -> None:
-    """Refuse a surface model that is not the one that was prepared."""
-    if not ensure_file(dsm).is_file() or raster_sha256(dsm) != prepared:
+    if not ensure_file(dsm).is_file() or raster_sha256(dsm) != dsm_sha256:
         raise BenchmarkError(
             "the surface model is not there, or not the one that was prepared",
             where=dsm,
-            expected=f"a raster with the SHA-256 {(prepared or 'none')[:12]}…",
+            expected=f"a raster with the SHA-256 {(dsm_sha256 or 'none')[:12]}…",
             fix=f"put it back with its side files (.aux.xml, .msk), or {_ANEW}",
         )
+    return found
 
 
 # --- made ---
@@ -262,8 +256,8 @@ def build_truth(inputs: SceneInputs, crop: Crop | None, prior: Prior) -> Matchin
         maps = (ReferenceMap(dom, dsm, raster_sha256(dsm)),)
     cropped = status == CropStatus.CROPPED
     reasons = photos[["id", "image"]].assign(reason=[str(one) for one in status])[~cropped]
-    excluded, queries = with_unposed(reasons.reset_index(drop=True), inputs), photos[cropped]
-    queries = queries.reset_index(drop=True)
+    excluded = with_unposed(reasons.reset_index(drop=True), inputs)
+    queries = photos[cropped].reset_index(drop=True)
     return MatchingTruth(inputs.scene, queries, windows[cropped], maps, excluded, crop is None)
 
 
