@@ -50,7 +50,7 @@ def audit(
     given = parse_counts(counts or [])
     done = audit_published(read_published(table), given)
     if form is cli.Format.TERMINAL:
-        cli.put(audit_text(done, table.name))
+        cli.echo(audit_text(done, table.name))
     else:
         cli.show(audit_table(done, table.name), form)
     if done.failed:

@@ -249,7 +249,7 @@ def say(message: str) -> None:
     _write(printable(message) + "\n", sys.stderr)
 
 
-def put(text: str, form: Format = Format.TERMINAL) -> None:
+def echo(text: str, form: Format = Format.TERMINAL) -> None:
     """Write text to stdout; the content of a file is UTF-8 whatever the terminal's encoding."""
     if form is not Format.TERMINAL and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
@@ -269,7 +269,7 @@ def show(table: Table, form: Format) -> None:
     from airzoo_bench.tables.render import render
 
     width = shutil.get_terminal_size((80, 24)).columns
-    put(render(table, form.value, width=width, styled=sys.stdout.isatty()), form)
+    echo(render(table, form.value, width=width, styled=sys.stdout.isatty()), form)
     if form is Format.CSV:
         for note in table.notes:
             say(note)

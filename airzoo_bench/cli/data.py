@@ -46,7 +46,7 @@ def download(
         raise UsageError("a scene cannot be fetched by itself", where="--scene", expected=expected)
     cli.say(f"{about.title}, licence: {about.licence}")
     if about.repository is None:
-        cli.put("".join(f"{link}\n" for link in about.links or (about.page,)))
+        cli.echo("".join(f"{link}\n" for link in about.links or (about.page,)))
         how = "in a browser or with wget -c" if about.links else "as the page says"
         cli.say(f"{about.title} is not on Hugging Face: fetch it by hand, {how}")
         cli.say(f"next: unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER")
@@ -60,7 +60,7 @@ def download(
     if sizes and sys.stdin.isatty():
         typer.confirm("Go on?", default=True, abort=True, err=True)
     source.fetch()
-    cli.put(f"{folder}\n")
+    cli.echo(f"{folder}\n")
     cli.say(f"next: airzoo-bench prepare {benchmark} --source {folder}")
 
 
@@ -81,7 +81,7 @@ def manifest(
 
     written = complete_manifest(folder, replace=force)
     Benchmark.open(folder)
-    cli.put(f"{folder}\n")
+    cli.echo(f"{folder}\n")
     for sentence in written:
         cli.say(f"written: {sentence}")
 
@@ -106,8 +106,8 @@ def protocols(
         # Comments, so that the whole is still a protocol file.
         if about := find_about(protocol.benchmark.removesuffix("-partial")):
             lines = [f"{about.title}: {about.page}", *about_lines(about)]
-            cli.put("".join(f"# {line}\n" for line in lines))
-        cli.put(path.read_text(encoding="utf-8"))
+            cli.echo("".join(f"# {line}\n" for line in lines))
+        cli.echo(path.read_text(encoding="utf-8"))
         return
     rows = [_values(key, load_protocol(path)) for key, path in protocol_files(folder).items()]
     few = 4 if form is cli.Format.TERMINAL else None
@@ -177,7 +177,7 @@ def render(
 
     place, camera, engine = REGIONS[region], default_camera(), Processes(2)
     (made,) = make_worlds([place], data_root(), seed, engine, cli.progress)
-    cli.put("".join(f"{made / name}.tif\n" for name in ("dom", "dsm", "satellite")))
+    cli.echo("".join(f"{made / name}.tif\n" for name in ("dom", "dsm", "satellite")))
     ground_m, floor_m = flights.flight_levels(load_world(made).dsm)
     flown = flights.survey(place, ground_m, floor_m)
     if flight == "barrel-roll":

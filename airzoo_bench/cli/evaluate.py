@@ -97,7 +97,7 @@ def evaluate(
         written = [] if out is None else save(evaluation, out, draw)
     if form is cli.Format.JSON:
         content = json.loads(evaluation.result.model_dump_json(by_alias=True))
-        cli.put(json.dumps(content, indent=1) + "\n")
+        cli.echo(json.dumps(content, indent=1) + "\n")
     else:
         cli.show(scenes_table(evaluation.result, floors=True), form)
     if out is None:
@@ -154,10 +154,10 @@ def check(
         if checked.errors:
             cli.say(f"{predictions}: {line}")
         else:
-            cli.put(f"{predictions}: {line}\n")
+            cli.echo(f"{predictions}: {line}\n")
     for line in (*map(str, checked.errors), *(f"{predictions}: {one}" for one in checked.notes)):
         cli.say(line)
     if checked.errors:
         raise typer.Exit(1)
     found = "nothing that eval refuses was found; see the notes" if checked.notes else ""
-    cli.put(f"{predictions}: {found or 'nothing wrong was found'}\n")
+    cli.echo(f"{predictions}: {found or 'nothing wrong was found'}\n")

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Text, examples, option, progress, put, say, working
+from airzoo_bench.cli.common import Text, echo, examples, option, progress, say, working
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, data_root
 from airzoo_bench.core.sandbox import Limits, check_limits
@@ -45,7 +45,7 @@ def init(
     Put your own benchmark in its place afterwards. No file is replaced.
     """
     for path in write_starter(folder, repository):
-        put(f"{path}\n")
+        echo(f"{path}\n")
     say("docs/leaderboard.md of airzoo-bench, 'From an empty repository', has the settings to make")
 
 
@@ -140,7 +140,7 @@ def build(
         faults = build_board(runs, root / "submissions", rules, data_root(), out)
     for fault in faults:
         say(fault)
-    put(f"{out / 'index.html'}\n")
+    echo(f"{out / 'index.html'}\n")
 
 
 @app.command(epilog=examples("leaderboard serve site"))
@@ -151,7 +151,7 @@ def serve(
     """Serve a built site to this machine only, until Ctrl-C."""
     handler = partial(SimpleHTTPRequestHandler, directory=str(site))
     with ThreadingHTTPServer(("127.0.0.1", port), handler) as server, suppress(KeyboardInterrupt):
-        put("http://{}:{}/ (Ctrl-C ends it)\n".format(*server.server_address))
+        echo("http://{}:{}/ (Ctrl-C ends it)\n".format(*server.server_address))
         server.serve_forever()
 
 
@@ -168,7 +168,7 @@ def seal(
     Example: airzoo-bench seal mine --out public/mine --to age1...
     """
     archive, commitment = sealing.seal(folder, out, sealing.recipient(to), progress)
-    put(f"{out}\n{archive}\n")
+    echo(f"{out}\n{archive}\n")
     say(f"commitment {commitment}")
 
 
@@ -179,7 +179,7 @@ def _finish(found: Found, out: Path | None) -> None:
             stream.write(found.model_dump_json(indent=1) + "\n")
     for line in (*found.problems, *found.warnings):
         _say(line)
-    put(f"{found.kind}\n")
+    echo(f"{found.kind}\n")
     if found.kind == "refused":
         raise typer.Exit(1)
 

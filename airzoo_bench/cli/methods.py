@@ -35,9 +35,9 @@ def readers(
 
     if name is not None:
         one = reader_named(name)
-        cli.put(f"{one.title}, predictions of the {one.track} track\n")
-        cli.put(f"written by: {', '.join(one.methods)}\n" * bool(one.methods))
-        cli.put(f"recognised by: {one.layout}\n")
+        cli.echo(f"{one.title}, predictions of the {one.track} track\n")
+        cli.echo(f"written by: {', '.join(one.methods)}\n" * bool(one.methods))
+        cli.echo(f"recognised by: {one.layout}\n")
         return
     titles = ("Reader", "Track", "Reads", "Written by", "Recognised by")
     found = {key: READERS.get(key) for key in READERS.names()}
@@ -154,7 +154,7 @@ def demo(
         figures = TRACKS.get(name).figures
         save(scored, out / name, partial(resolve(figures), scored, run) if figures else None)
         cli.show(scenes_table(scored.result, floors=True), cli.Format.TERMINAL)
-        cli.put("\n")
+        cli.echo("\n")
     cli.say(f"predictions, result.json and records.csv of each track lie in {out}")
     cli.say(f"next: airzoo-bench report {out}/* --out demo.html")
     cli.say(f"      put your own method next to it: airzoo-bench template {_DEMO}-retrieval")

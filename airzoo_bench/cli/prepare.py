@@ -137,7 +137,7 @@ def _prepare(
         )
         there = not force and dataset.is_prepared(chosen, settings)
     if there:
-        cli.put(f"{folder}\n")
+        cli.echo(f"{folder}\n")
         cli.say(
             "nothing to do: it is complete, its checksums are right, and its sources are unchanged"
         )
@@ -154,10 +154,10 @@ def _prepare(
 
 def _print_prepared(about: About, prepared: Prepared) -> None:
     several = len(prepared.summaries) > 1
-    cli.put("".join([f"{prepared.folder}\n", *(f"  {line}\n" for line in about_lines(about))]))
+    cli.echo("".join([f"{prepared.folder}\n", *(f"  {line}\n" for line in about_lines(about))]))
     for scene, summary in prepared.summaries.items():
         if not summary.facts or several:
-            cli.put(f"{scene}, {counted(summary.photos, 'photo')}\n")
+            cli.echo(f"{scene}, {counted(summary.photos, 'photo')}\n")
         lines = [*summary.facts]
         for track, found in summary.tracks.items():
             lines.append(f"{track:15} {found.text}")
@@ -167,7 +167,7 @@ def _print_prepared(about: About, prepared: Prepared) -> None:
         for track, why in about.without_truth.items():
             if track not in summary.tracks:
                 lines.append(f"{track:15} no: {summary.without_truth.get(track, why)}")
-        cli.put("".join(f"  {line}\n" for line in lines))
+        cli.echo("".join(f"  {line}\n" for line in lines))
     for scene, summary in prepared.summaries.items():
         for sentence in (*(f"warning: {one}" for one in summary.warnings), *summary.notes):
             # Some begin so: "flight 07: ...".

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from airzoo_bench.cli.common import Format, Text, Texts, examples, option, progress, put, say, show
+from airzoo_bench.cli.common import Format, Text, Texts, echo, examples, option, progress, say, show
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
 from airzoo_bench.core.files import data_root
 from airzoo_bench.evaluation.predictions import ReadRequest, open_predictions
@@ -74,14 +74,14 @@ def submit(
     submitting.ask_missing(values, given)
     folder, values["predictions"] = root / place.path, {"url": url, "reader": reader}
     submitting.write_submission(folder, values, predictions, rules.limits, replace=force)
-    put(f"{folder}\n")
+    echo(f"{folder}\n")
     if not _passes(folder, root, fetch=False):
         say(f"mend {folder / SUBMISSION_FILE}, or submit again with --force; nothing was sent")
         raise typer.Exit(1)
     if commit:
         title = f"{values['method']} on {place.benchmark}, {place.track}"
         for step in submitting.open_pull_request(root, place, branch, title):
-            put(f"{step}\n")
+            echo(f"{step}\n")
 
 
 @app.callback()
@@ -120,5 +120,5 @@ def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     for line in (*(f"{folder}: {one}" for one in checked.warnings), *checked.errors):
         say(str(line))
     if not checked.errors:
-        put(f"{folder}: {done}, no error, {counted(len(checked.warnings), 'warning')}\n")
+        echo(f"{folder}: {done}, no error, {counted(len(checked.warnings), 'warning')}\n")
     return not checked.errors

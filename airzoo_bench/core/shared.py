@@ -1,4 +1,4 @@
-"""What all blocks share, as a file for other processes of this machine, which map its arrays."""
+"""Data common to all blocks, in a file that other processes of this machine map."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ _MODELS = {"PINHOLE": 4, "SIMPLE_PINHOLE": 3, "SIMPLE_RADIAL": 3, "RADIAL": 3, "
 _OTHER_NAMES = ("PERSPECTIVE", "BROWN", "BROWN_CONRADY", "PLUMB_BOB", "RADTAN")
 
 
-def _named(*keys: str, **more: Any) -> Any:
+def _field_of(*keys: str, **more: Any) -> Any:
     return Field(validation_alias=AliasChoices(*keys), **more)
 
 
@@ -50,9 +50,9 @@ class _Lens(BaseModel):
     """A camera; refuses unknown keys, for a lens under another name would be none."""
 
     model_config = ConfigDict(frozen=True)
-    K: Matrix | None = _named("K", default=None)
-    distortion: Distortion | None = _named("distortion", "dist_k1k2p1p2", default=None)
-    model: str | None = _named(*_MODEL_KEYS, default=None)
+    K: Matrix | None = _field_of("K", default=None)
+    distortion: Distortion | None = _field_of("distortion", "dist_k1k2p1p2", default=None)
+    model: str | None = _field_of(*_MODEL_KEYS, default=None)
 
     @model_validator(mode="before")
     @classmethod
@@ -75,13 +75,13 @@ class _Lens(BaseModel):
 
 
 class _Image(_Lens):
-    rotation: Matrix = _named("R_w2c")
-    centre: Row = _named("center", "center_utm")
+    rotation: Matrix = _field_of("R_w2c")
+    centre: Row = _field_of("center", "center_utm")
 
 
 class _File(_Lens):
-    crs: str | None = _named("crs", default=None)
-    images: dict[str, _Image] = _named("images", min_length=1)
+    crs: str | None = _field_of("crs", default=None)
+    images: dict[str, _Image] = _field_of("images", min_length=1)
 
 
 def read_poses(path: Path, sizes: Sizes) -> PosedPhotos:

@@ -137,7 +137,7 @@ def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any
 
 @dataclass(frozen=True, eq=False)
 class ReadRequest:
-    """How a method's own files are to be read, and all that their reader knows beside the path.
+    """How to read a method's own files: all that their reader knows besides the path.
 
     People may give the name of a `reader`, else it is found from the files; `names`, a list of
     images, a line each, in the order in which the method saw them; and `image_size`, such as
@@ -383,7 +383,7 @@ def _call_child(request: Mapping[str, Any], path: Path, run: Run, *scene: Any) -
 def open_in_child(
     memory_bytes: int, scene: Sequence[Any], protocol: Path | str | None, **request: Any
 ) -> Any:
-    """Open all predictions, whose scenes are only listed, or one scene, its limit and sampling."""
+    """Open all predictions and only list their scenes, or read one with its limit and sampling."""
     named = None if protocol is None else str(protocol)
     opened = open_predictions(run=Run(memory_bytes), protocol=named, **request)
     found: Any = opened.predictions

@@ -138,7 +138,7 @@ class Track(ABC):
         """Return the columns of scores; where a scene lacks one that others have, it is worst."""
 
     def check(self, part: Any, truth: Any, protocol: Any, run: Run) -> SceneScores:
-        """Find errors of a scene, whose truth may be sealed; records may be empty."""
+        """Find errors of a scene; its truth may be sealed, and records may be empty."""
         return self.score(part, truth, protocol, run)
 
     def notes(

@@ -148,7 +148,7 @@ def are_inside(pixel: Floats, width: int, height: int) -> Bools:
 
 
 def _neighbours(position: Floats, size: int) -> tuple[Ints, Ints, Floats]:
-    """Return pixels whose centres are before and behind positions, and the share of the way."""
+    """Return the pixels with centres before and behind positions, and the share of the way."""
     clamped = np.clip(position - 0.5, 0.0, size - 1.0)
     floor = np.floor(clamped)
     before = floor.astype(np.int64)

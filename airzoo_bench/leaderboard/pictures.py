@@ -62,7 +62,7 @@ def _picture(path: Path, long_side_px: int) -> str:
 
 
 def _draw_map(section: Section, place: Place, side_px: int) -> dict[str, Any]:
-    """Return a map with paths for SVG: of hits, of misses, and of errors as far as known."""
+    """Return a map with paths for SVG: of hits, of misses, and of known errors."""
     dom, score = place.dom, next(s for s in section.scores if is_hit(section.track, s))
     assert dom is not None
     scale, paths = side_px / max(dom.width, dom.height), dict[str, str]()

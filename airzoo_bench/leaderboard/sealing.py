@@ -121,7 +121,7 @@ def recipient(text: str) -> Any:
 
 
 def seal(folder: Path, public: Path, to: Any, progress: Progress = silent) -> tuple[Path, str]:
-    """Write the public folder and, beside it, the archive, both or neither.
+    """Write the public folder and the archive next to it, both or neither.
 
     Return the archive and the commitment.
     """

@@ -186,7 +186,7 @@ def dis_at(distances: Floats, k: int, worst: Floats) -> Floats:
 def chance_scores(
     positives: Ints, n_tiles: int, settings: TileScoring | ImageScoring
 ) -> dict[str, Floats]:
-    """Return the expected scores of queries (Q,) whose gallery is in random order, exactly.
+    """Return the exact expected scores of queries (Q,) for a gallery in random order.
 
     Every order is as likely as any other, so that the ranks draw positives without replacement.
     """

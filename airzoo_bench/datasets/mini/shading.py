@@ -141,7 +141,7 @@ RANKS = (*_LAND, Material.TRUNK, Material.CANOPY, Material.WALL)
 
 
 def spans_of(counts: Sequence[int]) -> Spans:
-    """Return where points are, given how many there are of each rank."""
+    """Return the slice of points of each rank, from their counts."""
     ground, country, land, trunks, leaves, walls = np.cumsum(counts[: len(RANKS)]).tolist()
     return {
         "ground": slice(ground),
