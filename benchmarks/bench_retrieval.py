@@ -1,4 +1,7 @@
-"""Positives beside shapely, ranking beside faiss, metrics beside ranx."""
+"""Positives beside shapely, ranking beside faiss, metrics beside ranx and ir_measures.
+
+What one side alone needs is imported within it, or it would count as memory of the others.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import faiss
 import numpy as np
-import shapely
+import pandas as pd
 from harness import Case, Figures, Work, main, same
 from numpy.typing import NDArray
-from pyproj import Transformer
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import metrics
-from airzoo_bench.retrieval.positives import find_holding_tiles
 from airzoo_bench.retrieval.ranking import Depths, rank_by_descriptors
 from airzoo_bench.retrieval.truth import Positives
 
@@ -39,6 +39,8 @@ def make_points(folder: Path, gallery: str, queries: int, side: float) -> None:
 
 def cut(side: float, tile: float) -> Floats:
     """Cut a square map in UTM into tiles with half a tile's stride, the last at the edge."""
+    from pyproj import Transformer
+
     to_degrees = Transformer.from_crs(32649, 4326, always_xy=True).transform
     starts = np.append(np.arange(0, side - tile, tile / 2), side - tile)
     x, y = np.meshgrid(starts, -starts)
@@ -52,6 +54,8 @@ def cut(side: float, tile: float) -> Floats:
 
 def find_positives(folder: Path, **_: Any) -> Work:
     """Find positives by this package."""
+    from airzoo_bench.retrieval.positives import find_holding_tiles
+
     arrays = np.load(folder / "arrays.npz")
     points, boxes = arrays["points"], arrays["boxes"]
 
@@ -64,6 +68,8 @@ def find_positives(folder: Path, **_: Any) -> Work:
 
 def ask_tree(folder: Path, **_: Any) -> Work:
     """Find positives by shapely's tree, in bulk and without a predicate, its fastest way."""
+    import shapely
+
     arrays = np.load(folder / "arrays.npz")
     points, boxes = arrays["points"], arrays["boxes"]
 
@@ -125,6 +131,8 @@ def rank_mapped(folder: Path, **_: Any) -> Work:
 
 def search_faiss(folder: Path, **_: Any) -> Work:
     """Search by faiss, with all in memory; loading is not timed."""
+    import faiss
+
     queries, gallery = np.load(folder / "queries.npy"), np.load(folder / "gallery.npy")
     return lambda: {"tiles": faiss.knn(queries, gallery, K)[1]}
 
@@ -203,12 +211,37 @@ def score_ranx(folder: Path, **_: Any) -> Work:
     return work
 
 
+def score_ir_measures(folder: Path, **_: Any) -> Work:
+    """Score by ir_measures, from tables, which are built before."""
+    from ir_measures import AP, RR, P, Success, iter_calc, nDCG
+
+    arrays = np.load(folder / "arrays.npz")
+    ids = np.array([f"{number:06d}" for number in range(len(arrays["ranked"]))], object)
+    tiles = np.array([f"t{number:05d}" for number in range(TILES)], object)
+    run = pd.DataFrame(
+        {"query_id": np.repeat(ids, DEPTH), "doc_id": tiles[arrays["ranked"].ravel()]}
+    )
+    run["score"] = np.tile(np.arange(DEPTH, 0, -1.0), len(ids))
+    asked = np.repeat(ids, np.diff(arrays["offsets"]))
+    qrels = pd.DataFrame({"query_id": asked, "doc_id": tiles[arrays["tiles"]], "relevance": 1})
+    theirs = [Success @ 1, Success @ 3, Success @ 5, P @ 5, AP @ 5, AP, RR, nDCG @ 5]
+
+    def work() -> dict[str, Floats]:
+        found: dict[Any, list[float]] = {measure: [] for measure in theirs}
+        for one in iter_calc(theirs, qrels, run):
+            found[one.measure].append(one.value)
+        return {name: np.array(found[one]) for name, one in zip(MEASURES, theirs, strict=True)}
+
+    return work
+
+
 def compare_scores(figures: dict[str, Figures]) -> str:
-    """Say how long ranx takes without its building, and how far its scores are off."""
-    ours, ranx = figures.values()
-    off = max(float(np.abs(ranx.arrays[name] - ours.arrays[name]).max()) for name in MEASURES)
-    ratio = (ranx.seconds - float(ranx.arrays["built_s"])) / ours.seconds
-    return f"ranx without building: {ratio:.1f} times, scores within {off:.1e}"
+    """Say how long ranx takes without its building, and how far the scores of others are off."""
+    ours, *others = figures.values()
+    pairs = [(np.sort(ours.arrays[n]), np.sort(one.arrays[n])) for one in others for n in MEASURES]
+    off = max(float(np.abs(a - b).max()) for a, b in pairs)
+    ratio = (others[0].seconds - float(others[0].arrays["built_s"])) / ours.seconds
+    return f"ranx without building: {ratio:.1f} times; scores within {off:.1e}"
 
 
 CASES = {
@@ -224,10 +257,7 @@ CASES = {
     "metrics": Case(
         "eight scores of {queries:,} queries x 100 ranks",
         make_ranks,
-        {
-            "airzoo-bench": score,
-            "ranx, arrays": score_ranx,
-        },
+        {"airzoo-bench": score, "ranx, arrays": score_ranx, "ir_measures": score_ir_measures},
         {"queries": 100_000},
         {"queries": 1_000},
         compare_scores,

@@ -27,10 +27,9 @@ from airzoo_bench.core.files import DATA_VARIABLE, MARK, atomic_write, data_loca
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import SAFE_NAME, read_toml, validated
 from airzoo_bench.storage.urls import (
-    UP_TO_DATE,
     client_of,
     ensure_file,
-    fetch,
+    fetch_listed,
     in_parallel,
     path_of,
     url_at,
@@ -261,20 +260,19 @@ def data_here(location: str | Path | None = None) -> Path:
     url = url_of(place)
     if url is None:
         return Path(place)
-    UP_TO_DATE.clear()
+    ensure_file.cache_clear()
     url = url.rstrip("/")
     with client_of(url) as client:
         found = client.glob(f"{url}/{MARK}") or client.glob(f"{url}/*/{MARK}")
         for mark in tuple(found):
             found += client.glob(f"{mark.removesuffix(MARK)}protocols/*.toml")
-        files = [url_of(client.unstrip_protocol(name)) for name in found]
-    if not files:
+        fetch_listed(client, found)
+    if not found:
         raise BenchmarkError(
             "no benchmark lies here",
             where=url,
             fix="check bucket and folder; upload one that `airzoo-bench prepare` made",
         )
-    in_parallel(fetch, filter(None, files))
     return path_of(url)
 
 

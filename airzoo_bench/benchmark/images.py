@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -61,65 +59,3 @@ def read_tile(dom: Path, tile: pd.Series[Any]) -> NDArray[np.uint8]:
     """Read one tile (height, width, 3) from its window of the map."""
     window = (int(tile["x"]), int(tile["y"]), int(tile["width"]), int(tile["height"]))
     return read_rgb(dom, window)
-
-
-# --- photos without metadata: cut, not encoded again ---
-
-_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
-_END, _SCAN, _JFIF, _ADOBE = 0xD9, 0xDA, 0xE0, 0xEE
-# Frames (except hierarchical ones), tables of Huffman, arithmetic and quantisation, DNL, DRI.
-_JPEG_KEPT = frozenset((*range(0xC0, 0xC5), *range(0xC9, 0xCD), 0xDB, 0xDC, 0xDD, _END, _SCAN))
-_JPEG_ALONE = frozenset((0x01, *range(0xD0, 0xD8), _END))
-# A scan, with its coded data: up to a marker that is no stuffed byte and no restart.
-_CODED = re.compile(rb"(?:[^\xff]|\xff[\x00\xd0-\xd7])*+", re.DOTALL)
-_PNG_KEPT = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"))
-
-
-def bare_photo(data: bytes, where: Path) -> bytes:
-    """Return the parts of a JPEG or PNG that make the picture."""
-    try:
-        for mark, parts in ((_JPEG, _jpeg_parts), (_PNG, _png_parts)):
-            if data.startswith(mark):
-                return b"".join(parts(data))
-    except (IndexError, ValueError):
-        pass
-    what, fix = "its metadata cannot be taken out", "write it again, and prepare the benchmark anew"
-    raise BenchmarkError(what, where=where, expected="a complete JPEG or PNG", fix=fix)
-
-
-def _jpeg_parts(data: bytes) -> Iterator[bytes]:
-    """Yield the parts that stay; a scan has its coded data with it."""
-    yield data[:2]
-    place, code = 2, 0
-    while code != _END:
-        if data[place] != 0xFF:
-            raise ValueError("no marker")
-        while data[place + 1] == 0xFF:  # fill bytes
-            place += 1
-        code, end = data[place + 1], place + 2
-        if code not in _JPEG_ALONE:
-            end += int.from_bytes(data[end : end + 2], "big")
-            if end > len(data) or end < place + 4:
-                raise ValueError("a segment without an end")
-        body = data[place + 4 : end]
-        # JFIF without a preview, and how the colours are coded.
-        plain = len(body) == 14 and body.startswith(b"JFIF\0") and body[12:] == b"\0\0"
-        plain = plain if code == _JFIF else len(body) == 12 and body.startswith(b"Adobe")
-        if code == _SCAN and (coded := _CODED.match(data, end)):
-            end = coded.end()
-        if code in _JPEG_KEPT or (code in (_JFIF, _ADOBE) and plain):
-            yield data[place:end]
-        place = end
-
-
-def _png_parts(data: bytes) -> Iterator[bytes]:
-    yield _PNG
-    place, kind = len(_PNG), b""
-    while kind != b"IEND":
-        kind = data[place + 4 : place + 8]
-        end = place + 12 + int.from_bytes(data[place : place + 4], "big")
-        if len(kind) < 4 or end > len(data):
-            raise ValueError("a chunk without an end")
-        if kind in _PNG_KEPT:
-            yield data[place:end]
-        place = end

@@ -12,7 +12,7 @@ from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import About, about_file, load_about
-from airzoo_bench.engines.engine import Processes
+from airzoo_bench.engines.engine import Engine
 
 if TYPE_CHECKING:
     from airzoo_bench.protocol.model import Protocol
@@ -175,7 +175,7 @@ def render(
     from airzoo_bench.datasets.mini.renderer import FrameList, default_camera, render_frames
     from airzoo_bench.datasets.mini.world import REGIONS, load_world
 
-    place, camera, engine = REGIONS[region], default_camera(), Processes(2)
+    place, camera, engine = REGIONS[region], default_camera(), Engine(2)
     (made,) = make_worlds([place], data_root(), seed, engine, cli.progress)
     cli.echo("".join(f"{made / name}.tif\n" for name in ("dom", "dsm", "satellite")))
     ground_m, floor_m = flights.flight_levels(load_world(made).dsm)

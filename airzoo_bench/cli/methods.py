@@ -12,7 +12,7 @@ import typer
 from airzoo_bench.cli import common as cli
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.registry import READERS, TRACKS, resolve
-from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
+from airzoo_bench.engines.engine import LOCAL, open_engine
 
 _DEMO = "airzoo-demo"
 _BASELINES = {
@@ -108,7 +108,7 @@ def baseline(
     known = {field.name for field in fields(plain.settings)}
     changes = {name: value for name, value in asked.items() if value is not None and name in known}
     path = out or Path(plain.out)
-    with open_engine(engine, jobs=jobs, here=Processes(jobs)) as place:
+    with open_engine(engine, jobs=jobs, processes=jobs) as place:
         run_baseline(
             track,
             protocol,

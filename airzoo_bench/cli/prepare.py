@@ -17,7 +17,7 @@ from airzoo_bench.core.files import check_new_folder, data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.settings import OPTIONS, PrepareSettings
-from airzoo_bench.engines.engine import LOCAL, Processes, open_engine
+from airzoo_bench.engines.engine import LOCAL, open_engine
 
 if TYPE_CHECKING:
     from airzoo_bench.datasets.settings import Prepared
@@ -143,7 +143,7 @@ def _prepare(
         )
         return
     check_new_folder(folder, replace=force)
-    with open_engine(engine, jobs=jobs, here=Processes(jobs)) as place:
+    with open_engine(engine, jobs=jobs, processes=jobs) as place:
         prepared = dataset.prepare(chosen, replace(settings, engine=place))
     _print_prepared(dataset.about, prepared)
     for protocol, track in prepared.protocols.items():

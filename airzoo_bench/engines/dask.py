@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import pickle
 import socket
-import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -19,6 +18,7 @@ import numpy as np
 from distributed import Client, Future, KilledWorker, LocalCluster, wait
 from distributed.client import ClosedClientError
 from distributed.comm import CommClosedError, get_address_host_port
+from distributed.exceptions import WorkerStartTimeoutError
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UserError
@@ -44,11 +44,10 @@ class DaskEngine(Engine):
 
     # joblib's backend for Dask takes all items at once, and hangs where no worker may die twice.
 
-    distributed = True
-
     def __init__(self, client: Client, place: str, *, maps: bool = False) -> None:
         super().__init__()
         self.client, self.place, self._maps = client, place, maps  # whether workers read our files
+        self.distributed = True
 
     def _results(
         self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
@@ -64,33 +63,29 @@ class DaskEngine(Engine):
                     held = self.client.submit(np.asarray, data, pure=False)
                     key = held.key
                 workers = max(1, sum(self.client.nthreads().values()))
-                yield from read_ahead(partial(self._submit, key, held), items, workers)
+                yield from read_ahead(partial(self._begin, key, held), items, workers)
         except KilledWorker as error:
             what = f"{_DEATHS} workers died of a block, perhaps for want of memory"
             raise UserError(what, where=stage, fix=MORE_MEMORY) from error
+        except WorkerStartTimeoutError as error:
+            what, fix = "no worker has come or has memory left", f"start more; or {MORE_MEMORY}"
+            raise UserError(what, where=self.place, fix=fix) from error
         except (CancelledError, ClosedClientError, CommClosedError, ConnectionError) as error:
             what = "the scheduler of Dask was lost in the middle of the run"
             fix = "start it again, then the command; `eval --resume` keeps what is scored"
             raise UserError(what, where=self.place, fix=fix) from error
 
-    def _submit(self, key: str, held: Future | None, item: Any) -> Callable[[], Any]:
+    def _begin(self, key: str, held: Future | None, item: Any) -> Callable[[], Any]:
         task = self.client.submit(_work_on, key, held, pickle.dumps(item), pure=False)
         return partial(self._wait, task)
 
     def _wait(self, future: Future) -> Any:
         """Wait for a block, but not for ever if no worker could do it."""
-        alive = time.monotonic()
         while not future.done():
             with suppress(TimeoutError):
                 wait(future, timeout=1.0)
-            if self.client.status != "running":
-                raise ConnectionResetError(self.client.status)
-            workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
-            if any(worker["status"] == "running" for worker in workers):
-                alive = time.monotonic()
-            elif time.monotonic() - alive > PATIENCE_S:
-                what, fix = "no worker has come or has memory left", f"start more; or {MORE_MEMORY}"
-                raise UserError(what, where=self.place, fix=fix)
+            if not future.done():
+                self.client.wait_for_workers(1, timeout=PATIENCE_S)
         return pickle.loads(future.result())  # noqa: S301 - of this run
 
 

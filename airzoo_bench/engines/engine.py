@@ -33,12 +33,16 @@ LOCAL, DASK, _QUIET = "local", "dask", "ignore:resource_tracker"
 
 
 class Engine:
-    """Does one block after the other in this process; a block itself may use threads."""
+    """Does blocks in `jobs` processes of this machine; with one job, here one after the other.
 
-    distributed = False  # whether other processes work, so that work is cut
+    The processes are joblib's loky, started at the first `map`. A block itself may use threads.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, jobs: int = 1) -> None:
         self.progress: Progress = silent
+        self.distributed = jobs > 1  # whether other processes work, so that work is cut
+        self._jobs = jobs
+        self._pool: Any = None
 
     def cut(self, count: int, size: int) -> list[slice]:
         """Cut `count` elements into blocks of `size`, or into one where all is done here."""
@@ -73,10 +77,38 @@ class Engine:
         self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
     ) -> Generator[Any, None, None]:
         """Yield the result of each item, in their order."""
-        return (work(shared, item) for item in items)
+        if self._jobs == 1 or len(items) < 2:
+            yield from (work(shared, item) for item in items)
+            return
+        # NumPy and loky take time to import, which commands that start no process do without.
+        with resolve("airzoo_bench.core.shared:write_shared")((work, shared)) as file:
+            try:
+                yield from read_ahead(partial(self._submit, file), items, self._jobs)
+            except BaseException as error:
+                self.close()
+                if not isinstance(error, BrokenProcessPool):
+                    raise
+                what = "a process was killed, perhaps for want of memory"
+                fix = "lower --jobs, or add --engine dask, which does its work again"
+                raise UserError(what, where=stage, fix=fix) from error
+
+    def _submit(self, file: str, item: Any) -> Callable[[], Any]:
+        # joblib.Parallel would compute all items at once, however few are read.
+        with without_ctrl_c():
+            if self._pool is None:
+                pool = resolve("joblib.externals.loky:ProcessPoolExecutor")
+                self._pool = pool(self._jobs, initializer=_start_worker)
+            return self._pool.submit(_work_on, file, item).result  # type: ignore[no-any-return]
 
     def close(self) -> None:
         """End the processes of this engine in the middle of their blocks."""
+        if self._pool is not None:
+            pool, self._pool = self._pool, None
+            # Not `shutdown(kill_workers=True)`, which fails where blocks are still queued.
+            for process in list(pool._processes.values()):
+                process.terminate()
+            pool._result_queue._writer.close()  # or half a result would be waited for
+            pool.shutdown(wait=True)
 
 
 HERE = Engine()
@@ -101,54 +133,6 @@ def read_ahead(
         yield waiting.popleft()()
 
 
-class Processes(Engine):
-    """Does blocks in `jobs` processes of this machine: joblib's loky, started at the first `map`.
-
-    With one job all is done in this process.
-    """
-
-    def __init__(self, jobs: int) -> None:
-        super().__init__()
-        self.distributed, self._jobs = jobs > 1, jobs
-        self._pool: Any = None
-
-    def _results(
-        self, work: Callable[..., Any], items: Sequence[Any], shared: Any, stage: str
-    ) -> Generator[Any, None, None]:
-        if not self.distributed or len(items) < 2:
-            yield from super()._results(work, items, shared, stage)
-            return
-        # NumPy and loky take time to import, which commands that start no process do without.
-        with resolve("airzoo_bench.core.shared:write_shared")((work, shared)) as file:
-            try:
-                yield from read_ahead(partial(self._submit, file), items, self._jobs)
-            except BaseException as error:
-                self.close()
-                if not isinstance(error, BrokenProcessPool):
-                    raise
-                what = "a process was killed, perhaps for want of memory"
-                fix = "lower --jobs, or add --engine dask, which does its work again"
-                raise UserError(what, where=stage, fix=fix) from error
-
-    def _submit(self, file: str, item: T) -> Callable[[], Any]:
-        # joblib.Parallel would compute all items at once, however few are read.
-        with without_ctrl_c():
-            if self._pool is None:
-                pool = resolve("joblib.externals.loky:ProcessPoolExecutor")
-                self._pool = pool(self._jobs, initializer=_start_worker)
-            return self._pool.submit(_work_on, file, item).result  # type: ignore[no-any-return]
-
-    def close(self) -> None:
-        """See `Engine`."""
-        if self._pool is not None:
-            pool, self._pool = self._pool, None
-            # Not `shutdown(kill_workers=True)`, which fails where blocks are still queued.
-            for process in list(pool._processes.values()):
-                process.terminate()
-            pool._result_queue._writer.close()  # or half a result would be waited for
-            pool.shutdown(wait=True)
-
-
 def _start_worker() -> None:
     """Let this process end with its parent, also where that is killed in the middle of a block."""
     from joblib.externals.loky import process_executor
@@ -164,7 +148,7 @@ def _start_worker() -> None:
     Thread(target=watch, daemon=True).start()
 
 
-def _work_on(file: str, item: T) -> Any:
+def _work_on(file: str, item: Any) -> Any:
     work, shared = resolve("airzoo_bench.core.shared:load_shared")(file)
     return work(shared, item)
 
@@ -185,10 +169,13 @@ def without_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def open_engine(where: str, *, jobs: int, here: Engine | None = None) -> Iterator[Engine]:
-    """Open the engine that --engine names: local, dask, or a scheduler's address; it ends after."""
+def open_engine(where: str, *, jobs: int, processes: int = 1) -> Iterator[Engine]:
+    """Open the engine that --engine names, for as long as a block of code runs.
+
+    A local one has `processes`; `jobs` are the workers of Dask on this machine.
+    """
     if where == LOCAL:
-        with closing(here or Engine()) as engine:
+        with closing(Engine(processes)) as engine:
             yield engine
         return
     try:

@@ -20,7 +20,7 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.core.errors import PredictionError, UsageError
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.sandbox import Limits
-from airzoo_bench.engines.engine import HERE, Engine, Processes
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.evaluation.info import TrackInfo
 from airzoo_bench.protocol.model import Protocol
 from airzoo_bench.results.result import Reference, ScoreColumn
@@ -95,7 +95,7 @@ class Run:
     def processes(self) -> Engine:
         """Where tasks are done that keep the interpreter's lock: not in threads of this process."""
         as_well = self.engine.distributed or self.jobs == 1
-        return self.engine if as_well else Processes(self.jobs)
+        return self.engine if as_well else Engine(self.jobs)
 
 
 class Track(ABC):

@@ -39,12 +39,12 @@ import pandas as pd
 
 from airzoo_bench.benchmark import folder as folders
 from airzoo_bench.benchmark.folder import Benchmark, SceneFile, SealedTruth
-from airzoo_bench.benchmark.images import bare_photo
 from airzoo_bench.benchmark.queries import CAMERA_COLUMNS, POSE_COLUMNS, PRIOR_COLUMNS, poses_of
 from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core import files
 from airzoo_bench.core.errors import BenchmarkError, SubmissionError, UsageError, UserError
 from airzoo_bench.core.progress import Progress, silent
+from airzoo_bench.datasets.metadata import bare_photo
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import raster_files

@@ -7,10 +7,10 @@ The copy of ``s3://bucket/name`` is ``<cache>/s3/bucket/name``, so that a path s
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote
@@ -24,10 +24,7 @@ from airzoo_bench.core.registry import resolve
 T = TypeVar("T")
 
 SCHEMES = ("s3", "gs", "hf", "https", "http")
-_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
-_CONNECT_S, _READ_S = 5, 60
-UP_TO_DATE: set[Path] = set()
-"""Copies that this run has compared with their URLs."""
+_BUGS = (AssertionError, AttributeError, LookupError, NameError, TypeError)  # of no storage
 
 
 class AbsentError(StorageError):
@@ -36,19 +33,16 @@ class AbsentError(StorageError):
 
 def url_of(location: str | Path) -> str | None:
     """Return the URL that a location is, or None where it is a path."""
-    found = _URL.match(str(location))
-    if found is None:
+    scheme, mark, rest = str(location).partition("://")
+    if not mark:
         return None
-    scheme, rest = found[1].lower(), found[2]
     names = rest.partition("?")[0].rstrip("/").split("/")
     is_odd = {"", ".", ".."} & set(names) or {"\\", "\0"} & set(rest) or "?versionId=" in rest
-    if scheme not in SCHEMES or is_odd or "@" in names[0]:
+    if scheme.lower() not in SCHEMES or is_odd or "@" in names[0]:
         expected = f"{', '.join(f'{one}://' for one in SCHEMES)}, then a bucket or host and names"
-        fix = "names and passwords belong into ~/.netrc"
-        raise UsageError(
-            "no URL as they are read", where=f"{scheme}://…", expected=expected, fix=fix
-        )
-    return f"{scheme}://{rest}"
+        what, fix = "no URL as they are read", "names and passwords belong into ~/.netrc"
+        raise UsageError(what, where=f"{scheme}://…", expected=expected, fix=fix)
+    return f"{scheme.lower()}://{rest}"
 
 
 def cache_folder() -> Path:
@@ -80,15 +74,12 @@ def client_of(url: str) -> Iterator[Any]:
     settings: dict[str, Any] = {}
     try:
         if scheme == "s3":
-            waits = {"connect_timeout": _CONNECT_S, "read_timeout": _READ_S}
-            settings["config_kwargs"] = waits | {"retries": {"total_max_attempts": 3}}
-            unsigned = os.environ.get("AWS_NO_SIGN_REQUEST", "").upper()
-            settings["anon"] = unsigned in ("YES", "TRUE", "1")
+            unsigned = os.environ.get("AWS_NO_SIGN_REQUEST", "").upper() in ("YES", "TRUE", "1")
+            retries = {"retries": {"total_max_attempts": 3}}
+            settings = {"anon": unsigned, "config_kwargs": retries}
         elif scheme.startswith("http"):
-            limit = resolve("aiohttp:ClientTimeout")
-            timeout = limit(total=None, sock_connect=_CONNECT_S, sock_read=_READ_S)
-            plain = {"Accept-Encoding": "identity"}  # so that sizes are those of the files
-            settings["client_kwargs"] = {"timeout": timeout, "trust_env": True, "headers": plain}
+            limit = resolve("aiohttp:ClientTimeout")(total=None, sock_connect=5, sock_read=60)
+            settings = {"client_kwargs": {"timeout": limit, "trust_env": True}}
         client = resolve("fsspec:filesystem")(scheme, use_listings_cache=False, **settings)
         client.invalidate_cache()
         yield client
@@ -96,10 +87,12 @@ def client_of(url: str) -> Iterator[Any]:
         what = f"{scheme}:// needs packages that are not installed ({error})"
         fix = "pip install 'airzoo-bench[storage,download]'"
         raise UsageError(what, where=where, fix=fix) from error
-    except UserError:
+    except (UserError, *_BUGS):
         raise
     except Exception as error:  # of many libraries
-        status = _status_of(error)
+        causes = (error, error.__cause__)
+        codes = (getattr(one, name, None) for one in causes for name in ("status", "code"))
+        status = next((code for code in codes if isinstance(code, int)), None)
         if status == 404 or (status is None and isinstance(error, FileNotFoundError)):
             fix = "check bucket, name, and the endpoint if any"
             raise AbsentError("no such file or folder", where=where, fix=fix) from error
@@ -111,18 +104,16 @@ def client_of(url: str) -> Iterator[Any]:
         raise StorageError(what, where=where, fix=fix) from error
 
 
-def _status_of(error: BaseException | None) -> int | None:
-    """Return the HTTP status that an error or its cause states."""
-    if error is None:
-        return None
-    stated = getattr(error, "status", None) or getattr(error, "code", None)
-    return stated if isinstance(stated, int) else _status_of(error.__cause__)
-
-
-def in_parallel(call: Callable[[T], Any], arguments: Iterable[T]) -> list[Any]:
+def in_parallel(call: Callable[[T], Path], arguments: Iterable[T]) -> set[Path]:
     """Call a function that waits for a storage for each of the arguments, eight at once."""
     with ThreadPoolExecutor(8) as pool:
-        return list(pool.map(call, arguments))
+        return set(pool.map(call, arguments))
+
+
+def fetch_listed(client: Any, names: Iterable[str]) -> set[Path]:
+    """Copy the files that a file system lists by these names; return the paths of the copies."""
+    urls = (url_of(client.unstrip_protocol(name)) for name in names)
+    return in_parallel(fetch, filter(None, urls))
 
 
 def fetch(url: str) -> Path:
@@ -136,19 +127,18 @@ def fetch(url: str) -> Path:
                 client.get_file(url, stream.name)
             with atomic_write(stamp, "w") as stream:
                 stream.write(version)
-    UP_TO_DATE.add(path)
     return path
 
 
+@cache
 def ensure_file(path: Path) -> Path:
-    """Return a path, and fetch the file first if it is a copy that may be missing or old."""
+    """Return a path, and fetch the file first, once a run, if it is a copy from a URL."""
     url = url_at(path)
-    if url is not None and not (path in UP_TO_DATE and path.is_file()):
-        try:
-            fetch(url)
-        except AbsentError:
-            path.unlink(missing_ok=True)
-    return path
+    try:
+        return path if url is None else fetch(url)
+    except AbsentError:
+        path.unlink(missing_ok=True)
+        return path
 
 
 def local_path(location: str | Path) -> Path:
@@ -161,10 +151,9 @@ def local_path(location: str | Path) -> Path:
         is_web = url.startswith("http")
         if not (url.endswith("/") or (not is_web and client.isdir(url))):
             return fetch(url)
-        found = [url_of(client.unstrip_protocol(name)) for name in client.find(url)]
-    if not found:
+        copies = fetch_listed(client, client.find(url))
+    if not copies:
         raise AbsentError("no such file or folder, or an empty one", where=url)
-    copies = set(in_parallel(fetch, filter(None, found)))
     for old in path_of(url).rglob("*"):
         if old.is_file() and old not in copies:
             old.unlink()

@@ -16,7 +16,7 @@ from airzoo_bench.benchmark.tables import read_table
 from airzoo_bench.core.errors import BenchmarkError
 from airzoo_bench.retrieval.settings import RetrievalProtocol
 from airzoo_bench.retrieval.truth import read_truth, write_truth
-from tests.support import MadeScene, made_protocol, made_truth, write_benchmark
+from tests.support import MadeScene, made_protocol, made_truth
 
 
 def test_found_by_name_or_as_itself(data: Path) -> None:
@@ -79,16 +79,6 @@ def test_truth_both_ways(tmp_path: Path) -> None:
     assert read.fingerprint == truth.fingerprint
     assert [read.positives.tiles_of(q).tolist() for q in range(3)] == [[0, 2], [], [1]]
     pd.testing.assert_frame_equal(conditions_of(read.queries), conditions_of(truth.queries))
-
-
-def test_the_same_truth_gives_the_same_bytes(tmp_path: Path, scenes: list[MadeScene]) -> None:
-    chosen = made_protocol(scenes)
-    for name in ("a", "b"):
-        write_benchmark(tmp_path / name, chosen, scenes)
-    for path in (tmp_path / "a").rglob("*"):
-        if path.is_file():
-            other = tmp_path / "b" / path.relative_to(tmp_path / "a")
-            assert path.read_bytes() == other.read_bytes(), path
 
 
 def test_photos_are_read_small_and_turned_ones_refused(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.settings import PrepareSettings
 from airzoo_bench.datasets.table_dataset import TableDataset
 from airzoo_bench.engines.dask import local_cluster
-from airzoo_bench.engines.engine import HERE, Engine, Processes
+from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.crs import to_lonlat
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from tests.engines.work import Scattered
@@ -135,7 +135,7 @@ def test_scenes_are_pure_tasks(name, workers, tmp_path, tree):
     shutil.copytree(tree(name) / "in", source)
     here = prepared(source, home, HERE)
     if workers == "processes":
-        assert prepared(source, home, Processes(2)) == here
+        assert prepared(source, home, Engine(2)) == here
     elif workers == "cluster":
         with local_cluster(2) as cluster:
             cluster.client.run(os.chdir, "/")

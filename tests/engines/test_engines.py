@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from distributed import LocalCluster, versions
+from distributed import LocalCluster, Status, versions
 
 from airzoo_bench.core.errors import PredictionError, UsageError, UserError
 from airzoo_bench.engines import dask as clusters
 from airzoo_bench.engines.dask import connect
-from airzoo_bench.engines.engine import UNREAD, Engine, Processes, open_engine
+from airzoo_bench.engines.engine import UNREAD, Engine, open_engine
 from tests.engines import work
 from tests.engines.work import named
 from tests.support import HANGS_S
@@ -38,9 +38,8 @@ nightly_dask = pytest.param("dask", marks=pytest.mark.slow)
 @pytest.fixture(scope="module", params=["here", "processes", nightly_dask])
 def engine(request: pytest.FixtureRequest) -> Iterator[Engine]:
     """Yield an engine whose processes all tests of a kind share."""
-    own = Processes(2) if request.param == "processes" else None
     where = "dask" if request.param == "dask" else "local"
-    with open_engine(where, jobs=2, here=own) as found:
+    with open_engine(where, jobs=2, processes=2 if request.param == "processes" else 1) as found:
         yield found
 
 
@@ -111,7 +110,7 @@ def test_a_run_that_is_left_early_leaves_the_engine_usable(engine: Engine) -> No
 def test_a_worker_killed_every_time_is_one_message(engine: Engine, tmp_path: Path) -> None:
     if not engine.distributed:
         pytest.skip("blocks are done in this process")
-    is_dask, begin = not isinstance(engine, Processes), time.monotonic()
+    is_dask, begin = isinstance(engine, clusters.DaskEngine), time.monotonic()
     if is_dask:  # which does a block again where a worker is killed once
         found = engine.map(work.dying_once, range(20), shared=tmp_path, stage="s", name=named)
         assert list(found) == list(range(20))
@@ -127,14 +126,14 @@ def test_a_worker_killed_every_time_is_one_message(engine: Engine, tmp_path: Pat
 
 
 def test_few_blocks_wait_and_blocks_do_not_depend_on_workers(tmp_path: Path) -> None:
-    with open_engine("local", jobs=2, here=Processes(2)) as engine:
+    with open_engine("local", jobs=2, processes=2) as engine:
         found = engine.map(work.marking, range(100), shared=tmp_path, stage="s", name=named)
         next(found)
         time.sleep(0.5)
         assert len(list(tmp_path.iterdir())) <= 2 * UNREAD
         assert list(found) == list(range(1, 100))
-    assert Processes(2).cut(10, 4) == Processes(8).cut(10, 4)
-    assert Processes(2).cut(10, 4) == [slice(0, 4), slice(4, 8), slice(8, 10)]
+    assert Engine(2).cut(10, 4) == Engine(8).cut(10, 4)
+    assert Engine(2).cut(10, 4) == [slice(0, 4), slice(4, 8), slice(8, 10)]
     assert Engine().cut(10, 4) == [slice(0, 10)]
     assert Engine().cut(0, 4) == []
 
@@ -142,12 +141,12 @@ def test_few_blocks_wait_and_blocks_do_not_depend_on_workers(tmp_path: Path) -> 
 HOLDING = """
 import sys
 from pathlib import Path
-from airzoo_bench.engines.engine import Processes, open_engine
+from airzoo_bench.engines.engine import open_engine
 from tests.engines import work
 
 if __name__ == "__main__":
     where, folder = sys.argv[1], Path(sys.argv[2])
-    with open_engine(where, jobs=2, here=Processes(2)) as engine:
+    with open_engine(where, jobs=2, processes=2) as engine:
         for _ in engine.map(work.waiting, range(40), shared=folder, stage="s", name=str):
             pass
 """
@@ -247,32 +246,36 @@ def test_a_scheduler_that_dies_in_the_middle_is_one_message(tmp_path: Path) -> N
     assert "--resume" in str(caught.value.fix)
 
 
-NIGHTLY = [pytest.param(one, marks=pytest.mark.slow) for one in ("no workers", "paused workers")]
+def test_workers_of_another_version_are_one_message(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask = versions.get_versions
+
+    def other(packages: Any = None) -> Any:
+        stated = ask(packages=packages)
+        return stated | {"packages": stated["packages"] | {"airzoo-bench": "0.0.1"}}
+
+    monkeypatch.setattr(versions, "get_versions", other)
+    with pytest.raises(UserError, match=rf"(?s){address}.*0\.0\.1"), connect(address):
+        pass
 
 
-@pytest.mark.parametrize("fault", [*NIGHTLY, "other versions"])
-def test_a_cluster_that_cannot_work_is_one_message(
-    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+def set_status(status: str, dask_worker: Any = None) -> None:
+    dask_worker.status = Status[status]
+
+
+@pytest.mark.slow
+def test_no_worker_and_none_with_memory_left_are_one_message(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(clusters, "PATIENCE_S", 1.0)
-    if fault == "paused workers":
-        paused = {"workers": {"tcp://a": {"status": "paused"}}}
-        monkeypatch.setattr(clusters.Client, "scheduler_info", lambda client, n_workers: paused)
-    if fault == "other versions":
-        ask = versions.get_versions
-
-        def other(packages: Any = None) -> Any:
-            stated = ask(packages=packages)
-            return stated | {"packages": stated["packages"] | {"airzoo-bench": "0.0.1"}}
-
-        monkeypatch.setattr(versions, "get_versions", other)
-    with ExitStack() as stack:
-        if fault == "no workers":
-            address, _ = stack.enter_context(scheduler(tmp_path))
-        with pytest.raises(UserError) as caught, connect(address) as place:
-            list(place.map(work.waiting, range(9), shared=tmp_path, stage="s", name=str))
-    assert ("0.0.1" in caught.value.what) == (fault == "other versions")
-    assert address in str(caught.value)
+    with scheduler(tmp_path) as (empty, _), pytest.raises(UserError, match=empty), connect(empty):
+        pass
+    with connect(address) as place:
+        place.client.run(set_status, "paused")
+        with pytest.raises(UserError, match=f"{address}: no worker"):
+            list(place.map(work.square, range(9), shared=0, stage="s", name=str))
+        place.client.run(set_status, "running")
 
 
 @pytest.mark.parametrize("place", ["silent", "tls://127.0.0.1:8786", "tpc://10.0.0.5:8786", "dsak"])

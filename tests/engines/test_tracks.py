@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from airzoo_bench.core.registry import load_track
-from airzoo_bench.engines.engine import Processes, open_engine
+from airzoo_bench.engines.engine import open_engine
 from airzoo_bench.evaluation.evaluate import evaluate, keep_scene, save, write_template
 from airzoo_bench.evaluation.track import Run, SceneScores
 from tests.support import run_main
@@ -63,7 +63,7 @@ def run(request: pytest.FixtureRequest) -> Iterator[Run]:
         yield Run(jobs=2)
         return
     where, jobs = ("dask", 2) if request.param == "dask" else ("local", request.param)
-    with open_engine(where, jobs=jobs, here=Processes(jobs)) as engine:
+    with open_engine(where, jobs=jobs, processes=jobs) as engine:
         yield Run(engine=engine)
 
 

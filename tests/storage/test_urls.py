@@ -22,6 +22,7 @@ import airzoo_bench as ab
 from airzoo_bench.benchmark.folder import Benchmark, data_here, find_benchmark, write_benchmark_file
 from airzoo_bench.core.errors import BenchmarkError, StorageError, UsageError, UserError
 from airzoo_bench.core.files import sha256_of
+from airzoo_bench.storage import urls
 from airzoo_bench.storage.urls import AbsentError, ensure_file, local_path, path_of, url_at, url_of
 from tests.matching.world import make_world
 from tests.support import run_main, write_predictions
@@ -160,6 +161,11 @@ def test_a_package_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, copies
     monkeypatch.setitem(sys.modules, "gcsfs", None)
     with pytest.raises(UserError, match=r"(?s)gs://.*airzoo-bench\[storage"):
         local_path("gs://bucket/p.npz")
+
+
+def test_a_bug_of_this_package_is_no_fault_of_the_storage(copies: Path) -> None:
+    with pytest.raises(KeyError), urls.client_of("https://host/a"):
+        os.environ["AIRZOO_BENCH_NOTHING"]
 
 
 @pytest.mark.parametrize(

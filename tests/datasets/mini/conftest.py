@@ -22,7 +22,7 @@ from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.renderer import Renderer, default_camera, read_depth
 from airzoo_bench.datasets.mini.world import Region, World, load_world
 from airzoo_bench.datasets.settings import PrepareSettings
-from airzoo_bench.engines.engine import Processes
+from airzoo_bench.engines.engine import Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
@@ -53,9 +53,7 @@ class Prepared:
 def mini(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     def make(root: Path) -> None:
         folder, files = root / "airzoo-mini", {"tiles_on_disk": True, "crops_on_disk": True}
-        AIRZOO_MINI.prepare(
-            MiniOptions(), PrepareSettings(folder, root, engine=Processes(2), **files)
-        )
+        AIRZOO_MINI.prepare(MiniOptions(), PrepareSettings(folder, root, engine=Engine(2), **files))
 
     root = made_once(tmp_path_factory, "airzoo-mini", make)
     return Prepared(root, Benchmark.open(root / "airzoo-mini"))

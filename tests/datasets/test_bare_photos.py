@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, PngImagePlugin
 
-from airzoo_bench.benchmark.images import bare_photo
 from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.datasets.metadata import bare_photo
 
 SECRET = b"lat 47.123456 lon 8.654321"
 XMP = b'http://ns.adobe.com/xap/1.0/\0<x:xmpmeta drone-dji:GpsLatitude="' + SECRET + b'"/>'
