@@ -260,8 +260,10 @@ def test_workers_of_another_version_are_one_message(
         pass
 
 
-def set_status(status: str, dask_worker: Any = None) -> None:
-    dask_worker.status = Status[status]
+def pause_above(share: float, dask_worker: Any = None) -> None:
+    """Pause a worker, which goes on where it has less than a share of the memory."""
+    dask_worker.memory_manager.memory_pause_fraction = share
+    dask_worker.status = Status.paused
 
 
 @pytest.mark.slow
@@ -272,10 +274,10 @@ def test_no_worker_and_none_with_memory_left_are_one_message(
     with scheduler(tmp_path) as (empty, _), pytest.raises(UserError, match=empty), connect(empty):
         pass
     with connect(address) as place:
-        place.client.run(set_status, "paused")
+        place.client.run(pause_above, 1e-9)
         with pytest.raises(UserError, match=f"{address}: no worker"):
             list(place.map(work.square, range(9), shared=0, stage="s", name=str))
-        place.client.run(set_status, "running")
+        place.client.run(pause_above, 0.8)
 
 
 @pytest.mark.parametrize("place", ["silent", "tls://127.0.0.1:8786", "tpc://10.0.0.5:8786", "dsak"])
