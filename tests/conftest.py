@@ -20,7 +20,7 @@ from tests.support import BRIGHTON, MadeScene, made_protocol, write_benchmark
 
 # Tests never assert times: a busy machine is no fault.
 settings.register_profile(
-    "any machine", deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow]
+    "any machine", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("any machine")
 settings.register_profile("nightly", settings.get_profile("any machine"), max_examples=500)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
@@ -76,7 +76,6 @@ def test_points_are_uniform_on_the_surface():
     assert len(np.unique(points, axis=0)) == 20_000
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(1, 300), st.integers(0, 2**64 - 1), st.integers(1, 50))
 def test_blocks_do_not_matter(count, seed, block):
     whole = sample_mesh(CUBE, FACES, count=count, seed=seed)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError, ResultError
@@ -204,7 +204,6 @@ def test_the_hardest_queries_are_worst_on_average_then_by_error_and_no_hits() ->
     assert hardest_rows(Section(by_error), 4).tolist() == [2, 0, 3, 1]
 
 
-@settings(max_examples=30)
 @given(st.text(max_size=30))
 def test_page_json_ends_no_element(text: str) -> None:
     made = page_json({"a": [text, float("inf"), float("nan")]})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Transformer
 from rasterio.transform import Affine
@@ -73,7 +73,6 @@ def points_near(boxes, rng, n):
 sizes = st.sampled_from([1.0, 2, 2.5, 4, 5, 7, 9.5, 20])
 
 
-@settings(max_examples=80, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 30), st.integers(0, 9))
 def test_any_boxes_agree_with_every_tile_tested(seed, n_tiles, n_queries):
     rng = np.random.default_rng(seed)
@@ -93,7 +92,6 @@ ORDERS = {
 }
 
 
-@settings(max_examples=100, deadline=None)
 @given(sizes, sizes, st.sampled_from([0.0, 1.0]), st.sampled_from([*ORDERS]), st.integers(0))
 def test_grids_agree_with_every_tile_tested(width, height, bend, order, seed):
     rng = np.random.default_rng(seed)
@@ -137,7 +135,6 @@ def test_footprint_with_nan_or_without_area_overlaps_nothing():
     assert with_overlap(polygons, UNIT_BOX, every).overlap.tolist() == [0, 1, 0]
 
 
-@settings(max_examples=80, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 113.0]), st.booleans())
 def test_overlaps_agree_with_shapely(seed, offset, on_lattice):
     rng = np.random.default_rng(seed)

@@ -10,7 +10,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import PredictionError
@@ -159,7 +159,6 @@ GALLERIES = {  # tiles that tie near and far, of which many are crowds, or none 
 }
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=st.sampled_from([*GALLERIES]),
@@ -256,7 +255,6 @@ def completed(ranked, scores, positives, n_tiles):
 
 # Of three tiles that all answer two are listed, as equals: the third is not given.
 @example(seed=1, n_tiles=3, listed=2, k=2, scored=1, falling=False)
-@settings(max_examples=200, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n_tiles=st.integers(2, 14),

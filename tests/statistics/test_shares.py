@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import stats
@@ -108,7 +108,6 @@ def test_a_difference_by_hand():
     assert difference_limits([gaps], 0.95)[0] == pytest.approx([0.2 - down, 0.2 + up])
 
 
-@settings(max_examples=50)
 @given(some, some)
 def test_limits_lie_around_the_mean_and_mirror(one, other):
     for scenes in ([one], [one, other]):

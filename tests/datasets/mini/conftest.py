@@ -7,17 +7,18 @@ block with a flat roof, one with a gable, trees and a pond.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
-from airzoo_bench.datasets.mini.build import world_of_plan
+from airzoo_bench.datasets.mini import build
 from airzoo_bench.datasets.mini.dataset import AIRZOO_MINI, MiniOptions
-from airzoo_bench.datasets.mini.layout import Box, Building, Decal, Frame, Plan
+from airzoo_bench.datasets.mini.layout import Box, Building, Decal, Frame, Plan, Raster
 from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.renderer import Renderer, default_camera, read_depth
 from airzoo_bench.datasets.mini.world import Region, World, load_world
@@ -76,10 +77,10 @@ def small_world() -> World:
     ]
     for x, y, radius in ((50, 20, 3.0), (58, 24, 2.5), (80, 40, 3.5), (15, 70, 3.0)):
         plan.plant((x, y), radius, 2.5 * radius)
-    whole = world_of_plan(REGION, plan)
-    maps = {name: getattr(whole, name) for name in ("ground", "top", "dsm", "dom", "satellite")}
-    corners = {name: pixels[-(len(pixels) * 4 // 25) :] for name, pixels in maps.items()}
-    return replace(whole, **{name: part[:, : len(part)].copy() for name, part in corners.items()})
+    # Maps of the corner alone: those of a whole region take some seconds.
+    rasters = Raster(384, 0.25), Raster(192, 0.5), Raster(320, 0.3, 0.48, -0.36)
+    with mock.patch.multiple(build, **dict(zip(("_MAP", "_DSM", "_MOSAIC"), rasters, strict=True))):
+        return build.world_of_plan(REGION, plan)
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.datasets.mini import flights
@@ -109,7 +109,6 @@ def test_footprints_by_hand() -> None:
 ANGLES = st.tuples(st.floats(-180, 180), st.floats(-90, 30), st.floats(-60, 60))
 
 
-@settings(max_examples=40, deadline=None)
 @given(height=st.floats(20, 300), angles=ANGLES)
 def test_the_footprint_holds_what_pixels_see_and_no_more(
     height: float, angles: tuple[float, float, float]
