@@ -93,7 +93,7 @@ def _commands_and_templates_built_once() -> Iterator[None]:
 def brighton() -> Path:
     """Return the folder of the real scene, or skip where it is not there."""
     if not (BRIGHTON / "poses.json").is_file():
-        pytest.skip("the real scene Brighton Beach is not beside the checkout")
+        pytest.skip("no real scene in ../shared/real/brighton: docs/brighton.md says what it is")
     return BRIGHTON
 
 

@@ -110,7 +110,7 @@ def test_a_folder_stands_for_the_result_in_it(
 # --- streams ---
 
 
-@pytest.mark.parametrize("form", ["latex", "terminal"])
+@pytest.mark.parametrize("form", ["latex", pytest.param("terminal", marks=pytest.mark.slow)])
 def test_files_are_utf_8_whatever_the_terminal_takes(form: str, tmp_path: Path) -> None:
     zurich = "Z\N{LATIN SMALL LETTER U WITH DIAERESIS}rich"
     for name in (zurich, "Other"):
@@ -128,7 +128,7 @@ def test_files_are_utf_8_whatever_the_terminal_takes(form: str, tmp_path: Path) 
     ("call", "code", "said"),
     [
         ("table none.json -f csv >&-", 2, b"no such result file"),
-        ("table r.json -f csv 2>&-", 0, b"R@1"),
+        pytest.param("table r.json -f csv 2>&-", 0, b"R@1", marks=pytest.mark.slow),
         ("table r.json -f csv <&- >&- 2>&-", 0, b""),
         ("protocols photos-matching | true", 0, b""),  # the reader of the pipe goes away
     ],

@@ -57,6 +57,7 @@ def test_camera_to_world_poses_of_oblique_photos_are_noticed(
     assert run_main(*place.arguments()) == 0
 
 
+@pytest.mark.slow
 def test_every_photo_of_the_real_scene_sees_its_own_place_and_its_true_cloud_is_perfect(
     brighton: Path, tmp_path: Path
 ) -> None:

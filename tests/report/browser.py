@@ -15,12 +15,12 @@ import pytest
 
 from tests.support import HANGS_S
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium is not installed")
+webdriver = pytest.importorskip("selenium.webdriver", reason="no Selenium: pip install selenium")
 
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 NEEDS_CHROMIUM = pytest.mark.skipif(
-    BROWSER is None or DRIVER is None, reason="Chromium or ChromeDriver is not installed"
+    BROWSER is None or DRIVER is None, reason="no Chromium: apt install chromium chromium-driver"
 )
 FLAGS = (
     "--headless=new",

@@ -38,13 +38,13 @@ def typeset(document: str, folder: Path) -> str:
     """Compile a document and return its text, a line of the table a line; skip without LaTeX."""
     for program in ("pdflatex", "pdftotext"):
         if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
+            pytest.skip(f"no {program}: apt install texlive-latex-recommended poppler-utils")
     (folder / "table.tex").write_text(document, encoding="utf-8")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "table.tex"]
     done = subprocess.run(command, cwd=folder, capture_output=True, timeout=HANGS_S)
     log = done.stdout.decode("utf-8", "replace")
     if done.returncode and ".sty' not found" in log.replace("\n", ""):
-        pytest.skip("LaTeX lacks a package: " + log[log.index("! LaTeX Error") :][:80])
+        pytest.skip("a package is missing: apt install texlive-latex-recommended")
     assert done.returncode == 0, log[-2000:]
     for warning in ("Overfull", "Missing character"):
         assert warning not in log, log[-2000:]

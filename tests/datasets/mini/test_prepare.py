@@ -161,20 +161,28 @@ def test_priors_are_off_as_a_drones_metadata() -> None:
     assert noisy_priors(["city/0001"], one, 0).centres[0].tolist() == expected
 
 
-def test_a_sealed_edition_hides_all_that_its_key_does_not_tell(tmp_path: Path) -> None:
-    path, dsm = tmp_path / "mini.key", np.full((1200, 1200), 20.0, np.float32)
-    path.write_text("9f86d081884c7d659a2feaa0c55ad015\n")
-    key = MiniOptions(key_file=path).source
-    public, sealed, other = (mini_photos(REGIONS["city"], dsm, seed) for seed in (0, key, key ^ 1))
+KEY = (1 << 128) + 0x9F86D081884C7D659A2FEAA0C55AD015
+
+
+@slow
+def test_a_sealed_edition_hides_all_that_its_key_does_not_tell() -> None:
+    dsm = np.full((1200, 1200), 20.0, np.float32)
+    public, sealed, other = (mini_photos(REGIONS["city"], dsm, seed) for seed in (0, KEY, KEY ^ 1))
     assert set(sealed.names).isdisjoint(other.names)
     assert not any("survey" in name or "roll" in name for name in sealed.names)
     # Whoever flies the survey again knows no more than from a prior: each photo has its gust.
     for shown in (public, other):
         off = np.linalg.norm(shown.poses.centres[:20] - sealed.poses.centres[:20], axis=1)
         assert 2.0 < np.median(off) < 8.0
-    for protocol in mini_protocols(key).every:
+
+
+def test_a_key_of_32_digits_is_the_source_and_is_in_no_protocol(tmp_path: Path) -> None:
+    path = tmp_path / "mini.key"
+    path.write_text(f"{KEY:x}"[1:] + "\n")
+    assert MiniOptions(key_file=path).source == KEY
+    for protocol in mini_protocols(KEY).every:
         assert protocol.benchmark == "airzoo-mini-sealed"
-        assert f"{key:x}"[1:] not in protocol.model_dump_json()
+        assert f"{KEY:x}"[1:] not in protocol.model_dump_json()
     for seed, text in ((3, "0" * 32), (0, ""), (0, "0" * 31), (0, "g" * 32), (0, "0" * 64)):
         path.write_text(text)
         with pytest.raises(UsageError):
