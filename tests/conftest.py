@@ -30,15 +30,12 @@ settings.register_profile(
 )
 
 # Files that take longest, begun first: one that began last would keep a single worker busy.
-LONGEST = (
-    "engines/test_tracks.py",
-    "reconstruction/test_track.py",
-    "leaderboard/test_walk_through.py",
-    "matching/test_baseline.py",
-    "retrieval/test_ranking.py",
-    "engines/test_engines.py",
-)
-PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONGEST)}
+LONGEST = """goldens/test_goldens leaderboard/test_walk_through leaderboard/test_site
+ report/test_pictures readers/test_contract storage/test_urls leaderboard/test_sealed
+ reconstruction/test_track evaluation/test_runs report/test_report engines/test_tracks
+ engines/test_engines leaderboard/test_hostile datasets/mini/test_frames datasets/test_contract
+ oracles/test_paper_tables report/test_browser test_processors"""
+PLACES = {Path(__file__).parent / f"{name}.py": place for place, name in enumerate(LONGEST.split())}
 
 # What a shell starts in its background ignores Ctrl-C, and so would the processes that tests stop.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -12,6 +12,7 @@ import re
 import shutil
 import zlib
 from functools import partial
+from itertools import product
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import urldefrag
@@ -371,7 +372,7 @@ FAULTS = """axe.run().then((r) => arguments[0](r.violations.map((v) =>
 SCREENS = [(390, "dark", ""), (320, "light", ""), (1440, "light", ""), (703, "light", "print")]
 
 
-def show_on(opened: Opened, width: int, scheme: str, media: str = "") -> None:
+def show_on(opened: Opened, width: int, scheme: str, media: str) -> None:
     metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500}
     opened.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     features = [{"name": "prefers-color-scheme", "value": scheme}]
@@ -397,12 +398,9 @@ def test_pages_fit_the_screen_and_run_no_strangers_texts(
 @pytest.mark.skipif(
     not AXE.is_file(), reason="axe-core: npm pack axe-core, AIRZOO_AXE=.../axe.min.js"
 )
-@pytest.mark.parametrize(
-    ("width", "scheme"), [(390, "dark"), pytest.param(1440, "light", marks=pytest.mark.slow)]
-)
-def test_axe_finds_nothing(opened: Opened, site: Path, width: int, scheme: str) -> None:
-    show_on(opened, width, scheme)
-    for name in PAGES:
+def test_axe_finds_nothing(opened: Opened, site: Path) -> None:
+    for screen, name in product(SCREENS[:3], PAGES):
+        show_on(opened, *screen)
         visit(opened, site, name)
         opened.driver.execute_script(AXE.read_text(encoding="utf-8"))
         assert opened.driver.execute_async_script(FAULTS) == [], name
