@@ -170,20 +170,20 @@ def render(
     Example: airzoo-bench mini render --region rural -o frames
     """
     from airzoo_bench.core.files import data_root
-    from airzoo_bench.datasets.mini import flights
+    from airzoo_bench.datasets.geometry_checks import key_frames
+    from airzoo_bench.datasets.mini import flights, renderer
     from airzoo_bench.datasets.mini.dataset import make_worlds
-    from airzoo_bench.datasets.mini.renderer import FrameList, default_camera, render_frames
     from airzoo_bench.datasets.mini.world import REGIONS, load_world
 
-    place, camera, engine = REGIONS[region], default_camera(), Engine(2)
+    place, camera, engine = REGIONS[region], renderer.default_camera(), Engine(2)
     (made,) = make_worlds([place], data_root(), seed, engine, cli.progress)
     cli.echo("".join(f"{made / name}.tif\n" for name in ("dom", "dsm", "satellite")))
     ground_m, floor_m = flights.flight_levels(load_world(made).dsm)
     flown = flights.survey(place, ground_m, floor_m)
     if flight == "barrel-roll":
         flown = flights.barrel_roll(place, floor_m, seed)
-    keys = flights.key_frames(flown, camera, ground_m, 0.5)
-    frames = FrameList(
+    keys = key_frames(flown, camera, ground_m, 0.5)
+    frames = renderer.FrameList(
         names=tuple(f"{frame:06d}" for frame in keys),
         camera=camera,
         poses=flown.take(keys),
@@ -191,5 +191,5 @@ def render(
         time_of_day=(time_of_day,) * len(keys),
         seed=seed,
     )
-    render_frames(frames, made, out, engine, cli.progress)
+    renderer.render_frames(frames, made, out, engine, cli.progress)
     cli.say(f"{counted(len(keys), 'frame')} in {out}: frames.csv, images/, depth/")

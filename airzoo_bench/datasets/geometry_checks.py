@@ -1,4 +1,4 @@
-"""Checks of a dataset's geometry: the chain of frames, depth against poses, splits.
+"""Checks of a dataset's geometry: the chain of frames, depth against poses, splits; key frames.
 
 The chain pixel -> ray -> ENU -> ECEF -> WGS84 -> CRS of the poses, and all the way back, closes to
 rounding (about 1e-8 m) unless a pixel has no ray (beyond the range of the lens model), a position
@@ -36,7 +36,7 @@ from airzoo_bench.datasets.cameras import grid_to_true_north
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.depth_maps import DepthConsistency
 from airzoo_bench.datasets.poses import read_poses
-from airzoo_bench.geometry.arrays import Floats, apply_matrix
+from airzoo_bench.geometry.arrays import Floats, Ints, apply_matrix
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project, project
 from airzoo_bench.geometry.crs import (
     LOCAL_CRS,
@@ -281,3 +281,45 @@ def split_table(pairs: pd.DataFrame, unknown: Sequence[str]) -> Table:
     if unknown:
         notes.append(f"it is not known where photos look: {first_of(unknown)}")
     return Table("Ground that both sets see", columns, rows, tuple(notes))
+
+
+# --- key frames ---
+
+MOST_DEPTH_M = 400.0  # along the optical axis
+
+
+def key_frames(poses: Poses, camera: Cameras, ground_height: float, overlap: float) -> Ints:
+    """Choose key frames so that each overlaps the one before as is asked, above 0 and below 1.
+
+    The overlap is the area that two frames see in common over the smaller of their areas.
+    """
+    seen = footprints(camera, poses, ground_height)
+    chosen, row, before = [0], 1, 1.0
+    while row < len(seen):
+        one, other = seen[chosen[-1]], seen[row]
+        shared = min(one.intersection(other).area / min(one.area, other.area), 1.0)
+        if shared < overlap:
+            # The frame before, where that is nearer to the overlap; always one after the last.
+            row -= before - overlap < overlap - shared and row - 1 > chosen[-1]
+            chosen.append(row)
+            shared = 1.0
+        row, before = row + 1, shared
+    return np.array(chosen)
+
+
+def footprints(camera: Cameras, poses: Poses, ground_height: float) -> list[shapely.Polygon]:
+    """Return the part of a level plane that each frame sees down to a depth.
+
+    A frame sees a pyramid as deep as that; the plane cuts its edges at the corners of the part.
+    Beyond, an oblique view would go on to the horizon.
+    """
+    rays = back_project(camera, anchor_pixels(camera, 0.0))
+    base = MOST_DEPTH_M * rays_to_world(poses, rays / rays[..., 2:])
+    start = np.concatenate([np.zeros_like(base), base], axis=1)
+    way = np.concatenate([base, np.roll(base, -1, axis=1) - base], axis=1)
+    above = poses.centres[:, 2:] - ground_height + start[..., 2]
+    cut = (above >= 0.0) != (above + way[..., 2] >= 0.0)
+    share = np.divide(above, -way[..., 2], out=np.zeros_like(above), where=cut)
+    places = start[..., :2] + share[..., None] * way[..., :2]
+    places += (poses.centres[:, :2] - poses.centres[0, :2])[:, None]
+    return [shapely.MultiPoint(at[met]).convex_hull for at, met in zip(places, cut, strict=True)]

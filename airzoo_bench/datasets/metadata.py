@@ -6,6 +6,7 @@ are as `geometry.poses` takes them.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,7 +27,7 @@ from airzoo_bench.geometry.crs import (
     grid_convergence_deg,
     horizontal_crs,
 )
-from airzoo_bench.geometry.poses import Poses, angles_to_rotations
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
 
 PRIOR_VALUES = ("lon", "lat", "altitude_m", "yaw_deg", "pitch_deg", "roll_deg")
 _LIMITS = {"lon": 180.0, "lat": 90.0}
@@ -34,6 +35,10 @@ _XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _NAMESPACE = "http://www.dji.com/drone-dji/1.0/"
 _GPS_IFD = 0x8825
 _LATITUDE, _LONGITUDE, _ALTITUDE = 2, 4, 6  # the tag before each is the reference of its sign
+# Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
+# and gimbal (yaw, pitch, roll).
+_GPS_M, _ANGLES_DEG = (2.0, 2.0, 3.0), (2.0, 0.7, 0.5)
+_UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
 
 
@@ -140,6 +145,21 @@ def metadata_priors(metadata: Mapping[str, PhotoPrior], crs: str) -> Poses | Non
     centres = np.full((len(metadata), 3), np.nan)
     rotation[rows], centres[rows] = found.rotation, found.centres
     return Poses(rotation=rotation, centres=centres)
+
+
+def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
+    """Return a consumer drone's readings of GPS and gimbal for true poses, from a seed."""
+    unit = np.empty((len(names), 6))
+    for row, name in enumerate(names):
+        blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
+        digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
+        bits = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
+        total = bits.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << 16)
+        unit[row] = total / (2 << 16)
+    centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
+    turns = unit[:, 3:] * np.array(_ANGLES_DEG)
+    yaw, pitch, roll = (rotations_to_angles(poses.rotation, convergence_deg=0.0) + turns).T
+    return Poses.from_centres(angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), centres)
 
 
 def _metadata(path: Path) -> tuple[dict[int, Any], dict[str, str]]:

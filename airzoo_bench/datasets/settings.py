@@ -84,6 +84,14 @@ class PoseTableOptions(SurveyOptions):
 
 
 @dataclass(frozen=True)
+class MiniOptions:
+    """Which of AirZoo-Mini's worlds it is: of a seed, or of a sealed edition's key."""
+
+    seed: int = 0
+    key_file: Path | None = None
+
+
+@dataclass(frozen=True)
 class UavVisLocOptions(SourceOptions):
     """Choices that UAV-VisLoc leaves open."""
 
@@ -145,6 +153,7 @@ class ExtreMatchOptions(SourceOptions):
 
 OPTIONS: dict[str, type[Any]] = {
     "photos": PhotoOptions,
+    "airzoo-mini": MiniOptions,
     "poses": PoseTableOptions,
     "odm": SurveyOptions,
     "dji": DjiOptions,

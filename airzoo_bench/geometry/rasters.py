@@ -26,7 +26,7 @@ from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from airzoo_bench.core.errors import RasterError, UserError
-from airzoo_bench.core.files import fingerprint, sha256_of
+from airzoo_bench.core.files import atomic_write, fingerprint, sha256_of
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import (
     change_of_plane,
@@ -192,6 +192,16 @@ def read_rgb(
             resampling=Resampling.average,
         )
     return np.ascontiguousarray(np.moveaxis(pixels, 0, -1))
+
+
+def write_geotiff(path: Path, bands: NDArray[Any], **layout: Any) -> None:
+    """Write bands (B, H, W) by way of memory: GDAL only logs a full disk."""
+    sizes = dict(zip(("count", "height", "width"), bands.shape, strict=True))
+    with rasterio.MemoryFile() as memory:
+        with memory.open(driver="GTiff", dtype=bands.dtype.name, **sizes, **layout) as dataset:
+            dataset.write(bands)
+        with atomic_write(path) as stream:
+            stream.write(memory.getbuffer())
 
 
 def _rgb_bands(dataset: Any, path: str | Path) -> list[int]:

@@ -62,7 +62,7 @@ def world_of_plan(region: world.Region, plan: Plan) -> World:
     walls = np.array(rows)
     walls[:, 10:] /= 255
     leaves = _leaf_colours(plan.seed, trees, SURVEY)
-    maps = (ground, top, dsm, dom, _blur(_fade(older)))
+    maps = (ground, top, dsm, dom, _age(older))
     return World(region, plan.seed, mesh, walls.astype(np.float32), leaves, *maps)
 
 
@@ -82,8 +82,10 @@ def _picture(
     canvas = Canvas(plan, raster, noise, land, season)
     ground, water = canvas.colours()
     material, owner = mesh.material[triangle], mesh.owner[triangle]
-    roofs = [building.decals for building in buildings]
-    canvas.paint_roofs(roofs, np.where(material == Material.ROOF, owner, -1))
+    on_top = np.where(material == Material.ROOF, owner, -1)
+    for number, building in enumerate(buildings):
+        for decal in building.decals:
+            canvas.paint(decal, on_top, number)
     top, still_water = canvas.colours()
     leafy = material == Material.CANOPY
     mottle = (noise[0][leafy].astype(np.int32) * 40 + noise[1][leafy].astype(np.int32) * 14) >> 6
@@ -173,7 +175,20 @@ def _in_light(
     x, y, z = _normals(mesh.vertices[mesh.triangles]).T
     along = x * light.direction[0] + y * light.direction[1] + z * light.direction[2]
     cosine = np.maximum(along / np.maximum(np.sqrt(x * x + y * y + z * z), 1e-12), 0.0)
-    visible = _sunlit(height, light, raster.pixel_m).astype(np.float32)
+    # What casts a shadow lies towards the sun: in columns, once the map is sheared.
+    (east, north, up), size = light.direction, raster.size
+    drop = round(_UNITS * raster.pixel_m * up / -north)
+    shift = np.floor(np.arange(size) * (east / north) + 0.5).astype(np.int64)
+    sheared = np.arange(size)[:, None], np.arange(size) + (shift - shift.min())[:, None]
+    low = np.floor(height * _UNITS).astype(np.int32)
+    shadow = np.full((size, size + np.ptp(shift)), -(1 << 29), np.int32)
+    shadow[sheared] = low
+    steps = 1
+    while steps <= _FAR_STEPS:
+        np.maximum(shadow[:-steps], shadow[steps:] - drop * steps, out=shadow[:-steps])
+        steps *= 2
+    dark = np.clip((shadow[sheared] - low - _BIAS) * 255 // _SOFT, 0, 255)
+    visible = (255 - dark).astype(np.float32)
     sun = cosine.astype(np.float32)[triangle] * (visible / np.float32(255))
     result = np.empty_like(albedo)
     for channel in range(3):
@@ -183,31 +198,11 @@ def _in_light(
     return result
 
 
-def _sunlit(heights: Floats, light: Light, pixel_m: float) -> _Rgb:
-    """Return how much of the sun reaches each pixel of heights (n, n) in metres, 0 to 255."""
-    east, north, up = light.direction
-    size = len(heights)
-    drop = round(_UNITS * pixel_m * up / -north)
-    shift = np.floor(np.arange(size) * (east / north) + 0.5).astype(np.int64)
-    sheared = np.arange(size)[:, None], np.arange(size) + (shift - shift.min())[:, None]
-    low = np.floor(heights * _UNITS).astype(np.int32)
-    shadow = np.full((size, size + np.ptp(shift)), -(1 << 29), np.int32)
-    shadow[sheared] = low
-    steps = 1
-    while steps <= _FAR_STEPS:
-        np.maximum(shadow[:-steps], shadow[steps:] - drop * steps, out=shadow[:-steps])
-        steps *= 2
-    dark = np.clip((shadow[sheared] - low - _BIAS) * 255 // _SOFT, 0, 255)
-    return np.asarray((255 - dark).astype(np.uint8))
-
-
-def _fade(picture: _Rgb) -> _Rgb:
+def _age(picture: _Rgb) -> _Rgb:
+    """Fade and blur an older map."""
     bands = (picture.astype(np.int32) * 205 >> 8) + np.array([22, 24, 32], np.int32)
     grey = bands @ np.array([2, 3, 1], np.int32) // 6
-    return np.asarray((bands * 13 + grey[..., None] * 3 >> 4).astype(np.uint8))
-
-
-def _blur(picture: _Rgb) -> _Rgb:
+    picture = (bands * 13 + grey[..., None] * 3 >> 4).astype(np.uint8)
     for _ in range(2):
         around = np.pad(picture.astype(np.uint16), ((1, 1), (0, 0), (0, 0)), mode="edge")
         picture = ((around[:-2] + around[2:] + around[1:-1] * 2 + 2) >> 2).astype(np.uint8)

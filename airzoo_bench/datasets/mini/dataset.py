@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -26,13 +25,15 @@ from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.folder import write_benchmark
+from airzoo_bench.datasets.geometry_checks import key_frames
+from airzoo_bench.datasets.metadata import noisy_priors
 from airzoo_bench.datasets.mini import renderer
 from airzoo_bench.datasets.mini.build import build_world
-from airzoo_bench.datasets.mini.flights import barrel_roll, flight_levels, key_frames, survey
-from airzoo_bench.datasets.mini.noise import is_key, noisy_priors, seed_of
+from airzoo_bench.datasets.mini.flights import barrel_roll, flight_levels, survey
+from airzoo_bench.datasets.mini.noise import is_key, seed_of
 from airzoo_bench.datasets.mini.shading import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world import CRS, REGIONS, Region, ensure_world, load_world
-from airzoo_bench.datasets.settings import Prepared, PrepareSettings
+from airzoo_bench.datasets.settings import MiniOptions, Prepared, PrepareSettings
 from airzoo_bench.datasets.truths import BenchmarkProtocols, build_truths
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.formats.clouds.cloud import Cloud
@@ -144,24 +145,16 @@ def scene_inputs(
     return SceneInputs(region.name, table, CRS, dom, files["dsm"], plane, gallery=gallery)
 
 
-@dataclass(frozen=True)
-class MiniOptions:
-    """Which of the made-up worlds it is."""
-
-    seed: int = 0
-    key_file: Path | None = None
-
-    @property
-    def source(self) -> int:
-        """The source of all randomness: the seed, or the key."""
-        if self.key_file is None:
-            return self.seed
-        text = read_text(self.key_file, UsageError, "key file", 1 << 10).strip()
-        if self.seed or not re.fullmatch("[0-9a-fA-F]{32}", text):
-            fix = f"openssl rand -hex 16 > {self.key_file}"
-            expected = "32 hexadecimal digits, and no --seed beside it"
-            raise UsageError("no key", where=self.key_file, expected=expected, fix=fix)
-        return 1 << 128 | int(text, 16)
+def seed_or_key(options: MiniOptions) -> int:
+    """Return the source of all randomness: the seed, or the key of a sealed edition."""
+    if options.key_file is None:
+        return options.seed
+    text = read_text(options.key_file, UsageError, "key file", 1 << 10).strip()
+    if options.seed or not re.fullmatch("[0-9a-fA-F]{32}", text):
+        fix = f"openssl rand -hex 16 > {options.key_file}"
+        expected = "32 hexadecimal digits, and no --seed beside it"
+        raise UsageError("no key", where=options.key_file, expected=expected, fix=fix)
+    return 1 << 128 | int(text, 16)
 
 
 class AirZooMini(Dataset[MiniOptions]):
@@ -174,7 +167,7 @@ class AirZooMini(Dataset[MiniOptions]):
 
     def folder_name(self, options: MiniOptions, root: Path) -> str:
         """Return the benchmark's name, which has the seed in it where that is not 0."""
-        return mini_protocols(options.source).benchmark
+        return mini_protocols(seed_or_key(options)).benchmark
 
     def is_prepared(self, options: MiniOptions, settings: PrepareSettings) -> bool:
         """Return False: worlds and photos that are kept make another run short."""
@@ -182,7 +175,7 @@ class AirZooMini(Dataset[MiniOptions]):
 
     def prepare(self, options: MiniOptions, settings: PrepareSettings) -> Prepared:
         """Make worlds, fly over them, take photos and work out the truth of every track."""
-        seed, engine, progress = options.source, settings.engine, settings.progress
+        seed, engine, progress = seed_or_key(options), settings.engine, settings.progress
         protocols = mini_protocols(seed)
         regions = [REGIONS[scene.id] for scene in protocols.every[0].scenes]
         scenes, worlds = [], make_worlds(regions, settings.root, seed, engine, progress)

@@ -1,36 +1,27 @@
-"""Flights over a region: a "barrel roll", and a survey for structure from motion; key frames.
+"""Flights over a region: a "barrel roll", and a survey for structure from motion.
 
 The barrel roll is the paper's ("Flight Trajectories Generation"): orbits around a scene centre
 joined by straight and S-shaped sweeps, while altitude, yaw and the gimbal's pitch go up and down.
 A flight is the poses of its frames, 30 a second, in `world.CRS`.
-
-What a frame sees of the ground is its footprint on a level plane, as far as 400 m in depth along
-the optical axis: beyond, an oblique view goes on to the horizon. The overlap of two frames is the
-area that their footprints share over the area of the smaller: the same in both directions of
-flight, and 1 where one sees all that the other sees.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from airzoo_bench.datasets.mini.world import CRS, Region
-from airzoo_bench.geometry.arrays import Floats, Ints
-from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
+from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
-from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rays_to_world
+from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 
 FPS = 30  # frames a second
 MARGIN_M = 40.0  # flights go no nearer to the region's border
-MOST_DEPTH_M = 400.0  # footprints go no deeper
 _CLEARANCE_M, _ROOM_M = 40.0, 80.0  # of flights above the highest place, and above their lowest
 # Digits of poses: 0.1 mm on the ground and of height, 1e-4 degrees.
 _LONLAT_DECIMALS, _DECIMALS = 9, 4
-_BLOCK = 64  # frames looked at together in search of the next key frame
 
 # Lengths of the waves in which altitude, pitch, yaw and speed go up and down.
 _CLIMB_WAVE_M, _PITCH_WAVE_M, _SWING_WAVE_M, _PACE_WAVE_M = 700.0, 550.0, 300.0, 900.0
@@ -197,53 +188,3 @@ def _fly(region: Region, line: Floats, yaw_deg: Floats, pitch_deg: Floats) -> Po
     turn = grid_convergence_deg(CRS, lonlat)
     rotation = angles_to_rotations(yaw, pitch, np.zeros(len(yaw)), convergence_deg=turn)
     return Poses.from_centres(rotation, np.column_stack((from_lonlat(CRS, lonlat), altitude)))
-
-
-def key_frames(poses: Poses, camera: Cameras, ground_height: float, overlap: float) -> Ints:
-    """Choose key frames so that each overlaps the one before as is asked, above 0 and below 1."""
-    seen = footprints(camera, poses, ground_height)
-    usable = np.flatnonzero(shapely.area(seen) > 0.0)
-    seen, chosen, row, before = seen[usable], [0], 1, 1.0
-    while row < len(seen):
-        shared = np.append(before, overlaps(seen[chosen[-1]], seen[row : row + _BLOCK]))
-        below = np.flatnonzero(shared[1:] < overlap)
-        if below.size:
-            # The frame before, where that is nearer to the overlap; always one after the last.
-            last, first = shared[below[0] : below[0] + 2]
-            row += int(below[0]) - bool(last - overlap < overlap - first)
-            chosen.append(max(row, chosen[-1] + 1))
-            before, row = 1.0, chosen[-1] + 1
-        else:
-            before, row = float(shared[-1]), row + _BLOCK
-    return usable[chosen].astype(np.int64)
-
-
-def overlaps(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return the overlap of footprints with an area, (N,), which broadcast."""
-    smaller = np.minimum(shapely.area(a), shapely.area(b))
-    return np.asarray(np.minimum(shapely.area(shapely.intersection(a, b)) / smaller, 1.0))
-
-
-def footprints(camera: Cameras, poses: Poses, ground_height: float) -> NDArray[np.object_]:
-    """Return the parts of a level plane that N frames see, no deeper than `MOST_DEPTH_M`."""
-    rays = back_project(camera, anchor_pixels(camera, 0.0))
-    corners = rays_to_world(poses, rays / rays[..., 2:])
-    above = poses.centres[:, 2] - ground_height
-    # Depth at which the ray of a pixel meets the ground is above / fall; both are to be positive.
-    # Sides of the image are cut to where that is no more than the most.
-    spare = -corners[..., 2] - above[:, None] / MOST_DEPTH_M
-    after, spare_after = np.roll(corners, -1, axis=1), np.roll(spare, -1, axis=1)
-    rise = spare_after - spare
-    zero = np.divide(-spare, rise, out=np.zeros_like(rise), where=rise != 0.0)
-    cuts = (np.where(spare < 0.0, zero, 0.0), np.where(spare_after < 0.0, zero, 1.0))
-    ends = np.concatenate([corners + cut[..., None] * (after - corners) for cut in cuts], axis=1)
-    seen = np.tile((spare >= 0.0) | (spare_after >= 0.0), 2) & (above > 0.0)[:, None]
-    depth = above[:, None] / np.where(seen, -ends[..., 2], 1.0)
-    offset = poses.centres[:, :2] - poses.centres[0, :2]
-    places = ends[..., :2] * depth[..., None] + offset[:, None]
-    hulls = np.full(len(places), shapely.Polygon(), dtype=object)
-    some = seen.any(axis=1)
-    frame, _ = np.nonzero(seen[some])
-    points = shapely.multipoints(shapely.points(places[seen]), indices=frame)
-    hulls[some] = shapely.convex_hull(points)
-    return hulls

@@ -16,8 +16,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from airzoo_bench.geometry.poses import Poses, angles_to_rotations, rotations_to_angles
-
 T = TypeVar("T")
 Singles = NDArray[np.float32]
 _GOLDEN = 0x9E3779B97F4A7C15
@@ -25,10 +23,6 @@ _ROUNDS = ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1))
 _MASK = (1 << 64) - 1
 _STREAM = 77
 _VOLUME_BITS = 6
-# Standard deviations of a consumer drone's metadata: GPS without RTK (east, north, up); compass
-# and gimbal (yaw, pitch, roll).
-_GPS_M, _ANGLES_DEG = (2.0, 2.0, 3.0), (2.0, 0.7, 0.5)
-_UNIFORMS = 12  # whose sum has the variance 1 and is normal to all purposes
 
 
 def seed_of(*parts: object) -> int:
@@ -163,18 +157,3 @@ def _volume() -> Singles:
         means = blocks.mean(axis=(1, 3, 5), dtype=np.float32)
         levels.append(np.kron(means, np.ones((1 << level,) * 3, np.float32)).ravel())
     return np.concatenate(levels)
-
-
-def noisy_priors(names: Sequence[str], poses: Poses, seed: int) -> Poses:
-    """Return noisy readings of GPS and gimbal for true poses, the same on every machine."""
-    unit = np.empty((len(names), 6))
-    for row, name in enumerate(names):
-        blocks = (f"{seed}/{name}/{block}".encode() for block in range(5))
-        digest = b"".join(hashlib.sha256(block).digest() for block in blocks)
-        bits = np.frombuffer(digest, dtype=">u2")[: 6 * _UNIFORMS].reshape(6, _UNIFORMS)
-        total = bits.astype(np.int64).sum(axis=1) * 2 + _UNIFORMS - (_UNIFORMS << 16)
-        unit[row] = total / (2 << 16)
-    centres = poses.centres + unit[:, :3] * np.array(_GPS_M)
-    turns = unit[:, 3:] * np.array(_ANGLES_DEG)
-    yaw, pitch, roll = (rotations_to_angles(poses.rotation, convergence_deg=0.0) + turns).T
-    return Poses.from_centres(angles_to_rotations(yaw, pitch, roll, convergence_deg=0.0), centres)

@@ -46,15 +46,9 @@ class Canvas:
         self._look = np.zeros((2, raster.size, raster.size), np.int16)
         north = plan.is_north(*raster.centres()) if plan.divide else None
         for decal in plan.decals:
-            self._paint(decal, north if decal.side else None, decal.side == 1)
+            self.paint(decal, north if decal.side else None, decal.side == 1)
 
-    def paint_roofs(self, roofs: Sequence[Sequence[Decal]], owner: NDArray[np.int32]) -> None:
-        """Paint roofs where they are on top, given the number of the roof at each pixel."""
-        for number, decals in enumerate(roofs):
-            for decal in decals:
-                self._paint(decal, owner, number)
-
-    def _paint(self, decal: Decal, owner: NDArray[Any] | None, number: int) -> None:
+    def paint(self, decal: Decal, owner: NDArray[Any] | None, number: int) -> None:
         """Paint a decal, only on pixels of one owner if there are owners."""
         if decal.season not in (ALWAYS, self.season):
             return

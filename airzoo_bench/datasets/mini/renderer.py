@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -57,14 +57,6 @@ IMAGE_SUFFIX = ".jpg"
 PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
 
 
-class Frame(NamedTuple):
-    """A photo and its depth."""
-
-    rgb: NDArray[np.uint8]  # (H, W, 3)
-    # (H, W): along the optical axis, metres; 0 where there is no surface
-    depth: NDArray[np.float32]
-
-
 def default_camera(width: int = 640, height: int = 480) -> Cameras:
     """Return a pinhole of a horizontal field of view of 62 degrees, centred on the image."""
     focal = width / 2 / np.tan(np.radians(62.0) / 2)
@@ -93,8 +85,8 @@ class Raycaster:
         # Of three corners each has its own rounding; their middle keeps the plane from tilting.
         offset = (self.normal * (a + b + c)).sum(axis=1) / 3.0
         # The last plane is that of rays which meet nothing.
-        self._planes = np.zeros((len(offset) + 1, 4))
-        self._planes[:-1] = np.column_stack([self.normal, offset])
+        self._planes = np.zeros((4, len(offset) + 1))
+        self._planes[:, :-1] = *self.normal.T, offset
 
     def trace(self, origin: Floats, directions: Floats) -> tuple[_Indices, Floats, Floats]:
         """Cast rays from one point (3,), or each from its own (3, N), in directions (3, N).
@@ -109,7 +101,7 @@ class Raycaster:
         nothing = len(self.normal)
         triangle = np.minimum(answer["primitive_ids"].numpy(), nothing).astype(np.int64)
         rough = answer["t_hit"].numpy().astype(np.float64)
-        plane = np.ascontiguousarray(self._planes.take(triangle, axis=0).T)
+        plane = self._planes.take(triangle, axis=1)
         normal, distance = plane[:3], plane[3]
         slope = dot(normal, directions)
         for component, start in zip(normal, origin, strict=True):
@@ -119,7 +111,7 @@ class Raycaster:
             far = np.flatnonzero(~(np.abs(distance - rough) <= _TRUST_M + _TRUST_SHARE * rough))
         distance[far] = rough[far]
         distance[triangle == nothing] = 0.0
-        normal[:, np.flatnonzero(slope > 0.0)] *= -1.0
+        normal *= np.copysign(1.0, 0.0 - slope)
         return triangle, distance, normal
 
     def occluded(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
@@ -144,27 +136,32 @@ class Renderer:
         number = hash_of(0, material, owner, *side) >> 33
         self._surfaces = np.append(np.where(land, 0, number), -1).astype(np.int32)
         self._owners = np.append(owner, -1)
-        self._ranks = np.append(np.argsort(RANKS)[material], len(RANKS)).astype(np.uint8)
+        ranks = np.argsort([*RANKS.values()])[material]
+        self._ranks = np.append(ranks, len(RANKS)).astype(np.uint8)
         self._corner = np.array([world.region.west, world.region.south, 0.0])
 
-    def render(self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int) -> Frame:
-        """Take a photo with one camera at one pose."""
+    def render(
+        self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int
+    ) -> tuple[NDArray[np.uint8], Singles]:
+        """Take a photo (H, W, 3) with one camera at one pose; return the depth (H, W) beside it.
+
+        Depth is along the optical axis, in metres, 0 where there is no surface.
+        """
         width, height = int(camera.width[0]), int(camera.height[0])
         centre, given = pose.centres[0] - self._corner, shading.conditions(weather, time)
         view = centre, np.float32(1.0 / float(camera.focal[0].mean())), given
         (fx, fy), (cx, cy) = camera.focal[0], camera.principal_point[0]
         x, y = (np.arange(width) + (0.5 - cx)) / fx, ((np.arange(height) + (0.5 - cy)) / fy)
-        count, step = height * width, max(_BLOCK_PIXELS // width, 1)
+        count, axes = height * width, pose.rotation[0].T.tolist()
         light, dither = np.empty((3, count), np.float32), _dither(count)
         depth, surface = np.empty(count, np.float32), np.empty(count, np.int32)
-        for row in range(0, height, step):
-            axes, down = pose.rotation[0].T.tolist(), y[row : row + step, None]
+        for row, end in _bands(height, width):
+            block, down = slice(row * width, end * width), y[row:end, None]
             rays = np.stack([x * a + down * b + c for a, b, c in axes]).reshape(3, -1)
-            block = slice(row * width, row * width + rays.shape[1])
             triangle, depth[block] = self._see(view, rays, dither[block], light[:, block])
             surface[block] = self._surfaces.take(triangle)
         sharp = _blur(light.reshape(3, height, width), surface.reshape(height, width))
-        return Frame(_develop(sharp, pose.rotation[0], given, seed), depth.reshape(height, width))
+        return _develop(sharp, pose.rotation[0], given, seed), depth.reshape(height, width)
 
     def _see(
         self, camera: _View, rays: Floats, dither: Singles, light: Singles
@@ -172,48 +169,57 @@ class Renderer:
         """Return triangles that rays (3, N) meet and their depth; write the light that comes."""
         centre, pixel_angle, given = camera
         triangle, depth, normal = self._caster.trace(centre, rays)
-        xyz, length = rays * depth + centre[:, None], np.sqrt(dot(rays, rays))
+        xyz, length = rays * depth, np.sqrt(dot(rays, rays))
+        xyz += centre[:, None]
         # Points of a material lie side by side from here on.
         rank = self._ranks.take(triangle)
-        some = [np.flatnonzero(rank == number) for number in range(len(RANKS) + 1)]
-        order, spans = np.concatenate(some), shading.spans_of([len(part) for part in some])
-        hits, lanes = spans["walls"].stop, np.zeros((12, len(order)), np.float32)
+        order, counts = np.argsort(rank, kind="stable"), np.bincount(rank, minlength=len(RANKS))
+        spans = shading.spans_of(counts[: len(RANKS)].tolist())
+        hits, lanes = spans["walls"].stop, np.empty((12, len(order)), np.float32)
         values = [*xyz, *normal, *rays / length, depth * length, dither]
+        if given.direct:
+            values.append(self._sunlight(xyz, normal, np.array(given.light.direction)))
         for lane, part in zip(lanes, values, strict=False):
             part.astype(np.float32).take(order, out=lane, mode="clip")
-        if given.direct:
-            lanes[11] = self._sunlight(xyz, normal, given).take(order)
         hit, owner = lanes[:, :hits], self._owners.take(triangle.take(order[:hits]))
         parts: list[Any] = [*hit[:9].reshape(3, 3, -1), *hit[9:], hit[9] * pixel_angle, owner]
         seen = self._shader.colour(Points(*parts), spans, given)
         if hits < len(order):
-            past = self._shader.horizon(lanes[6:9, hits:], centre, given)
-            seen = np.append(seen, past, axis=1)
+            seen = np.append(seen, self._shader.horizon(lanes[6:9, hits:], centre, given), axis=1)
         for channel, part in zip(light, seen, strict=True):
             channel[order] = part
         return triangle, depth
 
-    def _sunlight(self, xyz: Floats, normal: Floats, given: Conditions) -> Singles:
+    def _sunlight(self, xyz: Floats, normal: Floats, sun: Floats) -> Floats:
         """Return the cosine of the angle between normals (3, N) and the sun, 0 in shadow."""
-        sun = np.array(given.light.direction)
-        cosine: Floats = dot(normal, sun[:, None])
-        facing = np.flatnonzero(cosine > 0.0)
-        at, up = (np.stack([part.take(facing) for part in parts]) for parts in (xyz, normal))
-        lit = np.zeros(len(cosine), np.float32)
-        lit[facing] = cosine[facing] * ~self._caster.occluded(at, up, sun)
-        return lit
+        cosine: Floats = np.maximum(dot(normal, sun), 0.0)
+        facing = np.flatnonzero(cosine)
+        at, up = (parts.take(facing, axis=1) for parts in (xyz, normal))
+        cosine[facing] *= ~self._caster.occluded(at, up, sun)
+        return cosine
+
+
+def _bands(height: int, width: int) -> list[tuple[int, int]]:
+    """Return where parts of a photo that are worked on at once begin and end."""
+    step = max(_BLOCK_PIXELS // width, 1)
+    return [(row, min(row + step, height)) for row in range(0, height, step)]
 
 
 def _blur(light: Singles, surface: NDArray[np.int32]) -> Singles:
     """Spread light (3, H, W) over neighbours, as a lens does, more where surfaces (H, W) meet."""
     result = light.copy()
-    for here, there in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:, :], np.s_[:-1, :])):
-        share = _BLUR + _EDGE_BLUR * (surface[here] != surface[there])
-        for plane, sharp in zip(result, light, strict=True):
-            step = sharp[there] - sharp[here]
-            step *= share
-            plane[here] += step
-            plane[there] -= step
+    for row, end in _bands(*surface.shape):
+        above = max(row - 1, 0)
+        for here, there in (
+            (np.s_[row:end, 1:], np.s_[row:end, :-1]),
+            (np.s_[above + 1 : end], np.s_[above : end - 1]),
+        ):
+            share = _BLUR + _EDGE_BLUR * (surface[here] != surface[there])
+            for plane, sharp in zip(result, light, strict=True):
+                step = sharp[there] - sharp[here]
+                step *= share
+                plane[here] += step
+                plane[there] -= step
     return result
 
 
@@ -221,32 +227,30 @@ def _develop(sharp: Singles, rotation: Floats, given: Conditions, seed: int) -> 
     """Turn the light (3, H, W) that reaches the lens into an image (H, W, 3)."""
     _, height, width = sharp.shape
     random = np.random.Generator(np.random.PCG64(seed))
-    if given.falling:
-        share = _drops(width, height, rotation, given.falling, random) * np.float32(1 / 255)
-        sharp += (column(given.horizon)[..., None] * np.float32(1.05) - sharp) * share
-    half = np.hypot(width, height) / 2
+    drops = _drops(width, height, rotation, given.falling, random) if given.falling else None
+    start, count = _GRAINS - random.integers(_GRAINS), 4 * height * width
+    grain = _grain(count)[start : start + count].reshape(4, height, width)
+    half, air = np.hypot(width, height) / 2, column(given.horizon)[..., None] * np.float32(1.05)
     x, y = (((np.arange(n) + 0.5 - n / 2) / half).astype(np.float32) for n in (width, height))
-    square = (y * y)[:, None] + (x * x)[None]
-    sharp *= 1 - _VIGNETTE * square * square
-    # Highlights bend to white softly.
-    levels = sharp.ravel()
-    bright = np.flatnonzero(levels > _SHOULDER)
-    over = levels[bright] - _SHOULDER
-    levels[bright] = _SHOULDER + over / (1 + over / (1 - _SHOULDER))
-    levels *= 255
-    # Shot noise grows with the root of the light; read noise is always there.
-    strength = np.maximum(levels, 4.0)
-    strength *= np.float32(1 / 128)
-    np.sqrt(strength, out=strength)
-    strength *= np.float32(given.noise)
-    start, count = _GRAINS - random.integers(_GRAINS), 4 * sharp[0].size
-    grain = _grain(count)[start : start + count].reshape(4, -1)
-    normal = np.float32(0.8) * grain[:3]
-    normal += np.float32(0.6) * grain[3]
-    normal *= strength.reshape(3, -1)
-    levels += normal.ravel()
     image = np.empty((height, width, 3), np.uint8)
-    image.transpose(2, 0, 1)[:] = np.rint(levels.clip(0.0, 255.0)).reshape(sharp.shape)
+    for rows in (slice(*band) for band in _bands(height, width)):
+        light = sharp[:, rows]
+        if drops is not None:
+            light += (air - light) * (drops[rows] * np.float32(1 / 255))
+        square = (y[rows] * y[rows])[:, None] + (x * x)[None]
+        light = light * (1 - _VIGNETTE * square * square)
+        # Highlights bend to white softly.
+        levels = light.ravel()
+        bright = np.flatnonzero(levels > _SHOULDER)
+        over = levels[bright] - _SHOULDER
+        levels[bright] = _SHOULDER + over / (1 + over / (1 - _SHOULDER))
+        light *= 255
+        # Shot noise grows with the root of the light; read noise is always there.
+        strength = np.sqrt(np.maximum(light, 4.0) * np.float32(1 / 128)) * np.float32(given.noise)
+        normal = np.float32(0.8) * grain[:3, rows] + np.float32(0.6) * grain[3, rows]
+        light += normal * strength
+        for channel, values in enumerate(np.rint(light.clip(0.0, 255.0))):
+            image[rows, :, channel] = values
     return image
 
 

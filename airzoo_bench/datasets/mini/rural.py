@@ -36,30 +36,22 @@ def rural_plan(seed: int) -> Plan:
     """Lay out the country."""
     dice = Dice(seed, _STREAM)
     lines = _draw_lines(dice)
-    plan = Plan(seed, dice, _heights(seed, lines))
+    plan = _Country(seed, dice, _heights(seed, lines))
     low, high = -8.0, SIDE_M + 8
     for parcel in _cut_parcels(dice, ((low, low), (high, low), (high, high), (low, high))):
-        _use_parcel(plan, parcel, lines.stream)
-    _lay_water(plan, lines)
-    _lay_ways(plan, lines)
+        plan.use_parcel(parcel, lines.stream)
+    plan.lay_water(lines)
+    plan.lay_ways(lines)
     for farm in lines.farms:
-        _add_farm(plan, farm)
+        plan.add_farm(farm)
     for _ in range(70):
         place = dice.real(9, SIDE_M - 9), dice.real(9, SIDE_M - 9)
-        _grow(plan, place, (2.2, 5.0))
+        plan.grow(place, (2.2, 5.0))
     for ends in pairwise(lines.road):
         if dice.chance(40):
-            _grow(plan, layout.between(*ends, 0.0, dice.pick((-1, 1)) * 0.75), (2.0, 3.0), 3.2)
+            plan.grow(layout.between(*ends, 0.0, dice.pick((-1, 1)) * 0.75), (2.0, 3.0), 3.2)
     plan.fell(lambda x, y: _is_clear(x, y, lines))
     return plan
-
-
-def _grow(
-    plan: Plan, place: Point, radius_m: tuple[float, float], slim: float = 2.3, kind: str = "broad"
-) -> None:
-    """Plant a tree of a radius in a range, and about `slim` times as high."""
-    radius = plan.dice.real(*radius_m)
-    plan.plant(place, radius, radius * slim * plan.dice.real(0.87, 1.13), kind)
 
 
 def _draw_lines(dice: Dice) -> _Lines:
@@ -122,9 +114,6 @@ def _heights(seed: int, lines: _Lines) -> Floats:
     return land
 
 
-# --- parcels ---
-
-
 def _cut_parcels(dice: Dice, outline: Line) -> list[Polygon]:
     """Cut a convex polygon, counter-clockwise, until each part is small enough, some smaller."""
     x, y = middle = _middle(outline)
@@ -175,160 +164,6 @@ def _shrink(polygon: Polygon, margin_m: float) -> Polygon:
     return Polygon(tuple(layout.between(middle, p, share) for p in polygon.points), polygon.frame)
 
 
-def _use_parcel(plan: Plan, parcel: Polygon, stream: Line) -> None:
-    """Paint a parcel and plant what grows on it; the valley is terraced for rice."""
-    dice = plan.dice
-    plan.paint("rough", parcel)
-    near = layout.distances([_middle(parcel.points)], stream)[0]
-    inner, use = _shrink(parcel, dice.real(1.2, 3.0)), dice.integer(0, 99)
-    if near < _VALLEY_M and dice.chance(75):
-        plan.paint("terraces", inner)
-    elif use < 24:
-        _grow_wood(plan, parcel)
-    elif use < 34:
-        _grow_meadow(plan, inner)
-    elif use < 42:
-        _grow_orchard(plan, inner)
-    else:
-        _grow_field(plan, inner)
-    _add_hedges(plan, parcel)
-
-
-def _grow_field(plan: Plan, inner: Polygon) -> None:
-    dice, key = plan.dice, plan.dice.integer(0, 1 << 14)
-    plan.paint("field", inner, key)
-    if dice.chance(25):
-        plan.paint("worn", inner)
-    if key % 9 in (4, 7):
-        for place in _grid(dice, _shrink(inner, 8.0), 13.0, 17.0):
-            if dice.chance(70):
-                plan.plant(place, 0.85, 1.4, "bale")
-
-
-def _grow_orchard(plan: Plan, inner: Polygon) -> None:
-    dice = plan.dice
-    plan.paint("meadow", inner)
-    gap = dice.real(5.5, 7.5)
-    for place in _grid(dice, inner, gap, gap * 0.8, jitter=0.08):
-        if dice.chance(93):
-            plan.paint("soil", Frame(*place, *inner.frame[2:]).box(1.2, 1.2))
-            _grow(plan, place, (1.2, 1.7), 2.0, "bush")
-
-
-def _grow_meadow(plan: Plan, inner: Polygon) -> None:
-    plan.paint("meadow", inner)
-    plan.paint("worn", inner)
-    for place in _grid(plan.dice, inner, 22.0, 25.0):
-        if plan.dice.chance(35):
-            _grow(plan, place, (1.0, 3.2), 2.2, plan.dice.pick(("broad", "bush")))
-
-
-def _grow_wood(plan: Plan, parcel: Polygon) -> None:
-    dice = plan.dice
-    plan.paint("litter", parcel)
-    share, conifers = dice.integer(80, 95), dice.pick((0, 10, 60))
-    for place in _grid(dice, parcel, 5.6, 5.6, jitter=0.42):
-        if dice.chance(share):
-            if dice.chance(conifers):
-                plan.plant(place, dice.real(1.8, 2.8), dice.real(8, 14), "cone")
-            else:
-                plan.plant(place, dice.real(2.2, 4.0), dice.real(7.5, 13.0))
-
-
-def _grid(
-    dice: Dice, polygon: Polygon, gap_u: float, gap_v: float, jitter: float = 0.25
-) -> Iterator[Point]:
-    """Yield points of a grid along a polygon's axes, each moved a little, inside it."""
-    u, v = polygon.frame.to_local(*np.array(polygon.points).T)
-    columns = layout.steps(float(u.min()) + gap_u / 2, float(u.max()), gap_u)
-    rows = layout.steps(float(v.min()) + gap_v / 2, float(v.max()), gap_v)
-    for a, b in product(columns, rows):
-        off_u, off_v = dice.real(-jitter, jitter), dice.real(-jitter, jitter)
-        place = polygon.frame.to_world(a + off_u * gap_u, b + off_v * gap_v)
-        if polygon.holds(*place):
-            yield place
-
-
-def _add_hedges(plan: Plan, parcel: Polygon) -> None:
-    """Plant bushes, now and then a tree, along some edges; small parcels have fewer."""
-    dice = plan.dice
-    for edge in layout.edges(parcel.points):
-        if not dice.chance(26 if _area(parcel.points) > 3000 else 12):
-            continue
-        along, length = dice.real(1.0, 4.0), layout.distance(*edge)
-        while along < length:
-            place = layout.between(*edge, along / length, dice.real(-0.5, 0.5) / length)
-            if dice.chance(9):
-                _grow(plan, place, (2.0, 3.4), 2.8)
-            elif dice.chance(90):
-                _grow(plan, place, (1.1, 1.8), 1.65, "bush")
-            along += dice.real(1.9, 3.0)
-
-
-# --- water, ways, farms ---
-
-
-def _lay_water(plan: Plan, lines: _Lines) -> None:
-    dice, pond, (a, b) = plan.dice, lines.pond, lines.pond_half
-    plan.paint("rough", layout.Stroke(lines.stream, 17.0))
-    plan.paint("shore", layout.Stroke(lines.stream, 8.0))
-    for kind, grown in (("rough", 7.0), ("shore", 3.5), ("shallow", 0.6), ("water", -0.8)):
-        plan.paint(kind, pond.box(a + grown, b + grown, is_round=True))
-    plan.paint("water", layout.Stroke(lines.stream, 3.6))
-    plan.paint("wood", layout.Stroke((pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)), 1.5))
-    for ends, side in product(pairwise(lines.stream), (-1, 1)):
-        if dice.chance(42):
-            _grow(plan, layout.between(*ends, 0.0, side * dice.real(0.25, 0.4)), (1.8, 4.0), 2.6)
-
-
-def _lay_ways(plan: Plan, lines: _Lines) -> None:
-    dice = plan.dice
-    ways = [(line, "rough", 3.2, "track", 1.6) for line in lines.paths]
-    ways += [(line, "rough", 5.0, "ruts", 3.2) for line in lines.tracks]
-    ways += [(lines.road, "rough", 11.0, "gravel", 8.0)]
-    for line, border, wide, kind, width in ways:
-        plan.paint(border, layout.Stroke(line, wide))
-        plan.paint(kind, layout.Stroke(line, width))
-    plan.paint("asphalt", layout.Stroke(lines.road, 6.4))
-    for index, ends in enumerate(pairwise(lines.road)):
-        if index % 2:
-            plan.paint("marking", layout.Stroke(ends, 0.3))
-        if dice.chance(12):
-            plan.paint(dice.pick(("patch", "tar", "lane")), layout.Stroke(ends, dice.real(1, 4)))
-        if dice.chance(14):
-            plan.park(Frame.along(*ends).at(0, dice.pick((-1.6, 1.6))), dice.integer(SURVEY, OLDER))
-
-
-def _add_farm(plan: Plan, frame: Frame) -> None:
-    dice, real = plan.dice, plan.dice.real
-    plan.paint("rough", frame.box(_YARD_M[0] + 4, _YARD_M[1] + 4, is_round=True))
-    plan.paint("meadow", frame.box(*_YARD_M, is_round=True))
-    plan.paint(dice.pick(("gravel", "plates", "track")), frame.box(23.0, 15.0))
-    plan.paint("worn", frame.box(25.0, 17.0), dice.integer(0, 1))
-    for u, v in ((0.0, -21.5), (19.0, -21.0)):
-        bed = frame.at(u + real(-2, 2), v).box(8.0, 4.5)
-        plan.paint(dice.pick(("beds", "beds", "lawn")), bed)
-    for row in layout.LOOKS["farms"]["buildings"]:
-        sizes = (real(*row[name]) for name in ("u", "v", "half_u", "half_v", "wall_m"))
-        u, v, half_u, half_v, wall_m = sizes
-        if dice.chance(row["often"]):
-            spot = frame.at(u, v, turned=row["turned"])
-            plan.paint("plates", spot.box(half_u + 1, half_v + 1))
-            plan.build(row["kind"], spot, half_u, half_v, wall_m)
-    for season, _ in product((SURVEY, OLDER), range(dice.integer(2, 5))):
-        plan.park(frame.at(real(-9, 12), real(-5, 7), turned=dice.chance(50)), season)
-    for v0, v1 in ((-14.0, -9.0), (9.0, 14.0)):
-        plan.strew("heaps", layout.Box(frame, -24.0, 24.0, v0, v1), 7)
-    if dice.chance(60):
-        plan.strew("gone", frame.at(2.0, -21.0).box(4.0, 0.5), 1)
-    for _ in range(dice.integer(0, 6)):
-        plan.plant(frame.to_world(real(6, 12), real(8, 11)), 0.8, 1.3, "bale")
-    for _ in range(dice.integer(7, 12)):
-        place = frame.to_world(dice.pick((-1, 1)) * real(24, 33), real(-24, 24))
-        kind = dice.pick(("broad", "broad", "bush", "cone"))
-        _grow(plan, place, (1.6, 3.6), 3.2 if kind == "cone" else 2.4, kind)
-
-
 def _is_clear(x: Floats, y: Floats, lines: _Lines) -> Bools:
     """Return which trees are inside the region, and neither on ways nor in water nor in a yard."""
     keep: Bools = (x > 3) & (x < SIDE_M - 3) & (y > 3) & (y < SIDE_M - 3)
@@ -341,3 +176,144 @@ def _is_clear(x: Floats, y: Floats, lines: _Lines) -> Bools:
         yard = half == _YARD_M
         keep &= (u * u + v * v > 1.0) | (yard & (u * u > 0.45) & (v * v < 0.5))
     return keep
+
+
+class _Country(Plan):
+    """The plan of the country."""
+
+    def grow(self, place: Point, radius_m: Point, slim: float = 2.3, kind: str = "broad") -> None:
+        """Plant a tree of a radius in a range, and about `slim` times as high."""
+        radius = self.dice.real(*radius_m)
+        self.plant(place, radius, radius * slim * self.dice.real(0.87, 1.13), kind)
+
+    def use_parcel(self, parcel: Polygon, stream: Line) -> None:
+        """Paint a parcel and plant what grows on it; the valley is terraced for rice."""
+        dice = self.dice
+        self.paint("rough", parcel)
+        near = layout.distances([_middle(parcel.points)], stream)[0]
+        inner, use = _shrink(parcel, dice.real(1.2, 3.0)), dice.integer(0, 99)
+        if near < _VALLEY_M and dice.chance(75):
+            self.paint("terraces", inner)
+        elif use < 24:
+            self._grow_wood(parcel)
+        elif use < 34:
+            self.paint("meadow", inner)
+            self.paint("worn", inner)
+            for place in self._grid(inner, (22.0, 25.0), 35):
+                self.grow(place, (1.0, 3.2), 2.2, dice.pick(("broad", "bush")))
+        elif use < 42:
+            self.paint("meadow", inner)
+            gap = dice.real(5.5, 7.5)
+            for place in self._grid(inner, (gap, gap * 0.8), 93, jitter=0.08):
+                self.paint("soil", Frame(*place, *inner.frame[2:]).box(1.2, 1.2))
+                self.grow(place, (1.2, 1.7), 2.0, "bush")
+        else:
+            self._grow_field(inner)
+        self._add_hedges(parcel)
+
+    def _grow_field(self, inner: Polygon) -> None:
+        dice, key = self.dice, self.dice.integer(0, 1 << 14)
+        self.paint("field", inner, key)
+        if dice.chance(25):
+            self.paint("worn", inner)
+        if key % 9 in (4, 7):
+            for place in self._grid(_shrink(inner, 8.0), (13.0, 17.0), 70):
+                self.plant(place, 0.85, 1.4, "bale")
+
+    def _grow_wood(self, parcel: Polygon) -> None:
+        dice = self.dice
+        self.paint("litter", parcel)
+        share, conifers = dice.integer(80, 95), dice.pick((0, 10, 60))
+        for place in self._grid(parcel, (5.6, 5.6), share, jitter=0.42):
+            if dice.chance(conifers):
+                self.plant(place, dice.real(1.8, 2.8), dice.real(8, 14), "cone")
+            else:
+                self.plant(place, dice.real(2.2, 4.0), dice.real(7.5, 13.0))
+
+    def _grid(
+        self, polygon: Polygon, gaps: Point, percent: int, jitter: float = 0.25
+    ) -> Iterator[Point]:
+        """Yield so many points of a grid along a polygon's axes, each moved a little, inside it."""
+        dice = self.dice
+        places = polygon.frame.to_local(*np.array(polygon.points).T)
+        spans = ((float(p.min()), float(p.max()), gap) for p, gap in zip(places, gaps, strict=True))
+        for at in product(*(layout.steps(low + gap / 2, high, gap) for low, high, gap in spans)):
+            moved = (a + dice.real(-jitter, jitter) * gap for a, gap in zip(at, gaps, strict=True))
+            place = polygon.frame.to_world(*moved)
+            if polygon.holds(*place) and dice.chance(percent):
+                yield place
+
+    def _add_hedges(self, parcel: Polygon) -> None:
+        """Plant bushes, now and then a tree, along some edges; small parcels have fewer."""
+        dice = self.dice
+        for edge in layout.edges(parcel.points):
+            if not dice.chance(26 if _area(parcel.points) > 3000 else 12):
+                continue
+            along, length = dice.real(1.0, 4.0), layout.distance(*edge)
+            while along < length:
+                place = layout.between(*edge, along / length, dice.real(-0.5, 0.5) / length)
+                if dice.chance(9):
+                    self.grow(place, (2.0, 3.4), 2.8)
+                elif dice.chance(90):
+                    self.grow(place, (1.1, 1.8), 1.65, "bush")
+                along += dice.real(1.9, 3.0)
+
+    def lay_water(self, lines: _Lines) -> None:
+        dice, pond, (a, b) = self.dice, lines.pond, lines.pond_half
+        self.paint("rough", layout.Stroke(lines.stream, 17.0))
+        self.paint("shore", layout.Stroke(lines.stream, 8.0))
+        for kind, grown in (("rough", 7.0), ("shore", 3.5), ("shallow", 0.6), ("water", -0.8)):
+            self.paint(kind, pond.box(a + grown, b + grown, is_round=True))
+        self.paint("water", layout.Stroke(lines.stream, 3.6))
+        self.paint("wood", layout.Stroke((pond.to_world(a - 3, 0), pond.to_world(a + 4, 0)), 1.5))
+        for ends, side in product(pairwise(lines.stream), (-1, 1)):
+            if dice.chance(42):
+                self.grow(layout.between(*ends, 0.0, side * dice.real(0.25, 0.4)), (1.8, 4.0), 2.6)
+
+    def lay_ways(self, lines: _Lines) -> None:
+        dice = self.dice
+        ways = [(line, "rough", 3.2, "track", 1.6) for line in lines.paths]
+        ways += [(line, "rough", 5.0, "ruts", 3.2) for line in lines.tracks]
+        ways += [(lines.road, "rough", 11.0, "gravel", 8.0)]
+        for line, border, wide, kind, width in ways:
+            self.paint(border, layout.Stroke(line, wide))
+            self.paint(kind, layout.Stroke(line, width))
+        self.paint("asphalt", layout.Stroke(lines.road, 6.4))
+        for index, ends in enumerate(pairwise(lines.road)):
+            if index % 2:
+                self.paint("marking", layout.Stroke(ends, 0.3))
+            if dice.chance(12):
+                kind = dice.pick(("patch", "tar", "lane"))
+                self.paint(kind, layout.Stroke(ends, dice.real(1, 4)))
+            if dice.chance(14):
+                spot = Frame.along(*ends).at(0, dice.pick((-1.6, 1.6)))
+                self.park(spot, dice.integer(SURVEY, OLDER))
+
+    def add_farm(self, frame: Frame) -> None:
+        dice, real = self.dice, self.dice.real
+        self.paint("rough", frame.box(_YARD_M[0] + 4, _YARD_M[1] + 4, is_round=True))
+        self.paint("meadow", frame.box(*_YARD_M, is_round=True))
+        self.paint(dice.pick(("gravel", "plates", "track")), frame.box(23.0, 15.0))
+        self.paint("worn", frame.box(25.0, 17.0), dice.integer(0, 1))
+        for u, v in ((0.0, -21.5), (19.0, -21.0)):
+            bed = frame.at(u + real(-2, 2), v).box(8.0, 4.5)
+            self.paint(dice.pick(("beds", "beds", "lawn")), bed)
+        for row in layout.LOOKS["farms"]["buildings"]:
+            sizes = (real(*row[name]) for name in ("u", "v", "half_u", "half_v", "wall_m"))
+            u, v, half_u, half_v, wall_m = sizes
+            if dice.chance(row["often"]):
+                spot = frame.at(u, v, turned=row["turned"])
+                self.paint("plates", spot.box(half_u + 1, half_v + 1))
+                self.build(row["kind"], spot, half_u, half_v, wall_m)
+        for season, _ in product((SURVEY, OLDER), range(dice.integer(2, 5))):
+            self.park(frame.at(real(-9, 12), real(-5, 7), turned=dice.chance(50)), season)
+        for v0, v1 in ((-14.0, -9.0), (9.0, 14.0)):
+            self.strew("heaps", layout.Box(frame, -24.0, 24.0, v0, v1), 7)
+        if dice.chance(60):
+            self.strew("gone", frame.at(2.0, -21.0).box(4.0, 0.5), 1)
+        for _ in range(dice.integer(0, 6)):
+            self.plant(frame.to_world(real(6, 12), real(8, 11)), 0.8, 1.3, "bale")
+        for _ in range(dice.integer(7, 12)):
+            place = frame.to_world(dice.pick((-1, 1)) * real(24, 33), real(-24, 24))
+            kind = dice.pick(("broad", "broad", "bush", "cone"))
+            self.grow(place, (1.6, 3.6), 3.2 if kind == "cone" else 2.4, kind)

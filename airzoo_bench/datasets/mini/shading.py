@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from airzoo_bench.datasets.mini.noise import Singles, hash_of, uniforms, volume_
 from airzoo_bench.datasets.mini.world import SURVEY_SUN, Light, Material, World
 from airzoo_bench.geometry.arrays import Floats
 
-_Indices = NDArray[np.int64]
 Spans = dict[str, slice]
 Colour = Sequence[float] | Floats
 WEATHERS, TIMES = ("sunny", *LOOKS["weathers"]), tuple(LOOKS["skies"])
@@ -61,15 +61,11 @@ class Conditions:
     # how much less skylight narrow places get, 0 to 1: little in the sun, as in the orthophoto
     shade: float
     noise: float  # standard deviation of the sensor's noise at mid-grey, in levels of 255
+    direct: bool = True  # whether anything casts a shadow
     lamps: float = 0.0  # strength of street lamps and lit windows
     wet: float = 0.0  # how wet surfaces are, 0 to 1
     snow: float = 0.0  # how much snow lies, 0 to 1
     falling: str = ""  # "rain" or "snow" in the air
-
-    @property
-    def direct(self) -> bool:
-        """Whether anything casts a shadow."""
-        return max(self.light.sun) > 0.0
 
 
 def conditions(weather: str, time: str) -> Conditions:
@@ -91,6 +87,7 @@ def conditions(weather: str, time: str) -> Conditions:
         clouds=0.4,
         shade=0.85,
         noise=clear["noise"] * noisier,
+        direct=False,
         lamps=max(clear["lamps"], 0.3) if "lamps" in clear else 0.0,
         **grey,
     )
@@ -108,8 +105,8 @@ def column(colour: Colour) -> Singles:
 
 def _towards_sun(directions: Singles, given: Conditions) -> Singles:
     """Return the cosine of the angle between unit directions (3, N) and the sun, at least 0."""
-    x, y, z = (np.float32(component) for component in given.light.direction)
-    return np.asarray(np.clip(directions[0] * x + directions[1] * y + directions[2] * z, 0, 1))
+    sun = np.array(given.light.direction, np.float32)
+    return np.asarray(np.clip(dot(directions, sun), 0, 1))
 
 
 def _sky_colour(directions: Singles, given: Conditions) -> Singles:
@@ -126,32 +123,30 @@ def _sky_colour(directions: Singles, given: Conditions) -> Singles:
 
 
 def _haze(colour: Singles, distance: Singles, view: Singles, given: Conditions) -> Singles:
-    """Return colours (3, N) as seen from metres (N,) off in unit directions (3, N)."""
+    """Turn colours (3, N) into those seen from metres (N,) off in unit directions (3, N)."""
     left = np.exp(distance * np.float32(-given.haze_per_m))
     air = column(given.horizon)
     if max(given.glow) > 0.0:
         near = _towards_sun(view, given)
         air = air + column(given.glow) * (np.float32(0.5) * near * near)
-    return np.asarray(air + (colour - air) * left)
+    colour -= air
+    colour *= left
+    colour += air
+    return colour
 
 
 # The order of points by their material, so that each, and all land, is one slice.
-_LAND = (Material.GROUND, Material.APRON, Material.ROOF)
-RANKS = (*_LAND, Material.TRUNK, Material.CANOPY, Material.WALL)
+RANKS = {
+    **{"ground": Material.GROUND, "apron": Material.APRON, "roofs": Material.ROOF},
+    **{"trunks": Material.TRUNK, "leaves": Material.CANOPY, "walls": Material.WALL},
+}
 
 
 def spans_of(counts: Sequence[int]) -> Spans:
-    """Return the slice of points of each rank, from their counts."""
-    ground, country, land, trunks, leaves, walls = np.cumsum(counts[: len(RANKS)]).tolist()
-    return {
-        "ground": slice(ground),
-        "country": slice(country),
-        "roofs": slice(country, land),
-        "land": slice(land),
-        "trunks": slice(land, trunks),
-        "leaves": slice(trunks, leaves),
-        "walls": slice(leaves, walls),
-    }
+    """Return the slices of points of each rank, and of all land, from their counts."""
+    ends = np.cumsum(counts).tolist()
+    spans = {name: slice(*at) for name, at in zip(RANKS, pairwise((0, *ends)), strict=False)}
+    return spans | {"country": slice(ends[1]), "land": slice(ends[2])}
 
 
 class Points(NamedTuple):
@@ -166,7 +161,7 @@ class Points(NamedTuple):
     footprint: Singles  # (N,): size of the pixel across the ray, metres
     owner: NDArray[np.int32]  # (N,)
 
-    def part(self, which: slice | _Indices) -> Points:
+    def part(self, which: slice) -> Points:
         """Return some of the points."""
         parts: list[Any] = [values[..., which] for values in self]
         return Points(*parts)
@@ -193,38 +188,37 @@ class _Texture:
             levels.append(((rows[:, 0::2] + rows[:, 1::2]) >> 1).astype(np.uint8))
         self._twice_m = np.float32(2 * side_m)
         self._per_m = np.float32(1.0 / (side_m / len(image)))
-        # By level: size, first texel, and the last place between two texels.
+        # By level: size, and first texel.
         self._sizes = np.array([len(level) for level in levels], np.int32)
         self._starts = np.cumsum(self._sizes**2, dtype=np.int32) - self._sizes**2
-        self._ends = self._sizes.astype(np.float32) - np.float32(1.01)
         self._texels = np.concatenate([level.view(np.uint32).ravel() for level in levels])
 
-    def sample(self, xy: Singles, size_m: Singles, dither: Singles, lanes: int = 4) -> Singles:
-        """Return the first lanes of the colour, (lanes, N) in 0 to 1, at points of the square."""
-        level = noise.floor_log2(size_m * (1.0 + dither) * self._per_m)
-        np.minimum(np.maximum(level, 0, out=level), len(self._sizes) - 1, out=level)
+    def add_to(self, lanes: Singles, xy: Singles, size_m: Singles, dither: Singles) -> Singles:
+        """Add the first lanes of the colour, 0 to 1, at points of the square to lanes (L, N)."""
+        level = noise.floor_log2(size_m * (1.0 + dither) * self._per_m).astype(np.int64)
+        np.clip(level, 0, len(self._sizes) - 1, out=level)
         size = self._sizes.take(level)
+        wide = size.astype(np.float32)
         # Halves of the side, so that 0 and 1 are a mirror image apart from their middle.
         place = np.stack([0.5 - xy[1] / self._twice_m, xy[0] / self._twice_m])
         place -= np.floor(place)
         place -= 0.5
-        np.subtract(0.5, np.abs(place), out=place)
-        place *= size.astype(np.float32) * 2
+        np.subtract(0.5, np.abs(place, out=place), out=place)
+        place *= wide * 2
         place -= 0.5
-        np.clip(place, 0.0, self._ends.take(level), out=place)
+        np.clip(place, 0.0, wide - np.float32(1.01), out=place)
         cell = place.astype(np.int32)
         place -= cell.astype(np.float32)
         first = self._starts.take(level) + cell[0] * size + cell[1]
-        total = np.zeros((lanes, len(first)), np.float32)
-        part = np.empty_like(total)
+        part = np.empty(lanes.shape, np.float32)
         for row, share_y in ((first, 1.0 - place[0]), (first + size, place[0])):
             texel = row.astype(np.int64)
             for right, share_x in ((0, 1.0 - place[1]), (1, place[1])):
                 colour = self._texels[right:].take(texel).view(np.uint8)
-                np.copyto(part, colour.reshape(-1, 4).T[:lanes])
+                part[:] = colour.reshape(-1, 4).T[: len(lanes)]
                 part *= share_x * share_y * np.float32(1 / 255)
-                total += part
-        return total
+                lanes += part
+        return lanes
 
 
 def _openness(dsm: Singles, gsd: float) -> Singles:
@@ -265,15 +259,6 @@ def _lamp_light(world: World, gsd: float) -> Singles:
     return light[reach:-reach, reach:-reach]
 
 
-class _Paint:
-    """How points look: colour, light of windows, how much they mirror, and of that as water."""
-
-    def __init__(self, count: int, walls: int) -> None:
-        self.albedo = np.zeros((3, count), np.float32)
-        self.mirror, self.waves = np.zeros((2, count), np.float32)
-        self.glow, self.height = np.zeros((3, walls), np.float32), np.zeros(walls, np.float32)
-
-
 class Shader:
     """Colours of the surfaces of one world."""
 
@@ -303,7 +288,8 @@ class Shader:
         distance = np.float32(max(origin[2] - self._far_level_m, 1.0)) / np.maximum(-down[2], 1e-4)
         xy = [np.float32(origin[k]) + distance * down[k] for k in (0, 1)]
         coarse = np.full(len(distance), self._side / 40.0, np.float32)
-        land = self._top.sample(np.stack(xy), coarse, np.full_like(coarse, 0.5), 3)
+        land = np.zeros_like(down)
+        self._top.add_to(land, np.stack(xy), coarse, np.full_like(coarse, 0.5))
         if given.snow > 0.0:
             land += (column(_SNOW) - land) * np.float32(0.75 * given.snow)
         sun = column(given.light.sun) * np.float32(given.light.direction[2])
@@ -316,7 +302,7 @@ class Shader:
         far = np.float32(1.0) / (np.maximum(view[2], 0.0) + np.float32(0.14))
         fine = np.zeros_like(far) + np.float32(0.01)
         xy = view[:2] * far + np.float32(_CLOUDS_M / 2)
-        thick = self._clouds.sample(xy, fine, fine, 1)[0]
+        thick = self._clouds.add_to(np.zeros_like(xy[:1]), xy, fine, fine)[0]
         thick = np.clip((thick - np.float32(0.42)) * 4.0, 0.0, 1.0)
         thick *= np.clip(view[2] * 30.0, 0.0, 1.0) * np.float32(given.clouds)
         colour += (lit - colour) * thick
@@ -326,47 +312,48 @@ class Shader:
 
     def colour(self, points: Points, spans: Spans, given: Conditions) -> Singles:
         """Return what a camera sees of points, (3, N)."""
-        paint = _Paint(len(points.distance), spans["walls"].stop - spans["walls"].start)
-        self._paint_land(paint, points.part(spans["land"]), spans)
-        self._paint_leaves(paint, points.part(spans["leaves"]), spans["leaves"])
-        paint.albedo[:, spans["trunks"]] = column(_TRUNK)
-        self._paint_walls(paint, points.part(spans["walls"]), spans["walls"])
+        # Albedo, how much is mirrored, and of that as water.
+        paint = np.zeros((5, len(points.distance)), np.float32)
+        land, leaves, walls = (spans[name] for name in ("land", "leaves", "walls"))
+        self._paint_land(paint[:, land], points.part(land), spans["ground"].stop)
+        paint[:3, leaves] = self._paint_leaves(points.part(leaves))
+        paint[:3, spans["trunks"]] = column(_TRUNK)
+        height, glow = self._paint_walls(paint[:4, walls], points.part(walls))
         if given.snow > 0.0:
             _lay_snow(paint, points, spans, given.snow)
         if given.wet > 0.0:
             _make_wet(paint, points, spans, given.wet)
-        colour = self._light(points, paint, spans, given)
-        colour *= paint.albedo
-        _mirror_sky(colour, paint, points, given)
+        colour = self._light(points, height, spans, given)
+        colour *= paint[:3]
+        _mirror_sky(colour, paint[3:], points, given)
         if given.lamps > 0.0:
-            colour[:, spans["walls"]] += paint.glow * np.float32(given.lamps)
+            colour[:, walls] += glow * np.float32(given.lamps)
         return _haze(colour, points.distance, points.view, given)
 
-    def _paint_land(self, paint: _Paint, land: Points, spans: Spans) -> None:
+    def _paint_land(self, paint: Singles, land: Points, ground: int) -> None:
         # A pixel that grazes the land covers a long strip of it. Its colour is filtered to the mean
         # of the strip's sides, up to this: a little too sharp along, a little too soft across.
         slant = np.sqrt(np.maximum(land.facing(), np.float32(1.0 / _MOST_SLANT)))
         footprint: Singles = np.divide(land.footprint, slant, dtype=np.float32)
-        images = (self._ground, spans["ground"]), (self._top, slice(spans["ground"].stop, None))
-        parts = [
-            image.sample(land.xyz[:, span], footprint[span], land.dither[span])
-            for image, span in images
-        ]
-        lanes = np.concatenate(parts, axis=1)
+        for image, span in ((self._ground, slice(ground)), (self._top, slice(ground, None))):
+            place = land.xyz[:, span], footprint[span], land.dither[span]
+            image.add_to(paint[:4, span], *place)
         grain = volume_noise(land.xyz, 0.11, footprint) * np.float32(0.045)
-        lanes[:3] *= 1.0 + grain * (1.0 - lanes[3])
-        paint.albedo[:, spans["land"]] = lanes[:3]
-        paint.mirror[spans["land"]] = paint.waves[spans["land"]] = lanes[3]
+        paint[:3] *= 1.0 + grain * (1.0 - paint[3])
+        paint[4] = paint[3]
 
-    def _paint_leaves(self, paint: _Paint, leaves: Points, span: slice) -> None:
+    def _paint_leaves(self, leaves: Points) -> Singles:
         large, small = (volume_noise(leaves.xyz, size, leaves.footprint) for size in (0.33, 0.11))
         light = 0.94 + 0.16 * large + 0.14 * small + 0.10 * leaves.normal[2]
-        albedo = self._leaves.take(leaves.owner, axis=0).T * np.maximum(light, 0.25)
+        albedo: Singles = self._leaves.take(leaves.owner, axis=0).T * np.maximum(light, 0.25)
         albedo[0] *= 1.0 + 0.05 * large
-        paint.albedo[:, span] = albedo
+        return albedo
 
-    def _paint_walls(self, paint: _Paint, points: Points, span: slice) -> None:
-        """Paint storeys, bays, windows, balconies and doors, filtered to the pixel's size."""
+    def _paint_walls(self, paint: Singles, points: Points) -> tuple[Singles, Singles]:
+        """Paint storeys, bays, windows, balconies and doors, filtered to the pixel's size.
+
+        Returns the height (N,) above the floor, and the light (3, N) of windows by lamps.
+        """
         wall = self._walls.T.take(points.owner, axis=1)
         x0, y0, cosine, sine, half_u, half_v, base, storey_m, bay_m, style = wall[:10]
         x, y, height = points.xyz[0] - x0, points.xyz[1] - y0, points.xyz[2] - base
@@ -378,8 +365,8 @@ class Shader:
         u = np.where(ends, y * cosine - x * sine, x * cosine + y * sine) + half
         side = 2 * ends + (np.where(ends, out_u, out_v) > 0)
         width = 2 * half / np.maximum(np.floor(2 * half / bay_m), 1.0)
-        bay, across = np.divmod(u / width, np.float32(1))
-        storey, up = np.divmod(height / storey_m, np.float32(1))
+        bay, storey = np.floor(across := u / width), np.floor(up := height / storey_m)
+        across, up = across - bay, up - storey
         slant = points.footprint / np.maximum(points.facing(), np.float32(0.2))
         fuzz_u, fuzz_v = slant / width, points.footprint / storey_m
         # The same for all pixels of a window.
@@ -406,19 +393,19 @@ class Shader:
         dim = np.float32(0.6) * shade
         pane = pane * (np.float32(0.65) + dim)
         pane += (np.float32(0.75) - pane) * ((curtain < 0.22) * np.float32(0.35))
-        paint.albedo[:, span] = albedo + (pane - albedo) * glass
-        paint.mirror[span], paint.height[:] = glass, height
+        paint[:3], paint[3] = albedo + (pane - albedo) * glass, glass
         strength = (lit < _LIT_SHARE) * (np.float32(0.45) + dim) * glass
         warm = (np.ones_like(curtain), 0.74 + 0.2 * curtain, 0.40 + 0.5 * curtain)
-        paint.glow[:] = np.stack(warm) * strength
+        return height, np.stack(warm) * strength
 
-    def _light(self, points: Points, paint: _Paint, spans: Spans, given: Conditions) -> Singles:
+    def _light(self, points: Points, height: Singles, spans: Spans, given: Conditions) -> Singles:
         ambient = _BOUNCE + (1 - _BOUNCE) * points.normal[2]
         if given.shade > 0.2 or given.lamps > 0.0:
             out = np.float32(1.0) - np.abs(points.normal[2])
             xy = points.xyz[:2] + points.normal[:2] * out
             fine = np.maximum(points.footprint, np.float32(0.5))
-            around = self._around.sample(xy, fine, points.dither, 2 if given.lamps > 0.0 else 1)
+            around = np.zeros((2 if given.lamps > 0.0 else 1, len(fine)), np.float32)
+            self._around.add_to(around, xy, fine, points.dither)
             ambient *= 1.0 - np.float32(given.shade) * (1.0 - around[0])
         light: Singles = column(given.light.sky) * ambient
         if given.direct:
@@ -428,7 +415,7 @@ class Shader:
             lamps = around[1]
             lamps[spans["roofs"]] *= _LAMPS_ON_ROOFS
             lamps[spans["leaves"]] *= _LAMPS_ON_LEAVES
-            lamps[spans["walls"]] *= np.exp(paint.height * np.float32(-1.0 / 6.0))
+            lamps[spans["walls"]] *= np.exp(height * np.float32(-1.0 / 6.0))
             light += column(_LAMP) * (lamps * np.float32(given.lamps))
         return light
 
@@ -443,46 +430,49 @@ def _covered(place: Singles, low: Singles | float, high: Singles | float, size: 
     return np.asarray(sharp + (np.subtract(high, low, dtype=np.float32) - sharp) * coarse)
 
 
-def _lay_snow(paint: _Paint, points: Points, spans: Spans, snow: float) -> None:
+def _lay_snow(paint: Singles, points: Points, spans: Spans, snow: float) -> None:
     patches = volume_noise(points.xyz, 0.6, points.footprint)
     cover = np.float32(0.82) + 0.10 * patches
     cover += 0.08 * volume_noise(points.xyz, 0.15, points.footprint)
     # Cars and brooms clear pavements: grey, and not bright.
-    ground = paint.albedo[:, spans["ground"]]
+    ground = paint[:3, spans["ground"]]
     spread = ground.max(axis=0) - ground.min(axis=0)
     cover[spans["ground"]] -= 0.5 * np.clip(1.4 - spread * 12.0, 0.0, 1.0)
     cover[spans["leaves"]] -= np.float32(0.35)
     np.clip(cover, 0.0, 0.92, out=cover)
     cover *= np.clip((points.normal[2] - np.float32(0.25)) * np.float32(2.2), 0.0, 1.0)
-    cover *= 1.0 - paint.waves
+    cover *= 1.0 - paint[4]
     cover *= np.float32(snow)
     white = column(_SNOW) * (1.0 + np.float32(0.03) * patches)
-    paint.albedo += (white - paint.albedo) * cover
-    paint.mirror *= 1.0 - cover
+    paint[:3] += (white - paint[:3]) * cover
+    paint[3] *= 1.0 - cover
 
 
-def _make_wet(paint: _Paint, points: Points, spans: Spans, wet: float) -> None:
+def _make_wet(paint: Singles, points: Points, spans: Spans, wet: float) -> None:
     flat = np.clip((points.normal[2] - np.float32(0.3)) * 2.0, 0.0, 1.0) * np.float32(wet)
     country = points.part(spans["country"])
     dips = volume_noise(country.xyz, 0.9, country.footprint)
-    paint.albedo *= 1.0 - np.float32(0.22) * flat * (1.0 - paint.waves)
+    paint[:3] *= 1.0 - np.float32(0.22) * flat * (1.0 - paint[4])
     soaked = np.full_like(flat, 0.25)
     soaked[spans["country"]] += np.clip(dips - np.float32(0.8), 0.0, 1.0)
     soaked[spans["leaves"]] = 0.0
-    np.maximum(paint.mirror, soaked * flat, out=paint.mirror)
+    np.maximum(paint[3], soaked * flat, out=paint[3])
 
 
-def _mirror_sky(colour: Singles, paint: _Paint, points: Points, given: Conditions) -> None:
-    which = np.flatnonzero(paint.mirror > 0.02)
-    xyz, normal, view = (np.stack([row.take(which) for row in part]) for part in points[:3])
-    ripple = volume_noise(xyz, 0.3, points.footprint[which])
-    normal[:2] += np.float32(0.02) * paint.waves[which] * ripple
+def _mirror_sky(colour: Singles, mirror: Singles, points: Points, given: Conditions) -> None:
+    """Add the sky to colours (3, N), given how much they mirror, and of that as water."""
+    which = np.flatnonzero(mirror[0] > 0.02)
+    xyz, normal, view, (strength, waves) = (
+        values.take(which, axis=1) for values in (*points[:3], mirror)
+    )
+    ripple = volume_noise(xyz, 0.3, points.footprint.take(which))
+    normal[:2] += np.float32(0.02) * waves * ripple
     facing = -dot(view, normal)
     away = view + 2.0 * facing * normal
     slant = 1.0 - np.clip(facing, 0.0, 1.0)
     square = slant * slant
     share = _BASE_REFLECTANCE + (1 - _BASE_REFLECTANCE) * square * square * slant
-    share *= paint.mirror[which]
+    share *= strength
     seen = _sky_colour(away, given)
     seen *= np.clip(1.0 + 2.0 * away[2], 0.3, 1.0)
     for channel, mirrored in zip(colour, seen, strict=True):

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rasterio import Affine
-from rasterio.io import MemoryFile
 
 from airzoo_bench.core.files import atomic_folder, canonical_json, only_writer, sha256_of, write_npz
 from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.rasters import write_geotiff
 
 CRS = "EPSG:4547"
 SIDE_M = 600.0
@@ -155,17 +155,10 @@ def load_world(folder: Path) -> World:
 
 
 def write_raster(path: Path, pixels: NDArray[Any], region: Region) -> None:
-    """Write heights (H, W) float32 or colours (H, W, 3) uint8 of a region as GeoTIFF in `CRS`."""
+    """Write heights (N, N) float32 or colours (N, N, 3) uint8 of a region as GeoTIFF in `CRS`."""
     colours = pixels.ndim == 3
     bands = np.moveaxis(pixels, -1, 0) if colours else pixels[None]
-    count, height, width = bands.shape
-    step_x, step_y = region.side_m / width, region.side_m / height
-    place = Affine(step_x, 0.0, region.west, 0.0, -step_y, region.south + region.side_m)
-    profile: dict[str, Any] = {"photometric": "RGB"} if colours else {"nodata": -9999.0}
-    profile |= {"count": count, "height": height, "width": width, "crs": CRS, "transform": place}
-    # By way of memory: GDAL only logs a full disk, Python raises.
-    with MemoryFile() as memory:
-        kind = pixels.dtype.name
-        with memory.open(driver="GTiff", dtype=kind, interleave="pixel", **profile) as dataset:
-            dataset.write(bands)
-        path.write_bytes(memory.getbuffer())
+    step = region.side_m / len(pixels)
+    place = Affine(step, 0.0, region.west, 0.0, -step, region.south + region.side_m)
+    kind: dict[str, Any] = {"photometric": "RGB"} if colours else {"nodata": -9999.0}
+    write_geotiff(path, bands, crs=CRS, transform=place, interleave="pixel", **kind)

@@ -24,7 +24,6 @@ import numpy as np
 from affine import Affine
 from numpy.typing import NDArray
 from PIL import Image
-from rasterio.io import MemoryFile
 
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.files import atomic_write, data_root, fingerprint
@@ -51,7 +50,7 @@ from airzoo_bench.formats.npz import NpzFile
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import LOCAL_CRS, check_same_crs
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.geometry.rasters import open_info
+from airzoo_bench.geometry.rasters import open_info, write_geotiff
 from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.protocol.model import protocol_of_track
 
@@ -197,8 +196,9 @@ def _read(path: Path, made: Path) -> _Sample | None:
             one.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(files[0]) as stream:
             Image.fromarray(photo).save(stream, "PNG")
-        _write_raster(files[1], np.moveaxis(dop, -1, 0), transform)
-        _write_raster(files[2], dsm[None, ..., 2], transform, nodata=np.nan)
+        layout = {"crs": _MADE_UP_CRS, "transform": transform, "compress": "deflate", "tiled": True}
+        write_geotiff(files[1], np.moveaxis(dop, -1, 0), **layout)
+        write_geotiff(files[2], dsm[None, ..., 2], nodata=np.nan, **layout)
     matrix, pose = (file.read(name).astype(np.float64) for name in ("intrinsics", "extrinsics"))
     return (photo.shape[1], photo.shape[0]), matrix, pose
 
@@ -208,19 +208,6 @@ def _transform(dsm: NDArray[Any], scale: NDArray[Any]) -> Affine:
     step, first = scale.astype(np.float64), dsm[0, 0, :2].astype(np.float64)
     (x, y), (across, down) = first - step / 2, step
     return Affine(across, 0.0, x, 0.0, down, y)
-
-
-def _write_raster(
-    path: Path, bands: NDArray[Any], transform: Affine, nodata: float | None = None
-) -> None:
-    count, height, width = bands.shape
-    profile = {"count": count, "height": height, "width": width, "dtype": bands.dtype}
-    profile |= {"crs": _MADE_UP_CRS, "transform": transform, "nodata": nodata}
-    with MemoryFile() as memory:
-        with memory.open(driver="GTiff", compress="deflate", tiled=True, **profile) as raster:
-            raster.write(bands)
-        with atomic_write(path) as stream:
-            stream.write(memory.getbuffer())
 
 
 ORTHOLOC = _OrthoLoc()

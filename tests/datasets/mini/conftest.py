@@ -17,12 +17,12 @@ import pytest
 
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.datasets.mini import build
-from airzoo_bench.datasets.mini.dataset import AIRZOO_MINI, MiniOptions
+from airzoo_bench.datasets.mini.dataset import AIRZOO_MINI
 from airzoo_bench.datasets.mini.layout import Box, Building, Decal, Frame, Plan, Raster
 from airzoo_bench.datasets.mini.noise import Dice
 from airzoo_bench.datasets.mini.renderer import Renderer, default_camera, read_depth
 from airzoo_bench.datasets.mini.world import Region, World, load_world
-from airzoo_bench.datasets.settings import PrepareSettings
+from airzoo_bench.datasets.settings import MiniOptions, PrepareSettings
 from airzoo_bench.engines.engine import Engine
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project

@@ -8,8 +8,9 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from airzoo_bench.datasets.geometry_checks import MOST_DEPTH_M, footprints, key_frames
 from airzoo_bench.datasets.mini import flights
-from airzoo_bench.datasets.mini.flights import FPS, MARGIN_M, footprints, key_frames, overlaps
+from airzoo_bench.datasets.mini.flights import FPS, MARGIN_M
 from airzoo_bench.datasets.mini.world import CRS, REGIONS
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, back_project
@@ -118,17 +119,12 @@ def test_the_footprint_holds_what_pixels_see_and_no_more(
     rays = rays_to_world(poses, back_project(CAMERA, grid.reshape(1, -1, 2)))
     hits = intersect_plane(poses.centres, rays, 50.0, 1e5)
     depth = (hits.points - poses.centres[:, None]) @ poses.rotation[0, 2]
-    seen = hits.valid & (depth <= 0.999 * flights.MOST_DEPTH_M)
+    seen = hits.valid & (depth <= 0.999 * MOST_DEPTH_M)
     shape = footprints(CAMERA, poses, 50.0)[0]
     points = shapely.points(hits.points[seen][:, :2])
     assert shapely.covers(shapely.buffer(shape, 1e-6), points).all()
-    beyond = shapely.points(hits.points[hits.valid & (depth > 1.001 * flights.MOST_DEPTH_M)][:, :2])
+    beyond = shapely.points(hits.points[hits.valid & (depth > 1.001 * MOST_DEPTH_M)][:, :2])
     assert not shapely.covers(shape, beyond).any()
-
-
-def test_overlap_by_hand() -> None:
-    box, beside, inside = (shapely.box(*at) for at in ((0, 0, 4, 2), (3, 0, 7, 2), (1, 1, 2, 2)))
-    assert overlaps(np.array([box, beside, box]), [beside, box, inside]).tolist() == [0.25, 0.25, 1]
 
 
 @pytest.mark.parametrize(("overlap", "step"), [(0.75, 50), (0.5, 100), (0.1, 180)])
@@ -138,3 +134,6 @@ def test_key_frames_of_a_straight_line_by_hand(overlap: float, step: int) -> Non
     down = angles_to_rotations(0.0, -90.0, 0.0, convergence_deg=0.0)
     flight = Poses.from_centres(np.repeat(down[None], 402, 0), centres)
     assert key_frames(flight, CAMERA, 50.0, overlap).tolist() == list(range(0, 401, step))
+    # Straight up: each frame sees all that the one before sees.
+    rising = Poses.from_centres(flight.rotation, centres[:, [1, 1, 0]] / 2 + (0.0, 0.0, 60.0))
+    assert key_frames(rising, CAMERA, 50.0, overlap).tolist() == [0]

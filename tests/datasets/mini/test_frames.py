@@ -77,10 +77,10 @@ def test_other_programs_find_the_rasters_in_place(world: Path) -> None:
 
 def test_photo_depth_and_table_of_frames(rendered: Path) -> None:
     view = FRAMES.camera, FRAMES.poses.take(1), "rainy", "night", seed_of(FRAMES.seed, "f1")
-    true, (image, depth) = renderer().render(*view), photos.frame_paths(rendered, "f1")
-    np.testing.assert_array_equal(photos.read_depth(depth), true.depth)
+    (rgb, true), (image, depth) = renderer().render(*view), photos.frame_paths(rendered, "f1")
+    np.testing.assert_array_equal(photos.read_depth(depth), true)
     with Image.open(image) as photo:
-        assert np.abs(np.asarray(photo, float) - true.rgb).mean() < 3.0
+        assert np.abs(np.asarray(photo, float) - rgb).mean() < 3.0
     table = pd.read_csv(rendered / "frames.csv")
     for name, column in (("name", "names"), ("weather",) * 2, ("time_of_day",) * 2):
         assert tuple(table[name]) == getattr(FRAMES, column)

@@ -11,10 +11,11 @@ import pytest
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.datasets.mini.dataset import MiniOptions, mini_photos, mini_protocols
-from airzoo_bench.datasets.mini.noise import noisy_priors
+from airzoo_bench.datasets.metadata import noisy_priors
+from airzoo_bench.datasets.mini.dataset import mini_photos, mini_protocols, seed_or_key
 from airzoo_bench.datasets.mini.renderer import Raycaster
 from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN
+from airzoo_bench.datasets.settings import MiniOptions
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
@@ -133,7 +134,7 @@ def test_exact_matches_are_perfect(mini: Prepared, tmp_path: Path) -> None:
 @slow
 def test_commands(mini: Prepared, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(mini.root))
-    name = "airzoo_bench.datasets.mini.flights.key_frames"
+    name = "airzoo_bench.datasets.geometry_checks.key_frames"
     monkeypatch.setattr(name, lambda flown, *rest: np.arange(0, len(flown), len(flown) // 2)[:2])
     words = ("mini", "render", "--region", "rural", "--flight", "survey", "--weather", "foggy")
     assert run_main(*words, "--out", str(tmp_path)) == 0
@@ -179,11 +180,11 @@ def test_a_sealed_edition_hides_all_that_its_key_does_not_tell() -> None:
 def test_a_key_of_32_digits_is_the_source_and_is_in_no_protocol(tmp_path: Path) -> None:
     path = tmp_path / "mini.key"
     path.write_text(f"{KEY:x}"[1:] + "\n")
-    assert MiniOptions(key_file=path).source == KEY
+    assert seed_or_key(MiniOptions(key_file=path)) == KEY
     for protocol in mini_protocols(KEY).every:
         assert protocol.benchmark == "airzoo-mini-sealed"
         assert f"{KEY:x}"[1:] not in protocol.model_dump_json()
     for seed, text in ((3, "0" * 32), (0, ""), (0, "0" * 31), (0, "g" * 32), (0, "0" * 64)):
         path.write_text(text)
         with pytest.raises(UsageError):
-            _ = MiniOptions(seed, path).source
+            seed_or_key(MiniOptions(seed, path))

@@ -20,11 +20,11 @@ FINE = default_camera(320, 240)
 
 
 def shot(view: Poses, weather: str = "sunny", time: str = "day", lens: Cameras = CAMERA) -> Floats:
-    return small.renderer().render(lens, view, weather, time, 1).rgb.astype(float)
+    return small.renderer().render(lens, view, weather, time, 1)[0].astype(float)
 
 
 def depth_of(view: Poses, lens: Cameras = CAMERA) -> np.ndarray:
-    return small.renderer().render(lens, view, "sunny", "day", 1).depth
+    return small.renderer().render(lens, view, "sunny", "day", 1)[1]
 
 
 def test_a_mesh_far_from_the_origin_of_its_ray_is_met_to_the_last_digits() -> None:
@@ -81,15 +81,15 @@ def test_depth_is_exact_to_the_bit() -> None:
 def test_conditions_change_pixels_and_never_depth() -> None:
     lens, render = default_camera(80, 60), small.renderer().render
     frames = [render(lens, HORIZON, *given, 5) for given in product(WEATHERS, TIMES)]
-    assert (len(frames), len({frame.depth.tobytes() for frame in frames})) == (15, 1)
-    pictures = [frame.rgb.astype(float) for frame in frames]
+    depth, pictures = frames[0][1], [rgb.astype(float) for rgb, _ in frames]
+    assert (len(frames), len({other.tobytes() for _, other in frames})) == (15, 1)
     for first, second in combinations(pictures, 2):
         assert np.abs(first - second).mean() > 1.0
     up = small.rays(lens, HORIZON).reshape(60, 80, 3)[..., 2] >= 0
-    assert not frames[0].depth[up].any()
-    assert (frames[0].depth[-10:] > 0.0).all()
+    assert not depth[up].any()
+    assert (depth[-10:] > 0.0).all()
     # Land goes on to the horizon, where the mesh has ended.
-    beyond = (frames[0].depth == 0.0) & ~up
+    beyond = (depth == 0.0) & ~up
     assert beyond.any()
     assert np.abs(pictures[0][beyond].mean(axis=0) - pictures[0][up].mean(axis=0)).max() > 3.0
 
