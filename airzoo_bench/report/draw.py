@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _STEPS, _MARKS = 256, 9
 _KS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
-_PERCENT = (-2.0, 102.0)
+_PERCENT, _FLAT = (-2.0, 102.0), 99.0
 _THRESHOLD = re.compile(r"(precision|recall|f1)_([0-9.e+-]+)m")
 _LETTER_IN = 0.0625  # of the names along an axis
 _PLAN = ResamplingConfig()
@@ -150,28 +150,32 @@ def thresholds(methods: Sequence[Method], sheet: Sheet | None = None) -> Figure:
     if not keys["f1"]:
         what = f"results of the {result.track} track have no precision over distance"
         raise UsageError(what, expected="results of the reconstruction track")
-    wide = sheet.wide(9.0)
-    narrow = wide < NARROW_IN
-    figure = new_canvas(wide, 4.2 if narrow else 2.8)
-    panels = figure.subplots(3, 1, sharex=True) if narrow else figure.subplots(1, 3, sharey=True)
+    distances = np.array(list(keys["f1"]))
+    values = [[[m.result.overall[k] for k in at.values()] for m in methods] for at in keys.values()]
+    curves = dict(zip(keys, 100 * np.array(values), strict=True))
+    shown = {what: lines for what, lines in curves.items() if lines.min() < _FLAT} or curves
+    wide = sheet.wide(3.0 * max(2, len(shown)))
+    narrow = wide < 2.4 * len(shown)
+    figure = new_canvas(wide, 1.4 * len(shown) if narrow else 2.8)
+    shape: Any = {"nrows": len(shown), "sharex": True} if narrow else {"ncols": len(shown)}
+    panels = figure.subplots(**shape, sharey=True, squeeze=False).ravel()
     headline = result.protocol.settings.get("scores", {}).get("headline_below_m")
-    for axes, (what, at) in zip(panels, keys.items(), strict=True):
-        distances = np.array(list(at))
-        values = [100 * np.array([m.result.overall[key] for key in at.values()]) for m in methods]
-        _draw_lines(axes, [distances] * len(methods), values)
+    for axes, (what, lines) in zip(panels, shown.items(), strict=True):
+        _draw_lines(axes, [distances] * len(methods), lines)
         if headline:
             axes.axvline(headline, color="0.45", linewidth=0.9, linestyle="--", zorder=0)
         axes.set_xscale("log" if distances[-1] >= 10 * distances[0] else "linear")
-        axes.set_xticks(distances.tolist(), [f"{d:g}" for d in at])
+        axes.set_xticks(distances.tolist(), [f"{d:g}" for d in distances])
         axes.set_xticks([], minor=True)
         axes.grid(alpha=0.3)
-        axes.set(title={"f1": "F1"}.get(what, what), ylim=_PERCENT)
+        axes.set(ylabel=f"{what.replace('f1', 'F1')} [%]", ylim=_PERCENT)
     for axes in panels[-1:] if narrow else panels:
         axes.set_xlabel("distance d [m]")
-    panels[1 if narrow else 0].set_ylabel("points nearer than d [%]")
     dashed = f"dashed: d = {headline:g} m, of the headline scores" if headline else ""
+    left = " and ".join(what for what in curves if what not in shown)
+    flat = f"{left}: above {_FLAT:g} % everywhere" if left else ""
     mean = over_scenes(methods).removeprefix(", ")
-    finish(figure, sheet.noting(mean, dashed), [method.name for method in methods])
+    finish(figure, sheet.noting(mean, dashed, flat), [method.name for method in methods])
     return figure
 
 
@@ -222,12 +226,7 @@ def condition(
     return figure
 
 
-_KINDS: dict[str, Any] = {
-    "condition": condition,
-    "errors": errors,
-    "recall": recall,
-    "thresholds": thresholds,
-}
+_KINDS: dict[str, Any] = {f.__name__: f for f in (condition, errors, recall, thresholds)}
 KINDS = tuple(_KINDS)
 """The pictures of several methods; those of one run are ``map``, ``query`` and ``cloud``."""
 

@@ -127,15 +127,13 @@ def parse_length(text: str | None) -> float | None:
     found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(cm|in)", text.strip().lower())
     length = float(found[1]) / (2.54 if found[2] == "cm" else 1.0) if found else 0.0
     if not _LEAST_IN <= length <= _MOST_IN:
-        raise UsageError(
-            f"--width {text!r} is no width that can be drawn",
-            expected=f"such as 3.3in or 8.4cm, between {_LEAST_IN:g}in and {_MOST_IN:g}in",
-        )
+        expected = f"such as 3.3in or 8.4cm, between {_LEAST_IN:g}in and {_MOST_IN:g}in"
+        raise UsageError(f"--width {text!r} is no width that can be drawn", expected=expected)
     return length
 
 
-def figure_bytes(figure: Figure, form: str, dpi: int = 150) -> bytes:
-    """Render a figure as one of `FORMATS`, or as ``jpg``."""
+def figure_bytes(figure: Figure, form: str, dpi: int = 150, *, clear: bool = False) -> bytes:
+    """Render a figure as one of `FORMATS` or as ``jpg``, clear or on white."""
     stream = io.BytesIO()
     with default_style(_FILES), warnings.catch_warnings():
         # Letters that the font lacks are drawn as boxes.
@@ -145,7 +143,8 @@ def figure_bytes(figure: Figure, form: str, dpi: int = 150) -> bytes:
         figure.set_layout_engine(None)  # a placeholder would draw everything once more
         for axes in figure.axes:  # rounded, so that files are the same again
             axes.set_position(np.round(axes.get_position(original=True).bounds, 5).tolist())
-        figure.savefig(stream, format=form, dpi=dpi, metadata=_METADATA.get(form))
+        options: Any = {"metadata": _METADATA.get(form), "transparent": clear}
+        figure.savefig(stream, format=form, dpi=dpi, **options)
     return stream.getvalue()
 
 

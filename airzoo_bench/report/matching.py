@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 _MOST_LINES = 200  # of inliers, and of the others
-_LONG_SIDE_PX, _GAP = 1000, 1.02
+_LONG_SIDE_PX, _GAP = 1000, 1.004
 _LONGEST_ARROW = 0.08  # of the map's longer side, for nine of ten errors
 _FACTORS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 _NO_MATCHES = (np.zeros((0, 2)), np.zeros((0, 2)))
@@ -109,14 +109,21 @@ def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
             save_figure(draw_arrows(section, place), folder / f"{place.scene}_map.png")
 
 
-def has_matches(section: Section, number: int, query: str) -> bool:
-    """Tell whether a method's run has left matches of a query to draw."""
+def matches_text(section: Section, number: int, query: str) -> str:
+    """Count the matches of a query that a method's run has left to draw; empty without any."""
     found = read_kept(section, number)
-    return found is not None and bool(np.diff(found["offsets"])[found["queries"] == query].any())
+    if found is None or query not in found["queries"]:
+        return ""
+    row = found["queries"].tolist().index(query)
+    (inliers, total), drawn = found["counts"][row].tolist(), np.diff(found["offsets"])[row]
+    counts = f"{counted(inliers, 'inlier')} of {counted(total, 'match')}"
+    return f"{counts}, {drawn} drawn; thick: inliers" if drawn else ""
 
 
 @default_style()
-def draw_matches(section: Section, place: Place, query: str, sheet: Sheet | None = None) -> Figure:
+def draw_matches(
+    section: Section, place: Place, query: str, sheet: Sheet | None = None, *, bare: bool = False
+) -> Figure:
     """Draw a query's photo and its crop, with lines of its matches coloured by residual."""
     sheet, matches = sheet or Sheet(), need_kept(section)
     row = int(np.flatnonzero(matches["queries"] == query)[0])
@@ -131,7 +138,8 @@ def draw_matches(section: Section, place: Place, query: str, sheet: Sheet | None
     scale, shift = tall / height, across * _GAP
     right = shift + width * scale
     wide = sheet.wide(9.0)
-    figure = new_canvas(wide, wide * 0.88 * tall / right + 0.3)
+    high = wide * tall / right
+    figure = new_canvas(wide, high if bare else 0.88 * high + 0.3)
     axes = figure.add_subplot()
     axes.imshow(photo, extent=(0, across, tall, 0))
     axes.imshow(crop, extent=(shift, right, tall, 0))
@@ -146,10 +154,11 @@ def draw_matches(section: Section, place: Place, query: str, sheet: Sheet | None
         axes.plot(*line, color=colours[one], linewidth=thick, alpha=alpha)
     axes.set(xlim=(0, right), ylim=(tall, 0))
     axes.set_axis_off()
-    add_error_bar(axes, limit, "residual under the true pose [px]")
-    inliers, total = matches["counts"][row].tolist()
-    said = f"{query}: {counted(inliers, 'inlier')} of {counted(total, 'match')}"
-    finish(figure, sheet.noting(f"{said}, {len(residual)} drawn; thick: inliers"))
+    if bare:
+        figure.set_layout_engine("constrained", w_pad=0, h_pad=0)
+    else:
+        add_error_bar(axes, limit, "residual under the true pose [px]")
+        finish(figure, sheet.noting(f"{query}: {matches_text(section, 0, query)}"))
     return figure
 
 

@@ -15,7 +15,6 @@ from airzoo_bench.results.comparison import (
     compare,
     floor_note,
     make_sample,
-    notes_of,
     tied_with_best,
 )
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
@@ -181,7 +180,7 @@ def counts_table(section: Section) -> Table:
 
 def notes_by_method(section: Section) -> list[str]:
     """Return the notes of all results, each once, with the methods that have it."""
-    return share_notes((m.name, note) for m in section.methods for note in notes_of(m.result))
+    return share_notes((m.name, note) for m in section.methods for note in m.result.notes)
 
 
 @cache

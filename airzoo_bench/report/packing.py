@@ -57,11 +57,7 @@ class Blobs:
         """Pack values as codes into the different texts that are written for them."""
         different, codes = np.unique(values, return_inverse=True)
         written = list(texts(different.tolist()))
-        # Neighbours that are written alike are one.
-        is_new = np.array([n == 0 or t != written[n - 1] for n, t in enumerate(written)], bool)
-        places = np.cumsum(is_new) - 1
-        shown = [text for text, new in zip(written, is_new, strict=True) if new]
-        return {"texts": self.json(shown), "codes": self.array(places[codes.ravel()])}
+        return {"texts": self.json(written), "codes": self.array(codes.ravel())}
 
 
 def _json_value(value: Any) -> Any:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jinja2
-import numpy as np
 
 from airzoo_bench.core.errors import UserError, counted
 from airzoo_bench.core.files import canonical_json
@@ -16,8 +15,8 @@ from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.version import __version__
 from airzoo_bench.report.draw import condition, errors, recall, threshold_scores, thresholds
 from airzoo_bench.report.figures import (
+    Sheet,
     axis_label,
-    error_colours,
     error_label,
     error_palette,
     figure_bytes,
@@ -37,7 +36,7 @@ from airzoo_bench.report.numbers import (
 from airzoo_bench.report.packing import Blobs, content_policy, data_uri, page_json
 from airzoo_bench.report.queries import hardest, pack_maps, pack_queries
 from airzoo_bench.report.reconstruction import pack_clouds
-from airzoo_bench.report.sections import Place, Section, find_places, jpeg, read_sections
+from airzoo_bench.report.sections import Place, Section, find_places, read_sections
 from airzoo_bench.tables.breakdown import condition_title
 from airzoo_bench.tables.layouts import score_column, shared_references
 
@@ -52,6 +51,7 @@ _TRACKS = {
 }
 _SCRIPTS = ("core.js", "tables.js", "queries.js", "map.js", "clouds.js", "main.js")
 _STYLES = ("style.css", "pictures.css", "report.css")
+_SHEET = Sheet(5.0)  # letters can be read on a phone and beside another picture
 
 
 def make_report(
@@ -126,7 +126,7 @@ def _part(
         "condition_figures": [
             (by, *_image(f"{axis_label(main)} by {condition_title(by)}", figure))
             for by in section.conditions
-            for figure in [condition(section.methods, main, by, plan=plan_of(section))]
+            for figure in [condition(section.methods, main, by, None, _SHEET, plan_of(section))]
         ],
         "hardest": hardest(section, places, pictures) if section.by_query else [],
         "counts": counts_table(section),
@@ -143,16 +143,17 @@ def _figures(section: Section) -> Iterator[tuple[str, Figure]]:
     """Yield titles and pictures, as the section's track has them."""
     methods = section.methods
     if "first_hit_rank" in methods[0].records:
-        yield "Recall over the number of tiles looked at", recall(methods)
+        yield "Recall over the number of tiles looked at", recall(methods, sheet=_SHEET)
     measured = [score for score in section.query_scores if score.unit != "share"]
     for score in measured[:2] if section.by_query else ():
-        yield f"Share of queries below a value of {error_label(score)}", errors(methods, score)
+        title = f"Share of queries below a value of {error_label(score)}"
+        yield title, errors(methods, score, _SHEET)
     if threshold_scores(section.first.columns)["f1"]:
-        yield "Precision, recall and F1 over the distance d", thresholds(methods)
+        yield "Precision, recall and F1 over the distance d", thresholds(methods, _SHEET)
 
 
 def _image(title: str, figure: Figure) -> tuple[str, str]:
-    return title, data_uri(figure_bytes(figure, "svg"), "image/svg+xml")
+    return title, data_uri(figure_bytes(figure, "svg", clear=True), "image/svg+xml")
 
 
 def _read(name: str) -> str:
@@ -171,17 +172,15 @@ def _render(parts: list[dict[str, Any]], blobs: Blobs) -> str:
         lstrip_blocks=True,
     )
     env.filters |= {"zip": zip, "numbered": enumerate}
-    palette, scale = error_palette(), np.append(np.linspace(0, 0.999, 240), np.ones(16))
-    bar = jpeg(np.repeat(error_colours(scale, 1.0)[None], 8, axis=0), 95)
-    data = {"parts": [part["data"] for part in parts], "pictures": blobs.pictures}
+    shown = [part["data"] for part in parts]
+    data = {"parts": shown, "pictures": blobs.pictures, "palette": error_palette()}
     return env.get_template("report.html").render(
         version=__version__,
         policy=content_policy(script, style),
         style=style,
         script=script,
         parts=parts,
-        data=page_json(data | {"palette": palette}),
+        data=page_json(data),
         blobs=blobs.texts,
         tied=TIED,
-        bar=data_uri(bar, "image/jpeg"),
     )

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import RasterError, UserError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import gsd_m, read_rgb
-from airzoo_bench.report.figures import error_label, figure_bytes
-from airzoo_bench.report.matching import arrow_factor, draw_matches, estimates_on_map, has_matches
+from airzoo_bench.report.figures import Sheet, error_label, figure_bytes
+from airzoo_bench.report.matching import arrow_factor, draw_matches, estimates_on_map, matches_text
 from airzoo_bench.report.packing import Blobs, data_uri
 from airzoo_bench.report.retrieval import first_tiles, read_tile
 from airzoo_bench.report.sections import Place, Section, jpeg, true_window
@@ -24,7 +24,7 @@ from airzoo_bench.tables.breakdown import UNKNOWN, condition_title, number_texts
 from airzoo_bench.tables.comparison import HIT, MISS
 from airzoo_bench.tables.layouts import score_texts
 
-_MAP_PX, _SIDE_PX, _TILE_PX = 1400, 240, 120
+_MAP_PX, _SIDE_PX, _TILE_PX, _MATCHES_IN = 1400, 240, 120, 12.0
 _STEPS_PER_PIXEL, _NOWHERE = 4, -32768  # places are kept to a quarter of a pixel of the picture
 
 
@@ -170,12 +170,15 @@ def _sources(
     section: Section, place: Place, query: str
 ) -> Iterator[tuple[Callable[[], bytes | NDArray[np.uint8]], dict[str, Any]]]:
     """Yield functions that read pictures, and what is said of each."""
-    drawn = (n for n in range(len(section.methods)) if has_matches(section, n, query))
-    number = next(drawn, None)
-    if number is not None:
+    texts = [matches_text(section, n, query) for n in range(len(section.methods))]
+    if any(texts):
+        number = texts.index(next(filter(None, texts)))
         alone = Section(section.methods[number:], section.folders[number:])
-        about = {"title": f"matches of {section.names[number]}", "kind": "wide"}
-        yield lambda: figure_bytes(draw_matches(alone, place, query), "jpg", 90), about
+        limit = f"{section.first.protocol.settings['solver']['max_error_px']:g} px"
+        title = f"matches of {section.names[number]}: {texts[number]}"
+        draw = partial(draw_matches, alone, place, query, Sheet(_MATCHES_IN), bare=True)
+        about = {"title": title, "kind": "wide", "limit": limit}
+        yield lambda: figure_bytes(draw(), "jpg", 100), about
         return
     photo = place.photos[query]
     yield partial(read_rgb, photo, long_side_px=_SIDE_PX), {"title": "photo"}

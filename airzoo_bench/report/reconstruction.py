@@ -118,7 +118,9 @@ def draw_clouds(section: Section, scene: str, sheet: Sheet | None = None) -> Fig
     headline = section.first.protocol.settings.get("scores", {}).get("headline_below_m")
     if headline:
         last.axvline(headline, color="0.6", linewidth=0.8)
-    last.set(xlabel="distance d [m]", ylabel="points nearer than d [%]", ylim=(0, 102))
+    settled = (found["curve"][1:] >= 0.99 * found["curve"][1:, -1:]).all(axis=0)
+    last.set(xlabel="distance d [m]", ylabel="points nearer than d [%]")
+    last.set(xlim=(0, 1.1 * distances[np.argmax(settled)] or distances[-1]), ylim=(0, 102))
     last.grid(alpha=0.3)
     last.legend(loc="lower right", fontsize=8)
     name = section.names[0]

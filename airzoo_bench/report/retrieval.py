@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_RANKS, _TILE_PX = 5, 300
-_BLUE, _ORANGE, _PINK, _SKY = COLOURS[0], COLOURS[1], COLOURS[3], COLOURS[5]
+_BLUE, _ORANGE, _SKY = COLOURS[0], COLOURS[1], COLOURS[5]
 
 
 @lru_cache(maxsize=8)
@@ -57,26 +57,20 @@ def read_tile(place: Place, tile: int, long_side_px: int) -> NDArray[np.uint8]:
 
 @default_style()
 def draw_hits(section: Section, place: Place, sheet: Sheet | None = None) -> Figure:
-    """Draw footprints on the map, by whether the first tile answers, and the tiles of misses."""
+    """Draw on the map what photos show, by whether the first tile answers."""
     sheet = sheet or Sheet()
     figure, axes, metres = draw_ground(place, sheet)
     tiles, hits = first_tiles(section, place)
     if not tiles.shape[2]:
         raise UsageError("the records name no tiles", fix="score the predictions again")
-    first, hit = tiles[0, :, 0], hits[0, :, 0]
-    for tile in np.unique(first[~hit & (first >= 0)]):
-        axes.fill(*(place.tiles[tile] * metres).T, fill=False, ec=_PINK, lw=0.8)
-    kinds = ((~hit, _ORANGE, "x", "--", "miss"), (hit, _SKY, "o", "-", "hit"))
-    for kind, colour, marker, line, name in kinds:
-        for outline in place.outlines[kind]:
-            axes.fill(*(outline * metres).T, fill=False, ec=colour, ls=line, lw=1.0)
+    hit = hits[0, :, 0]
+    for kind, colour, marker, name in ((~hit, _ORANGE, "x", "miss"), (hit, _SKY, "o", "hit")):
         label = f"{name} ({int(kind.sum())})"
         style: Any = {"color": colour, "marker": marker, "linestyle": "none", "label": label}
         axes.plot(*(place.centres[kind] * metres).T, **style)
-    axes.plot([], [], "s", mfc="none", color=_PINK, label="first tile of a miss")
     axes.legend(loc="best", fontsize=8)
-    name = section.names[0]
-    finish(figure, sheet.noting(f"{name}, scene {place.scene}: footprints, by the first tile"))
+    said = f"{section.names[0]}, scene {place.scene}: what photos show, by the first tile"
+    finish(figure, sheet.noting(said))
     return figure
 
 

@@ -94,7 +94,7 @@ def test_queries_are_found_sorted_and_shown_on_the_map(opened: Opened) -> None:
     opened.one("#part1-queries input[type=search]").send_keys("p1")
     opened.until(lambda: all("p1" in name for name in opened.rows()))
     opened.driver.execute_script("document.querySelector('canvas').focus()")
-    opened.press("n")
+    opened.press(webdriver.Keys.ESCAPE, "n")
     title = opened.until(lambda: opened.titles("#part1-queries .chosen"))
     assert title == [opened.rows()[0]]
     assert "#part1-query=" in opened.driver.current_url

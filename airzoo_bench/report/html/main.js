@@ -41,13 +41,15 @@ const wide = matchMedia("(min-width: 60rem)").matches;
 document.querySelectorAll("details[data-wide]").forEach((box) => {
   if (wide) box.open = true;
 });
-// A phone shows the first map, if the page stays short.
-const first = wide || location.hash ? null : document.querySelector("details[id$=queries][data-wide]");
-if (first) {
-  open[first.id]().then(() => {
-    if (document.documentElement.scrollHeight > 4000) first.open = false;
-  });
+// A phone shows the first cloud and the first map, as far as the page stays short.
+async function unfoldFirst() {
+  for (const kind of ["clouds", "queries"]) {
+    const box = document.querySelector(`details[id$=${kind}][data-wide]`);
+    await open[box?.id]?.();
+    if (box && document.documentElement.scrollHeight > 4000) box.open = false;
+  }
 }
+if (!wide && !location.hash) unfoldFirst();
 window.addEventListener("hashchange", route);
 if (location.hash) route();
 // What is folded away is printed too, and folded again.

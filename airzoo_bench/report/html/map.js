@@ -11,7 +11,7 @@ const INK = {
 function mapView({ part, table, state, isHit, choose, rows }, box) {
   const canvas = box.querySelector(".map");
   const context = canvas.getContext("2d");
-  const view = { x: 0, y: 0, scale: 0, map: null, method: -1 };
+  const view = { x: 0, y: 0, scale: 0, map: null, method: -1, hovered: -1 };
 
   async function load(place = 0) {
     const map = part.maps[place];
@@ -29,20 +29,15 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     fit();
   }
 
-  // Shows the part of the map that the queries see, or all of it.
+  // Shows where the queries are, or all of the map.
   function fit(whole = false) {
     const { map } = view;
     if (!map || !canvas.clientWidth) return;
-    const inside = (value, most) => Math.min(most, Math.max(0, value));
-    const seen = [...map.rows.keys()]
-      .flatMap((place) => outlined(place))
-      .map(([x, y]) => [inside(x, map.width), inside(y, map.height)]);
+    const seen = [...map.rows.keys()].map((place) => point(map.centres, place));
     const ends = [[0, 0], [map.width, map.height]]; // prettier-ignore
-    frame(whole || seen.every(([x]) => Number.isNaN(x)) ? ends : seen, whole ? 1 : 0.95);
+    frame(whole || seen.every(([x]) => Number.isNaN(x)) ? ends : seen, whole ? 1 : 0.85);
+    if (!whole) fill();
   }
-
-  // The centre of a query and the corners of its footprint.
-  const outlined = (place) => [point(view.map.centres, place), ...corners(view.map.outlines, place)];
 
   // Moves the map so that points fill a share of the canvas.
   function frame(points, share) {
@@ -51,10 +46,22 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
       const [left, top] = [0, 1].map((axis) => Math.min(...known.map((one) => one[axis])));
       const [right, foot] = [0, 1].map((axis) => Math.max(...known.map((one) => one[axis])));
       const fits = [canvas.clientWidth / (right - left), canvas.clientHeight / (foot - top)];
-      view.scale = Math.min(4, ...fits.map((one) => one * share));
+      view.scale = Math.min(1.5, ...fits.map((one) => one * share));
       view.x = canvas.clientWidth / 2 - ((left + right) / 2) * view.scale;
       view.y = canvas.clientHeight / 2 - ((top + foot) / 2) * view.scale;
     }
+    draw();
+  }
+
+  // Leaves no empty bars beside the map where a little more zoom fills them.
+  function fill() {
+    const sides = [canvas.clientWidth, canvas.clientHeight];
+    const wanted = Math.max(sides[0] / view.map.width, sides[1] / view.map.height);
+    const factor = wanted / view.scale;
+    if (factor > 1 && factor < 1.3) zoom(factor);
+    const inside = (at, space) => Math.min(Math.max(0, space), Math.max(Math.min(0, space), at));
+    view.x = inside(view.x, sides[0] - view.map.width * view.scale);
+    view.y = inside(view.y, sides[1] - view.map.height * view.scale);
     draw();
   }
 
@@ -91,10 +98,12 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     context.drawImage(map.image, 0, 0, map.width, map.height);
     const places = rows().flatMap((row) => (map.placeOf.has(row) ? [map.placeOf.get(row)] : []));
     const chosen = map.placeOf.get(state.chosen) ?? -1;
-    context.globalAlpha = chosen < 0 ? 1 : 0.4;
+    context.globalAlpha = chosen < 0 ? 1 : 0.7;
     for (const place of places) drawQuery(place, isHit(map.rows[place]));
     context.globalAlpha = 1;
     if (chosen >= 0) drawChosen(chosen);
+    const hovered = map.placeOf.get(view.hovered) ?? -1;
+    if (hovered >= 0) drawFootprint(hovered, 2);
     drawScale(ratio);
   }
 
@@ -117,7 +126,6 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
 
   function drawQuery(place, hit) {
     const { map } = view;
-    outline(corners(map.outlines, place), hit ? INK.hit : INK.miss, 1.5, hit ? [] : [5, 4]);
     const [x, y] = point(map.centres, place);
     const r = 4 / view.scale;
     if (hit) {
@@ -148,6 +156,12 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     if (map.tips) drawArrow([x, y], point(map.tips, state.method * map.rows.length + place));
   }
 
+  function drawFootprint(place, width) {
+    const { outlines, rows: all } = view.map;
+    outline(corners(outlines, place), INK.chosen, width + 3);
+    outline(corners(outlines, place), isHit(all[place]) ? INK.hit : INK.miss, width);
+  }
+
   function drawArrow([x, y], [left, top]) {
     const turn = Math.atan2(top - y, left - x);
     const side = (by) => [
@@ -168,19 +182,19 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
 
   function drawChosen(place) {
     const { map } = view;
-    outline(corners(map.outlines, place), INK.chosen, 3);
-    drawQuery(place, isHit(map.rows[place]));
     const size = 12 / view.scale;
     context.font = `bold ${size}px sans-serif`;
     for (const { tile, rank, hit } of tilesAt(place).reverse()) {
       const shape = corners(map.tileOutlines, tile);
-      outline(shape, hit ? INK.tileHit : INK.tileMiss, 2.5, hit ? [] : [7, 5]);
+      outline(shape, hit ? INK.tileHit : INK.tileMiss, 1.5, hit ? [] : [7, 5]);
       const [x, y] = shape[3];
       context.fillStyle = "#000";
       context.fillRect(x, y, 2.6 * size, 1.4 * size);
       context.fillStyle = hit ? INK.tileHit : INK.tileMiss;
       context.fillText(`${rank} ${hit ? "✓" : "✗"}`, x + 0.3 * size, y + 1.1 * size);
     }
+    drawFootprint(place, 3);
+    drawQuery(place, isHit(map.rows[place]));
   }
 
   function drawScale(ratio) {
@@ -210,8 +224,8 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     draw();
   }
 
-  function nearest(x, y) {
-    let [least, found] = [Infinity, -1];
+  function nearest(x, y, within = Infinity) {
+    let [least, found] = [within, -1];
     for (const row of rows()) {
       const place = view.map.placeOf.get(row);
       if (place === undefined) continue;
@@ -229,16 +243,19 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     choose(order[now < 0 ? 0 : (now + by + order.length) % order.length]);
   }
 
-  // Shows a query with its tiles; one of another scene brings the map of its scene.
-  async function focus(row) {
+  // Shows a query with its tiles and arrow; one of another scene brings the map of its scene.
+  async function focus(row, closer) {
     if (row < 0) return draw();
     const scene = table.scene[row];
     const other = part.maps.findIndex((map) => map.scene === scene);
     if (other >= 0 && other !== view.map.place) await load(other);
     const place = view.map.placeOf.get(row);
-    if (place === undefined) return draw();
-    const tiles = tilesAt(place).flatMap(({ tile }) => corners(view.map.tileOutlines, tile));
-    return frame([...outlined(place), ...tiles], 0.8);
+    if (place === undefined || !closer) return draw();
+    const { centres, outlines, tileOutlines, tips, rows: all } = view.map;
+    const ends = [point(centres, place), ...corners(outlines, place)];
+    ends.push(...tilesAt(place).flatMap(({ tile }) => corners(tileOutlines, tile)));
+    if (tips) ends.push(point(tips, state.method * all.length + place));
+    return frame(ends, 0.8);
   }
 
   function tilesOf(row) {
@@ -262,8 +279,8 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     const arrows = factor && [...all.keys()].some((n) => point(view.map.tips, first + n)[0] > -1e9);
     view.method = state.method;
     const marks = [
-      ["hit", ranks ? "○ hit: footprint" : "○ hit"],
-      ["miss", ranks ? "× miss: footprint" : "× miss"],
+      ["hit", ranks ? "○ hit; pointed at: its footprint" : "○ hit"],
+      ["miss", "× miss"],
     ];
     if (ranks)
       marks.push(
@@ -279,6 +296,12 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
 
   const keys = { n: () => step(1), p: () => step(-1), 0: () => fit(true), Escape: () => choose(-1) };
   movable(canvas, { drag, zoom, click: (x, y) => choose(nearest(x, y)), keys });
+  canvas.addEventListener("pointermove", (event) => {
+    const found = view.map ? nearest(event.offsetX, event.offsetY, 20) : -1;
+    if (found === view.hovered) return;
+    view.hovered = found;
+    draw();
+  });
   fitted(canvas, () => (view.scale ? draw() : fit()));
   const acts = {
     "+": () => zoom(1.5),

@@ -135,24 +135,29 @@ async function queriesView(part, box) {
   }
 
   // Tells all of a query; a row of -1 lets go of it.
-  function choose(row, remember = true) {
+  function choose(row, remember = true, closer = true) {
     state.chosen = row;
     if (remember) history.replaceState(null, "", row < 0 ? `#${part.id}-queries` : addressOf(row));
     const chosen = box.querySelector(".chosen");
-    chosen.replaceChildren(...(row < 0 ? [] : describe(row)));
+    const pictures = row < 0 ? null : picturesOf(row);
+    const wide = pictures?.querySelector(".wide");
+    box.querySelector(".lines").replaceChildren(...(wide ? [pictures] : []));
+    chosen.replaceChildren(...(row < 0 ? [] : describe(row, wide ? null : pictures)));
     chosen.querySelectorAll(".scroll").forEach(fading);
     list();
-    map?.focus(row);
+    map?.focus(row, closer);
   }
 
   // The pictures of a query that is among the hardest, from its card.
   function picturesOf(row) {
     const links = [...document.querySelectorAll(`#${part.id}-hardest .card a`)];
     const card = links.find((link) => link.textContent === table.ids[row])?.closest(".card");
-    return card?.querySelector("img") ? card.querySelector(".pictures").cloneNode(true) : null;
+    if (card?.querySelector("img")) return card.querySelector(".pictures").cloneNode(true);
+    const how = el("code", {}, "airzoo-bench report --pictures N");
+    return el("p", { class: "note" }, "Pictures are kept of the hardest queries: ", how);
   }
 
-  function describe(row) {
+  function describe(row, pictures) {
     const facts = [["Scene", part.scenes[table.scene[row]]]];
     table.conditions.forEach((one) => facts.push([one.title, one.texts[one.codes[row]]]));
     const heads = ["Method", ...table.scores.map((score) => score.title)];
@@ -167,11 +172,11 @@ async function queriesView(part, box) {
     const head = el(
       "tr",
       {},
-      heads.map((text) => el("th", { scope: "col" }, text)),
+      heads.map((text, place) => el("th", { scope: "col", class: place ? "" : "text" }, text)),
     );
     return [
       el("h4", {}, table.ids[row]),
-      picturesOf(row),
+      pictures,
       el(
         "div",
         { class: "scroll", tabindex: "0", role: "group", "aria-label": "Scores of the query" },
@@ -212,6 +217,10 @@ async function queriesView(part, box) {
     .append(el("label", {}, "Queries that contain ", search), ...finders.map((made) => made.node));
   refresh();
   await map?.load();
+  if (matchMedia("(min-width: 60rem)").matches && !location.hash.includes("-query=")) {
+    const hardest = document.querySelector(`#${part.id}-hardest .card a`);
+    choose(Math.max(0, table.ids.indexOf(hardest?.textContent)), false, false);
+  }
   return (id) => {
     const row = table.ids.indexOf(id);
     if (row < 0) box.querySelector(".chosen").replaceChildren(`This part has no query ${id}.`);

@@ -1,6 +1,7 @@
 // Tables that Python wrote: their columns sort, and choices show one of several.
 function sortable(table) {
   const body = table.tBodies[0];
+  if (body.querySelectorAll("tr:not(.floor)").length < 2) return;
   [...table.tHead.rows[0].cells].forEach((head, place) => {
     const sort = button([...head.childNodes], () => {
       const now = head.getAttribute("aria-sort");
