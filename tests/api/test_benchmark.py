@@ -52,7 +52,7 @@ def numbers_in(one: Any) -> list[float]:
     return array.astype(float).ravel().tolist() if array.dtype.kind in "fiu" else []
 
 
-def test_no_number_of_the_truth_is_given_to_a_method(root, field):
+def test_no_number_of_the_truth_is_given_to_a_method(root, field) -> None:
     (retrieval, matching), scene = truths(root), field.scene(NAME)
     secret = [
         matching.queries[[*POSE_COLUMNS, "altitude_m", "pitch_deg"]].to_numpy(),
@@ -71,7 +71,7 @@ def test_no_number_of_the_truth_is_given_to_a_method(root, field):
     assert scene.photos()[0].conditions == {}
 
 
-def test_photos(field):
+def test_photos(field) -> None:
     photos = field.scene(NAME).photos()
     assert [photo.id for photo in photos] == sorted(IDS)
     assert [photo.id for photo in field.scene(NAME).queries()] == sorted(IDS)
@@ -89,7 +89,7 @@ def test_photos(field):
     assert (third.camera.scaled(32, 24).width, third.camera.scaled(32, 24).K[0, 0]) == (32, 32.0)
 
 
-def test_tiles(root, field):
+def test_tiles(root, field) -> None:
     truth, _ = truths(root)
     tiles = field.scene(NAME).tiles()
     assert [tile.id for tile in tiles] == truth.tiles["id"].tolist()
@@ -100,7 +100,7 @@ def test_tiles(root, field):
     assert tile.image.shape == (window[3], window[2], 3)
 
 
-def test_crops(root, field):
+def test_crops(root, field) -> None:
     _, truth = truths(root)
     crops = field.scene(NAME).crops()
     assert [crop.query.id for crop in crops] == truth.queries["id"].tolist()
@@ -115,7 +115,7 @@ def test_crops(root, field):
     assert crop.to_map([[5.5, 3.0]]).tolist() == [[x + 5.5, y + 3.0]]
 
 
-def test_points_of_a_crop_are_where_the_photo_shows_them(field):
+def test_points_of_a_crop_are_where_the_photo_shows_them(field) -> None:
     """A pixel of a crop, lifted and seen from the true pose, has the colour of the photo there."""
     crop = next(crop for crop in field.scene(NAME).crops() if crop.query.name == "e.png")
     rotation, centres = true_poses()
@@ -131,7 +131,7 @@ def test_points_of_a_crop_are_where_the_photo_shows_them(field):
     assert np.abs(shown - on_map).max() < 30
 
 
-def test_a_folder_is_opened_by_name_and_path(root, data, tmp_path):
+def test_a_folder_is_opened_by_name_and_path(root: Path, data: Path, tmp_path: Path) -> None:
     assert load_benchmark(root / "data" / NAME).tracks == TRACKS
     assert load_benchmark(NAME, root / "data").scene(NAME).id == NAME
     made = load_benchmark("made").scenes[0]
@@ -154,14 +154,16 @@ def test_a_folder_is_opened_by_name_and_path(root, data, tmp_path):
         ("reconstruction_flat", "reconstruction", "F1@1m", 99),  # the ground is level
     ],
 )
-def test_example_methods(root, tmp_path, capsys, name, track, column, least):
+def test_example_methods(root, tmp_path, capsys, name, track, column, least) -> None:
     out = tmp_path / ("mine" if track == "reconstruction" else "mine.npz")
     runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](NAME, f"{NAME}-{track}", str(out))
     assert float(scored(track, out, root / "data", capsys)[column]) >= least
 
 
 @pytest.mark.slow
-def test_the_example_of_a_tile_that_answers_at_another_height(tmp_path, monkeypatch, capsys):
+def test_the_example_of_a_tile_that_answers_at_another_height(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     assert run_main(*make_place(tmp_path / "sources").arguments()) == 0
     tiles = read_retrieval_truth(tmp_path / "data" / "park" / "scenes" / "park", "park").tiles

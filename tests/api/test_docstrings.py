@@ -37,7 +37,7 @@ def modules_after(code: str) -> set[str]:
     return set(json.loads(run.stdout))
 
 
-def test_what_is_imported_when():
+def test_what_is_imported_when() -> None:
     loaded = modules_after("import airzoo_bench")
     assert loaded.isdisjoint(HEAVY)
     assert not [name for name in loaded if name.startswith("airzoo_bench.")]
@@ -47,7 +47,7 @@ def test_what_is_imported_when():
     assert loaded.isdisjoint({"open3d", "faiss", "matplotlib", "pycolmap"})
 
 
-def test_all_the_lazy_table_and_what_type_checkers_see_agree():
+def test_all_the_lazy_table_and_what_type_checkers_see_agree() -> None:
     seen = {
         alias.name: node.module
         for branch in ast.parse(Path(ab.__file__).read_text()).body
@@ -75,7 +75,7 @@ def is_described(thing: Any, parameter: str) -> bool:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_public_name_says_what_it_takes_and_raises(name):
+def test_a_public_name_says_what_it_takes_and_raises(name: Any) -> None:
     thing = getattr(ab, name)
     wrong = []
     for code, message in validate(f"{thing.__module__}.{thing.__qualname__}")["errors"]:
@@ -100,7 +100,7 @@ def run_examples(name: str, text: str, namespace: dict[str, Any]) -> str:
     return "".join(said) if found.attempted else f"{name} shows nothing that runs"
 
 
-def test_every_example(tmp_path, monkeypatch, scenes, perfect):
+def test_every_example(tmp_path, monkeypatch, scenes, perfect) -> None:
     for name in FUNCTIONS:
         said = inspect.getdoc(getattr(ab, name)) or ""
         assert ">>>" not in said or run_examples(name, said, {name: getattr(ab, name)}) == ""

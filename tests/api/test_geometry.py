@@ -42,7 +42,7 @@ def records_of(world: matching_world.World, folder: Path, fields: dict[str, Any]
     return ab.evaluate(world.write(folder / "method.npz", fields), data=world.root)
 
 
-def test_the_settings_are_those_of_all_shipped_protocols():
+def test_the_settings_are_those_of_all_shipped_protocols() -> None:
     rules: list[Any] = [load_protocol(path) for path in shipped_protocols().values()]
     solvers = [one.solver for one in rules if one.track == "matching"]
     defaults = {"solver": solvers[0].name, **solvers[0].model_dump(), "distortion": None}
@@ -64,7 +64,7 @@ def test_the_settings_are_those_of_all_shipped_protocols():
 # --- poses ---
 
 
-def test_errors_and_scores_are_those_of_the_track(matching, tmp_path):
+def test_errors_and_scores_are_those_of_the_track(matching, tmp_path) -> None:
     true, random = matching.poses()["poses"], np.random.default_rng(0)
     turn = Rotation.from_rotvec(random.normal(0, 1.0, (len(true), 3)), degrees=True).as_matrix()
     centres = matching.truth.poses.centres + random.normal(0, 6.0, (len(true), 3))
@@ -85,7 +85,7 @@ def test_errors_and_scores_are_those_of_the_track(matching, tmp_path):
     assert 0 < scores["within_10m"] < 1
 
 
-def test_solve_pose_gives_the_pose_of_the_track_in_any_order(matching, tmp_path):
+def test_solve_pose_gives_the_pose_of_the_track_in_any_order(matching, tmp_path) -> None:
     random = np.random.default_rng(1)
     query_xy = [np.clip(xy + random.normal(0, 1, xy.shape), 1, 479) for xy in matching.query_xy]
     fields = matching.correspondences(query_xy, points3d=matching.points)
@@ -103,7 +103,7 @@ def test_solve_pose_gives_the_pose_of_the_track_in_any_order(matching, tmp_path)
         assert errors.translation_m[0] == pytest.approx(rows["error_m"][row], abs=1e-8)
 
 
-def test_failures_stay_and_a_truth_without_orientation_has_no_angles():
+def test_failures_stay_and_a_truth_without_orientation_has_no_angles() -> None:
     true = np.tile(np.eye(4), (3, 1, 1))
     predicted = true.copy()
     predicted[:2, :3] = np.nan  # the last row may stay
@@ -126,7 +126,7 @@ def test_failures_stay_and_a_truth_without_orientation_has_no_angles():
         assert ab.pose_scores(ab.PoseErrors(*[np.array(values)] * 3, None))["error_m"] == median
 
 
-def test_too_few_matches_are_a_result():
+def test_too_few_matches_are_a_result() -> None:
     K = np.diag([500.0, 500.0, 1.0])
     found = ab.solve_pose(np.zeros((3, 2)), np.zeros((3, 3)), K)
     assert found.status == "too few matches"
@@ -141,7 +141,7 @@ def test_too_few_matches_are_a_result():
 
 
 @pytest.mark.parametrize(("threshold", "plain"), [(10.0, False), (2.0, False), (2.0, True)])
-def test_cloud_scores_are_those_of_the_track(reconstruction, tmp_path, threshold, plain):
+def test_cloud_scores_are_those_of_the_track(reconstruction, tmp_path, threshold, plain) -> None:
     points, random = true_points("lot"), np.random.default_rng(0)
     kept = points[points[:, 0] < points[:, 0].mean()]
     kept = kept[random.random(len(kept)) < 0.4] + random.normal(0, 1.0, (3,)) + (0, 0, 1.9)
@@ -178,7 +178,7 @@ def test_cloud_scores_are_those_of_the_track(reconstruction, tmp_path, threshold
     assert found.not_finite == 1
 
 
-def test_edges_of_clouds():
+def test_edges_of_clouds() -> None:
     true = [[0.0, 0, 0], [1, 0, 0]]
     empty = ab.cloud_scores([], true)
     assert (empty.f1, empty.precision, empty.recall, empty.chamfer) == (0.0, 0.0, 0.0, np.inf)
@@ -197,7 +197,7 @@ def test_edges_of_clouds():
 # --- alignment ---
 
 
-def test_the_plain_alignment_is_umeyama_s():  # which is held to evo in tests/oracles
+def test_the_plain_alignment_is_umeyama_s() -> None:  # which is held to evo in tests/oracles
     random = np.random.default_rng(2)
     true = random.normal(0, (60, 40, 8), (12, 3))
     predicted = true @ Rotation.random(random_state=3).as_matrix().T / 7.0
@@ -212,7 +212,7 @@ def test_the_plain_alignment_is_umeyama_s():  # which is held to evo in tests/or
     np.testing.assert_allclose(found.residuals, off)
 
 
-def test_the_robust_alignment_is_that_of_the_track(reconstruction, tmp_path):
+def test_the_robust_alignment_is_that_of_the_track(reconstruction, tmp_path) -> None:
     poses = camera_poses("yard")
     turn = Rotation.random(random_state=5).as_matrix()
     centres = (poses.centres - poses.centres[0]) @ turn.T / 4.0
@@ -239,7 +239,7 @@ def test_the_robust_alignment_is_that_of_the_track(reconstruction, tmp_path):
     assert again.residuals[2] == plain.residuals[2] == np.inf
 
 
-def test_cameras_on_a_line_need_orientations():
+def test_cameras_on_a_line_need_orientations() -> None:
     poses = np.tile(np.eye(4), (5, 1, 1))
     poses[:, 0, 3] = -np.arange(5.0)
     true = poses.copy()

@@ -23,7 +23,7 @@ K = np.array([[32.0, 0, 16], [0, 32.0, 12], [0, 0, 1]])
 VIEW = POSE | {"intrinsics": K, "depth": np.ones((24, 32))}
 
 
-def test_ranked_ids(data, scenes, tmp_path, capsys):
+def test_ranked_ids(data, scenes, tmp_path, capsys) -> None:
     sums = []
     for way, order in ((None, 1), (None, -1), (-1.0, 1)):
         path = tmp_path / f"{len(sums)}.npz"
@@ -41,7 +41,7 @@ def test_ranked_ids(data, scenes, tmp_path, capsys):
         assert [averages[f"R@{k}"] for k in (1, 3, 5)] == ["100.00"] * 3
 
 
-def test_descriptors(data, scenes, tmp_path, capsys):
+def test_descriptors(data, scenes, tmp_path, capsys) -> None:
     """Query q is described as the tile q, its first positive, and lies nearest to it and q + 1."""
     path, row = tmp_path / "mine.npz", np.ones(2, np.float32)
     with PredictionWriter(path, "made-retrieval", load_benchmark("made")) as writer:
@@ -59,7 +59,7 @@ def test_descriptors(data, scenes, tmp_path, capsys):
     assert scored("retrieval", path, data, capsys)["R@1"] == "79.17"
 
 
-def test_matching(tmp_path, capsys):
+def test_matching(tmp_path, capsys) -> None:
     world, path = matching_world.make_world(tmp_path), tmp_path / "mine.npz"
     benchmark, poses = load_benchmark(world.folder), world.truth.poses
     matches = {"query_xy": world.query_xy}
@@ -75,7 +75,7 @@ def test_matching(tmp_path, capsys):
         assert (averages["Median"], averages["@1m,1°"]) == ("0.00", "100.00")
 
 
-def test_reconstruction(tmp_path, capsys):
+def test_reconstruction(tmp_path, capsys) -> None:
     world = reconstruction_world.make_world(tmp_path)
     benchmark, matrix = load_benchmark(world.folder), reconstruction_world.matrix_of_maps()
     for ending, most_m in (("npz", 0.3), ("ply", 0.005)):
@@ -123,7 +123,7 @@ MASKED = np.ma.masked_equal([1.0, 2], 2)
 )
 def test_an_answer_that_cannot_be_meant_is_refused_at_once(
     field, tmp_path, protocol, name, fields, named
-):
+) -> None:
     writer = PredictionWriter(tmp_path / "mine.npz", protocol, field)
     if name == B:
         first = {RETRIEVAL: RANKED, RECONSTRUCTION: VIEW}[protocol]
@@ -146,7 +146,9 @@ def test_an_answer_that_cannot_be_meant_is_refused_at_once(
         (RECONSTRUCTION, VIEW | {"rotation": TURN * 2}),
     ],
 )
-def test_the_reader_checks_the_file_and_the_answers_are_not_lost(field, tmp_path, protocol, fields):
+def test_the_reader_checks_the_file_and_the_answers_are_not_lost(
+    field, tmp_path, protocol, fields
+) -> None:
     out = tmp_path / ("mine" if protocol == RECONSTRUCTION else "mine.npz")
     writer = PredictionWriter(out, protocol, field)
     writer.add(A, **fields)
@@ -155,7 +157,7 @@ def test_the_reader_checks_the_file_and_the_answers_are_not_lost(field, tmp_path
     assert out.name in files_below(tmp_path)
 
 
-def test_an_exception_leaves_what_was_there(field, tmp_path):
+def test_an_exception_leaves_what_was_there(field, tmp_path) -> None:
     def predict(given: Any, error: type[BaseException] | None = None) -> None:
         out, protocol, name, fields = given
         with PredictionWriter(out, protocol, field) as writer:
@@ -179,7 +181,7 @@ def test_an_exception_leaves_what_was_there(field, tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_places_and_protocols(field, data, tmp_path):
+def test_places_and_protocols(field, data, tmp_path) -> None:
     other, out = data / "made" / "protocols" / "made-retrieval.toml", tmp_path / "mine.npz"
     for path, protocol, message in (
         (tmp_path / "mine", RETRIEVAL, r"written as \.npz"),

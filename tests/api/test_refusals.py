@@ -112,13 +112,13 @@ CASES: dict[tuple[str, Callable[..., Any]], list[list[Any]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_it_is_refused(case):
+def test_it_is_refused(case: Any) -> None:
     where, call = case
     for arguments in CASES[case]:
         refused(call, *arguments, where=where)
 
 
-def test_refusals_of_comparisons(tmp_path):
+def test_refusals_of_comparisons(tmp_path) -> None:
     methods = random_methods(2, {"east": 12, "west": 9}, (HIT, ERROR, SOFT))
     folders = [write_method(tmp_path / m.name, m).parent for m in methods]
     refused(ab.compare, folders, where="scores", scores="mrr")

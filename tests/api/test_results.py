@@ -18,7 +18,7 @@ from tests.support import run_main, write_predictions
 PROTOCOL = "made-retrieval"
 
 
-def test_predictions_score_as_on_the_command_line(data, perfect, tmp_path):
+def test_predictions_score_as_on_the_command_line(data, perfect, tmp_path) -> None:
     path, out = write_predictions(tmp_path / "mine.npz", PROTOCOL, **perfect), tmp_path / "out"
     assert run_main("eval", "retrieval", path, "--out", out, "--method", "mine") == 0
     one, other = ab.load_result(out), ab.evaluate(path)
@@ -37,7 +37,7 @@ def test_predictions_score_as_on_the_command_line(data, perfect, tmp_path):
         ab.evaluate(perfect, protocol="mada-retrieval")
 
 
-def test_a_check(data, perfect):
+def test_a_check(data: Path, perfect: dict[str, list[object]]) -> None:
     found = ab.check(perfect, protocol=PROTOCOL)
     assert (found.errors, repr(found)) == ([], "nothing wrong was found")
     noted = ab.check({name: some[:-1] for name, some in perfect.items()}, protocol=PROTOCOL)
@@ -57,7 +57,9 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [write_method(root / method.name, method).parent for method in methods]
 
 
-def test_a_result_has_records_and_a_frame_and_is_shown_saved_drawn_and_reported(folders, tmp_path):
+def test_a_result_has_records_and_a_frame_and_is_shown_saved_drawn_and_reported(
+    folders: list[Path], tmp_path: Path
+) -> None:
     one, other = (ab.load_result(folder) for folder in folders[:2])
     frame, by_scene = one.to_frame(), one.records.groupby("scene")
     assert frame.index.tolist() == ["east", "west", "overall", "pooled"]
@@ -79,7 +81,7 @@ def test_a_result_has_records_and_a_frame_and_is_shown_saved_drawn_and_reported(
 
 
 @pytest.mark.parametrize("options", [{"scores": ["MRR"], "scene": "West"}, {"reference": "best"}])
-def test_a_comparison_has_its_numbers_in_a_frame(folders, options):
+def test_a_comparison_has_its_numbers_in_a_frame(folders, options) -> None:
     of_paths = ab.compare([str(folder) for folder in folders], **options)
     of_results = ab.compare([ab.load_result(folder) for folder in folders], **options)
     assert repr(of_results) == repr(of_paths)
@@ -91,7 +93,7 @@ def test_a_comparison_has_its_numbers_in_a_frame(folders, options):
         assert row["wins"] + row["ties"] + row["losses"] == (40 if "scene" in options else 100)
 
 
-def test_intervals_are_those_of_tables(folders):
+def test_intervals_are_those_of_tables(folders: list[Path]) -> None:
     result = ab.load_result(folders[1])
     for score in result.result.columns:
         statistic: Any = "median" if score.average == "median" else "share"
@@ -110,7 +112,7 @@ def test_intervals_are_those_of_tables(folders):
     assert frame.loc[("west", "mrr"), "low"] == found.scenes["west"].low
 
 
-def test_where_there_is_no_interval_it_says_why():
+def test_where_there_is_no_interval_it_says_why() -> None:
     for values, statistic, reason in (
         ([1.0, 0, 1, 0], "share", "only 4 queries"),
         ([3.0] * 9, "median", "alike"),

@@ -26,7 +26,7 @@ def assert_alike(found: ab.Scores, records: pd.DataFrame, *more: str) -> None:
 
 
 @pytest.mark.parametrize("ap", ["precision", "min", "trec", "hits"])
-def test_ranked_ids_score_as_in_the_track(data, scenes, tmp_path, ap):
+def test_ranked_ids_score_as_in_the_track(data, scenes, tmp_path, ap) -> None:
     scene, random = scenes[0], np.random.default_rng(3)
     lists = [random.permutation(scene.tile_ids)[:8].tolist() for _ in scene.positives]
     arrays = {"query_ids": scene.query_ids[:-1], "ranked_ids": lists[:-1]}
@@ -47,7 +47,7 @@ def test_ranked_ids_score_as_in_the_track(data, scenes, tmp_path, ap):
 
 
 @pytest.mark.parametrize("metric", ["cosine", "inner_product"])
-def test_matrices_of_similarities_score_as_descriptors_in_the_track(scenes, metric):
+def test_matrices_of_similarities_score_as_descriptors_in_the_track(scenes, metric) -> None:
     scene, random = scenes[0], np.random.default_rng(5)
     truth, settings = made_truth(scene), made_protocol(scenes).scores
     queries = random.integers(0, 3, (len(scene.positives), 3)) + 0.5
@@ -77,7 +77,7 @@ POSITIVES, TEXTS = [{1, 2}, [5]], [["c", "a"], ["e", "b"]]
         ([["c", "a", ""], ["e", "b"]], [{"a", "b"}, ["e"]]),
     ],
 )
-def test_every_kind_of_ids_and_lists_gives_the_same(ranked, right):
+def test_every_kind_of_ids_and_lists_gives_the_same(ranked, right) -> None:
     found = ab.retrieval_scores(ranked, right, (1, 2))
     assert [found[name] for name in ("recall@1", "recall@2", "ap@2", "mrr")] == [0.5, 1, 0.5, 0.75]
 
@@ -96,13 +96,13 @@ def test_every_kind_of_ids_and_lists_gives_the_same(ranked, right):
         ([[1], [2], [3]], [{1}, set(), {9}], 0.5),
     ],
 )
-def test_edges_of_lists(ranked, positives, expected):
+def test_edges_of_lists(ranked, positives, expected) -> None:
     found = ab.retrieval_scores(ranked, positives, ks=(1,))
     assert found["recall@1"] == pytest.approx(expected)
     assert found["queries"] + found["without_positive"] == len(positives)
 
 
-def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike():
+def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike() -> None:
     assert ab.recall_at_k([[False, True]], 50) == 1.0
     assert ab.recall_at_k([[1], [0, 0, 1], []], 3) == 2 / 3
     assert ab.recall_at_k(np.array([[1.0, 0.0]]), 1) == 1.0
@@ -112,7 +112,7 @@ def test_one_query_short_lists_and_a_scorer_that_finds_all_tiles_alike():
     assert (found["recall@10"], found["tie_dependent"]) == (0.0, 3)
 
 
-def test_the_chance_level_is_the_average_over_all_orders():
+def test_the_chance_level_is_the_average_over_all_orders() -> None:
     lists = [list(order) for order in permutations(range(5))]
     every = ab.retrieval_scores(lists, [range(2)] * len(lists), (1, 2, 4))
     chance = ab.chance_level([2] * 3, 5, (1, 2, 4))

@@ -50,7 +50,7 @@ PREPARED = [
 
 
 @pytest.mark.parametrize("name", DATASETS.names())
-def test_it_says_what_the_command_line_asks(name):
+def test_it_says_what_the_command_line_asks(name: Any) -> None:
     dataset: Dataset[Any] = DATASETS.get(name)
     about = dataset.about
     assert isinstance(dataset, Dataset)
@@ -78,7 +78,7 @@ def test_it_says_what_the_command_line_asks(name):
         assert field.default is not MISSING or f"--{option.name} " in about.example + " "
 
 
-def test_the_page_of_benchmarks_has_what_datasets_say():
+def test_the_page_of_benchmarks_has_what_datasets_say() -> None:
     protocols = [load_protocol(path) for path in shipped_protocols().values()]
     rows = []
     for name, about in ((name, DATASETS.get(name).about) for name in DATASETS.names()):
@@ -95,7 +95,7 @@ def test_the_page_of_benchmarks_has_what_datasets_say():
 
 @pytest.mark.parametrize("number", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))])
 @pytest.mark.parametrize(("name", "command"), PREPARED, ids=[line for _, line in PREPARED])
-def test_a_spoiled_file_is_no_bug_of_the_suite(name, command, number, tmp_path, tree):
+def test_a_spoiled_file_is_no_bug_of_the_suite(name, command, number, tmp_path, tree) -> None:
     """It is named, or it is not read."""
     whole = Path(shutil.copytree(tree(name), tmp_path / "whole"))
     source = whole / "in" if (whole / "in").is_dir() else whole
@@ -129,7 +129,7 @@ def prepared(source: Path, home: Path, engine: Engine) -> str:
 @pytest.mark.parametrize(
     "workers", [None, *(pytest.param(n, marks=pytest.mark.slow) for n in ("processes", "cluster"))]
 )
-def test_scenes_are_pure_tasks(name, workers, tmp_path, tree):
+def test_scenes_are_pure_tasks(name, workers, tmp_path, tree) -> None:
     """Any workers, also of another folder than this process, make the same."""
     source, home = tmp_path / name, tmp_path / "home"
     shutil.copytree(tree(name) / "in", source)
@@ -167,7 +167,7 @@ def make_hills(folder: Path) -> Path:
     return folder
 
 
-def test_the_example_is_short():
+def test_the_example_is_short() -> None:
     assert len(MODULE.read_text().splitlines()) <= 40
 
 
@@ -175,7 +175,7 @@ def test_the_example_is_short():
     ("changes", "words"),
     [({"columns": {"image": "photo"}}, "first, height"), ({"angles": "opk"}, "omega-phi-kappa")],
 )
-def test_a_declaration_says_what_it_lacks(changes, words):
+def test_a_declaration_says_what_it_lacks(changes: dict[str, Any], words: str) -> None:
     columns = {one: one for one in ("image", "x", "y", "height", "first", "second", "third")}
     whole = {"columns": columns, "lens": {"fov_deg": 70}}
     type("Whole", (TableDataset,), whole)
@@ -188,12 +188,12 @@ def test_a_declaration_says_what_it_lacks(changes, words):
     ("package", "command", "name"),
     [("benchmark-package", "prepare --help", "hills"), ("reader-package", "readers", "ranks-csv")],
 )
-def test_examples_are_listed_when_they_are_installed(package, command, name, tmp_path):
+def test_examples_are_listed_when_they_are_installed(package, command, name, tmp_path) -> None:
     example = ROOT / "examples" / package
     assert name in listed_when_installed(example, tmp_path, *command.split())
 
 
-def test_it_is_prepared_and_scored(tmp_path, monkeypatch, capsys):
+def test_it_is_prepared_and_scored(tmp_path, monkeypatch, capsys) -> None:
     assert "hills" not in DATASETS.names()
     add_package(EXAMPLE, tmp_path / "package", monkeypatch)
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))

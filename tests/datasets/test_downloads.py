@@ -43,7 +43,7 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[dict[str, Any
     return made
 
 
-def test_the_client_fetches_missing_files(calls, capsys):
+def test_the_client_fetches_missing_files(calls, capsys) -> None:
     assert run_main("download", "park", "--to", "there") == 0
     said = capsys.readouterr()
     assert said.out == "there\n"
@@ -56,7 +56,7 @@ def test_the_client_fetches_missing_files(calls, capsys):
     assert calls[3]["ignore_patterns"] == ["01/*"]
 
 
-def test_no_hub_and_no_scene(calls, capsys, monkeypatch):
+def test_no_hub_and_no_scene(calls, capsys, monkeypatch) -> None:
     assert run_main("download", "far") == 0
     said = capsys.readouterr()
     assert said.out.split() == [*LINKS]
@@ -77,7 +77,7 @@ def test_no_hub_and_no_scene(calls, capsys, monkeypatch):
     assert "pip install" in capsys.readouterr().err
 
 
-def test_scenes_of_airzoo_real_are_those_of_prepare():
+def test_scenes_of_airzoo_real_are_those_of_prepare() -> None:
     about = DATASETS.get("airzoo-real").about
     shipped = shipped_protocols()
     tracks = ("retrieval", "reconstruction")

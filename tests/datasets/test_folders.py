@@ -69,7 +69,7 @@ def strip(folder: Path, *without: str) -> bytes:
     return path.read_bytes()
 
 
-def test_missing_entries_are_written(folder, capsys):
+def test_missing_entries_are_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "benchmark.toml").read_text()
     strip(folder, "schema", "name", "version", "title", "tracks", "checksums")
     assert run_main("manifest", folder) == 0
@@ -79,7 +79,7 @@ def test_missing_entries_are_written(folder, capsys):
     assert Benchmark.open(folder).name == "park"
 
 
-def test_a_folder_that_eval_refuses_gets_no_checksums(folder):
+def test_a_folder_that_eval_refuses_gets_no_checksums(folder: Path) -> None:
     """For reasons in tests/goldens/refusals.txt, and this one."""
     before = strip(folder, "checksums")
     shutil.rmtree(folder / "scenes" / "park" / "matching")
@@ -87,7 +87,7 @@ def test_a_folder_that_eval_refuses_gets_no_checksums(folder):
     assert (folder / "benchmark.toml").read_bytes() == before
 
 
-def test_the_page_names_every_column(prepared):
+def test_the_page_names_every_column(prepared: Path) -> None:
     named = set(re.findall(r"`([A-Za-z0-9_]+)`", PAGE.read_text()))
     readers: dict[str, Callable[[Path], Any]] = {
         ".csv": pd.read_csv,
@@ -112,7 +112,7 @@ def prepare_place(
     return PHOTOS.prepare(chosen, PrepareSettings(folder, folder.parent, **options))
 
 
-def test_the_same_sources_give_the_same_bytes_and_copies_travel(tmp_path):
+def test_the_same_sources_give_the_same_bytes_and_copies_travel(tmp_path: Path) -> None:
     place = make_place(tmp_path / "sources")
     for name in ("one", "two"):
         prepare_place(place, tmp_path / name, copy=True, tiles_on_disk=True)
@@ -129,7 +129,7 @@ def test_the_same_sources_give_the_same_bytes_and_copies_travel(tmp_path):
     assert str(tmp_path) not in (tmp_path / "moved" / "benchmark.toml").read_text()
 
 
-def test_tiles_and_crops_as_files_are_those_of_the_maps(tmp_path):
+def test_tiles_and_crops_as_files_are_those_of_the_maps(tmp_path: Path) -> None:
     # Two names that differ by a slash only are two crops.
     place = make_place(tmp_path, {**PLACE_PHOTOS, "sub_d.jpg": (180.0, 180.0)})
     centres = np.array([*place.centres.values()]) * (1, -1) + NORTH_WEST + (2, -3)
@@ -150,7 +150,7 @@ def test_tiles_and_crops_as_files_are_those_of_the_maps(tmp_path):
 
 
 @pytest.mark.parametrize("shards", [0, 3])
-def test_a_true_cloud_makes_truth_for_reconstruction(shards, tmp_path):
+def test_a_true_cloud_makes_truth_for_reconstruction(shards: int, tmp_path: Path) -> None:
     place = make_place(tmp_path)
     centre = np.mean([image["center"] for image in place.read_poses()["images"].values()], axis=0)
     points = np.random.default_rng(0).uniform(-50, 50, (50, 3)) + centre

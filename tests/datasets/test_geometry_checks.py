@@ -174,7 +174,7 @@ def frame(flight: Flight, index: int, depth: np.ndarray) -> Frame:
 
 class TestDepth:
     @pytest.mark.parametrize("kind", ["z", "ray"])
-    def test_exact_depth_has_no_error(self, tmp_path, kind):
+    def test_exact_depth_has_no_error(self, tmp_path: Path, kind: str) -> None:
         folder = write_depths(tmp_path / "depth", FLIGHT.depths(along_ray=kind == "ray"))
         found = checked(FLIGHT, folder, kind)
         assert found.quantile(0.9) < EXACT
@@ -182,7 +182,7 @@ class TestDepth:
         assert found.failures == []
         assert checked(FLIGHT, folder, "ray" if kind == "z" else "z").failures
 
-    def test_a_bare_plane_is_exact_at_any_slant(self):
+    def test_a_bare_plane_is_exact_at_any_slant(self) -> None:
         low, high = (0, 25, -20, -20, -20, -15), (360, 90, 20, 20, 20, 15)
         cases = np.random.default_rng(0).uniform(low, high, (30, 6))
         for azimuth, pitch, turn, *step in cases:
@@ -193,7 +193,7 @@ class TestDepth:
             error = compare_depths(frame(flight, 0, depth), frame(flight, 1, depth))
             assert np.abs(error).max(initial=0.0) < EXACT
 
-    def test_one_frame_that_is_off_is_named(self, depths, tmp_path):
+    def test_one_frame_that_is_off_is_named(self, depths: Path, tmp_path: Path) -> None:
         """A pose turned by a fifth of a degree, a depth 0.2 % short; intrinsics fail as a whole."""
         assert checked(FLIGHT, depths, f=131.0).failures
         assert checked(FLIGHT, depths, cy=62.0).failures
@@ -209,7 +209,7 @@ class TestDepth:
             assert any("f004.png" in said for said in found.failures)
         assert short.bad_frames.iloc[0] == pytest.approx(0.002, rel=0.1)
 
-    def test_points_before_a_surface_count_and_those_behind_are_hidden(self):
+    def test_points_before_a_surface_count_and_those_behind_are_hidden(self) -> None:
         centres = np.array([(0.0, 0.0, 60.0), (4.0, 0.0, 60.0)])
         flight = Flight(np.array([looking(0, 90)] * 2), centres)
         near, far = (np.full((2, 120, 160), depth, np.float32) for depth in (55.0, 60.0))
@@ -218,7 +218,7 @@ class TestDepth:
         assert (error < -OCCLUSION).all()
         assert compare_depths(frame(flight, 0, far), frame(flight, 1, near)).size == 0
 
-    def test_files_of_depth(self, tmp_path):
+    def test_files_of_depth(self, tmp_path: Path) -> None:
         depth = np.array([[1.5, 0.0, -1.0], [2.5, np.nan, np.inf]], np.float32)
         expected = np.array([[1.5, np.nan, np.nan], [2.5, np.nan, np.nan]], np.float32)
         np.save(tmp_path / "a.npy", depth)
@@ -262,14 +262,14 @@ def chain(lenses: Sequence[Any], centres: Any, crs: str) -> Any:
 
 class TestFrameChain:
     @pytest.mark.parametrize("crs", MIDDLES)
-    def test_it_closes_wherever_a_crs_is_used(self, crs):
+    def test_it_closes_wherever_a_crs_is_used(self, crs: str) -> None:
         most = np.array((90_000, 300_000, 1550))
         away = np.random.default_rng(0).uniform(-most, most, (30, 3))
         metres, pixels = chain(LENSES * 10, np.add(away, (*MIDDLES[crs], 1450)), crs)
         assert metres.max() < 3e-7
         assert pixels.max() < 1e-4
 
-    def test_a_lens_that_folds_back_and_a_place_beyond_the_crs_are_named(self):
+    def test_a_lens_that_folds_back_and_a_place_beyond_the_crs_are_named(self) -> None:
         here, nowhere = (401_000.0, 3_120_000.0, 100.0), (4e8, 3e9, 100.0)
         folded = (-0.9, 0.0, 0.0, 0.0, 0.0)
         closure = chain([LENSES[1], folded], [here, here], "EPSG:4547")
@@ -286,7 +286,7 @@ class TestFrameChain:
 class TestCommand:
     """`check-geometry` as a person calls it: exit codes and names."""
 
-    def test_photos_pass_and_a_scaled_depth_is_named(self, tmp_path, capsys):
+    def test_photos_pass_and_a_scaled_depth_is_named(self, tmp_path, capsys) -> None:
         write_depths(tmp_path / "depth", FLIGHT.depths())
         given = ["check-geometry", *write_photos(tmp_path, FLIGHT)]
         assert run_main(*given, "--format", "json") == 0
@@ -306,7 +306,7 @@ class TestCommand:
             assert run_main(*given, *more) == 2
             assert message in capsys.readouterr().err
 
-    def test_a_benchmark_folder_with_depth_beside_its_photos(self, tmp_path, capsys):
+    def test_a_benchmark_folder_with_depth_beside_its_photos(self, tmp_path, capsys) -> None:
         flight = orbit(4)
         folder = write_benchmark(tmp_path / "made", flight)
         write_depths(folder / "data" / "park" / "depth", flight.depths())
@@ -338,7 +338,7 @@ def pairs(train: np.ndarray, test: np.ndarray) -> list[tuple[int, int]]:
     return [*zip(found["train"].astype(int), found["test"].astype(int), strict=True)]
 
 
-def test_squares_worked_by_hand():
+def test_squares_worked_by_hand() -> None:
     train = footprints((10.0, 0.0), (11.0, 0.0), (10.0005, 0.0))
     test = footprints((10.0008, 0.0), (12.0, 0.0))
     found = compare_splits(named(train), named(test))
@@ -352,7 +352,7 @@ def test_squares_worked_by_hand():
 
 
 @pytest.mark.parametrize("seed", range(25))
-def test_the_same_pairs_as_every_pair_by_shapely(seed):
+def test_the_same_pairs_as_every_pair_by_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
     train, test = (
         rng.uniform(-1, 1, (n, 1, 2)) * 0.01 + rng.uniform(-1, 1, (n, 4, 2)) * 0.002
@@ -370,7 +370,7 @@ def test_the_same_pairs_as_every_pair_by_shapely(seed):
     assert set(pairs(train, test)) == expected
 
 
-def test_corners_are_cast_and_cut():
+def test_corners_are_cast_and_cut() -> None:
     rotation = np.array([looking(0, 90), looking(0, 5), looking(0, -60), looking(0, 90)])
     centres = np.array([(0, 0, 100.0), (0, 0, 100), (0, 0, 100), (0, 0, -1)])
     made = scene(Flight(rotation, centres))
@@ -387,7 +387,7 @@ def test_corners_are_cast_and_cut():
         cast_corners(replace(made, plane_height_m=None), 500.0)
 
 
-def test_tables_and_folders(tmp_path, capsys):
+def test_tables_and_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = named(footprints((10.0, 0.0), (10.0005, 0.0))).assign(id=["007", "b"])
     table.to_csv(tmp_path / "train.csv", index=False)
     train = read_footprints(tmp_path / "train.csv", 100.0)

@@ -61,13 +61,13 @@ def photo(folder: Path, gps: Any, xmp: Any) -> Path:
         (None, b"<not xml of DJI", ()),  # other programs' is not looked at
     ],
 )
-def test_a_photo_states_these(gps, xmp, expected, tmp_path):
+def test_a_photo_states_these(gps: Any, xmp: Any, expected: Any, tmp_path: Path) -> None:
     found = vars(read_prior(photo(tmp_path, gps, xmp))).values()
     for value, one in zip_longest(found, expected):
         assert value == (None if one is None else pytest.approx(one, abs=1e-8))
 
 
-def test_a_pose_worked_by_hand():
+def test_a_pose_worked_by_hand() -> None:
     # On the central meridian of UTM 15 the grid's north is true, and x is 500,000.
     prior = PhotoPrior(-93.0, 0.0, 120.0, 90.0, 0.0, 0.0, None)
     pose = priors_to_poses({"a.jpg": prior}, 32615)
@@ -76,7 +76,7 @@ def test_a_pose_worked_by_hand():
     np.testing.assert_allclose(pose.rotation, expected, rtol=0, atol=1e-9)
 
 
-def test_the_real_scene_and_its_trap(brighton):
+def test_the_real_scene_and_its_trap(brighton: Path) -> None:
     scene = json.loads((brighton / "poses.json").read_text())
     names = sorted(scene["images"])
     priors = {name: read_prior(brighton / "images" / name) for name in names}

@@ -32,7 +32,7 @@ def json_file(folder: Path, **changes: Any) -> Path:
     return folder / "poses.json"
 
 
-def test_json(tmp_path):
+def test_json(tmp_path: Path) -> None:
     photos = read_poses(json_file(tmp_path, note="left aside", model="pinhole"), SIZES)
     assert photos.names == NAMES
     assert photos.crs == "EPSG:32633"
@@ -44,7 +44,7 @@ def test_json(tmp_path):
     assert (some.names, some.absent) == (("a.jpg",), ("sub/b.jpg",))
 
 
-def test_an_image_goes_before_the_top_and_rounded_rotations_become_exact(tmp_path):
+def test_an_image_goes_before_the_top_and_rounded_rotations_become_exact(tmp_path: Path) -> None:
     own = [[70.0, 0, 32], [0, 70.0, 24], [0, 0, 1]]
     rounded = {"R_w2c": TILTED.round(5).tolist(), "center": [1, 2, 3]}
     images = {
@@ -86,7 +86,7 @@ def colmap(folder: Path, model: str, params: tuple[float, ...], *, text: bool = 
         ("OPENCV", (64, 65, 31, 25, 0.1, 0.2, 0.3, 0.4), (0.1, 0.2, 0.3, 0.4, 0)),
     ],
 )
-def test_colmap(model, params, distortion, text, tmp_path):
+def test_colmap(model, params, distortion, text, tmp_path) -> None:
     photos = read_poses(colmap(tmp_path / "model", model, params, text=text), SIZES)
     assert photos.names == NAMES
     assert not photos.crs
@@ -121,12 +121,12 @@ ANGLES = np.random.default_rng(5).uniform((-180, -85, -180), (180, 85, 180), (20
 
 
 @pytest.mark.parametrize(("convention", "angles", "expected"), BY_HAND)
-def test_angles_by_hand(convention, angles, expected):
+def test_angles_by_hand(convention: str, angles: tuple[int, ...], expected: Any) -> None:
     found = attitudes_to_rotations(convention, [angles], convergence_deg=0.0)[0]
     np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
-def test_angles_against_scipy_and_convergence_turns_all_conventions_alike():
+def test_angles_against_scipy_and_convergence_turns_all_conventions_alike() -> None:
     to_world = Rotation.from_euler("XYZ", ANGLES, degrees=True).as_matrix()
     body_to_ned = Rotation.from_euler("ZYX", ANGLES, degrees=True).as_matrix()
     ned_to_enu = np.array([(0, 1, 0), (1, 0, 0), (0, 0, -1)])

@@ -156,7 +156,7 @@ LAYOUTS: dict[str, tuple[Callable[[Survey], NativeScene], float]] = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_same_truth_as_own_photos(layout, tmp_path, tree):
+def test_same_truth_as_own_photos(layout: Any, tmp_path: Path, tree: Callable[[str], Path]) -> None:
     folder = Path(shutil.copytree(tree("surveys"), tmp_path / "a b 测区"))
     made, (read, metres) = Survey(folder), LAYOUTS[layout]
     found = read(made)

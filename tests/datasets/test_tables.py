@@ -37,7 +37,7 @@ def read(path: Path, content: str | bytes) -> Table:
         "filename,地点,lat,height\na.JPG,长江,29.5,405\nb.JPG,,-10,406.25".encode("gb18030"),
     ],
 )
-def test_columns_by_name(path, content):
+def test_columns_by_name(path, content) -> None:
     table = read(path, content)
     assert table.texts("filename") == ("a.JPG", "b.JPG")
     assert len(table) == 2
@@ -46,7 +46,7 @@ def test_columns_by_name(path, content):
     assert not table.has("Phi1")
 
 
-def test_optional_and_further_columns(path):
+def test_optional_and_further_columns(path: Path) -> None:
     table = read(path, "filename,lat,height,phi1,date\na,1,2,,x\nb,1,2,-3,x\n")
     assert list(table.names) == ["filename", "lat", "height", "phi1", "date"]
     np.testing.assert_array_equal(table.numbers("Phi1", empty=True), [np.nan, -3.0])
@@ -54,7 +54,7 @@ def test_optional_and_further_columns(path):
         table.numbers("Phi1")
 
 
-def test_names_of_other_programs_mean_photos(path):
+def test_names_of_other_programs_mean_photos(path: Path) -> None:
     photos = ["a/DJI_1.JPG", "b/DJI_2.JPG", "b/DJI_3.JPG"]
     given = ["DJI_1", "B\\dji_2.jpg", "b/DJI_3.JPG", "DJI_9"]
     assert match_names(given, photos, "poses.csv") == dict(zip(given[:3], photos, strict=True))
@@ -65,7 +65,7 @@ def test_names_of_other_programs_mean_photos(path):
         table.require_unique("filename")
 
 
-def test_lines_without_a_header(path):
+def test_lines_without_a_header(path: Path) -> None:
     path.write_text("# made by hand\n\nDJI 0001.JPG 1 0.5\nb.JPG  2\t-1e-3 \n")
     table = read_lines(path, ("name", "qw", "qx"))
     assert table.texts("name") == ("DJI 0001.JPG", "b.JPG")

@@ -57,14 +57,14 @@ def footprints(root: Path, flight: str) -> Floats:
     return cast_footprints(*posed, inset=0.0, max_range_m=5000.0, about_lon=115.0).lonlat
 
 
-def test_footprints_are_those_of_the_ellipsoid(root):
+def test_footprints_are_those_of_the_ellipsoid(root: Path) -> None:
     """Scale of UTM is off by 0.1 % at most, which is 0.3 m at the corner of a footprint."""
     assert [*UAV_VISLOC.scenes(UavVisLocOptions(root.parent))] == ["01", "07", "09"]
     expected = np.stack([anchors(photo) for photo in photos(root, "07")])
     assert geodesic_distance_m(footprints(root, "07"), expected).max() < 0.3
 
 
-def test_a_footprint_by_hand(root):
+def test_a_footprint_by_hand(root: Path) -> None:
     """At 405 m 52 and 36 degrees see 2 x 197.53 m across and 2 x 131.59 m along.
 
     Towards 165 degrees the top of the photo is south by east, and its left is east by north: the
@@ -81,7 +81,7 @@ def test_a_footprint_by_hand(root):
     np.testing.assert_allclose([east, north], [224.86, 75.99], atol=0.1)
 
 
-def test_positives_are_the_tiles_that_hold_an_anchor(root, tmp_path):
+def test_positives_are_the_tiles_that_hold_an_anchor(root: Path, tmp_path: Path) -> None:
     """Of a flight with one map, and of one whose map is in four tiles."""
     settings = PrepareSettings(tmp_path / "data" / "folder", tmp_path / "data")
     UAV_VISLOC.prepare(UavVisLocOptions(root, ["01", "09"]), settings)

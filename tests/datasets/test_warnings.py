@@ -96,12 +96,12 @@ CASES: dict[str, tuple[str, Change]] = {
 }
 
 
-def test_every_code_has_a_case():
+def test_every_code_has_a_case() -> None:
     assert {code for codes, _ in CASES.values() for code in codes.split()} == set(CHECKS)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_suspect_is_named(case, place, tmp_path):
+def test_what_is_suspect_is_named(case: Any, place: Place, tmp_path: Path) -> None:
     codes, change = CASES[case]
     options = {"tile_size": [128]} | (change(place) or {})
     chosen = PhotoOptions("park", place.images, place.poses, place.dom, dsm=place.dsm, **options)
@@ -118,7 +118,7 @@ def test_a_missing_surface_model_is_named(place: Place, tmp_path: Path) -> None:
     assert "--dsm" in summary_of(content, protocols).without_truth["matching"]
 
 
-def test_a_warning_is_printed_with_its_code(place, tmp_path, capsys, monkeypatch):
+def test_a_warning_is_printed_with_its_code(place, tmp_path, capsys, monkeypatch) -> None:
     assert run_main(*place.arguments(tile_size=32)) == 0
     warned = re.findall(r"^warning: .*\[([a-z0-9-]+)\]$", capsys.readouterr().err, re.MULTILINE)
     assert warned == ["small-tiles"]

@@ -49,7 +49,7 @@ def write(path: Path, columns: Columns) -> Path:
 
 
 @FORMATS
-def test_every_point_comes_back_in_any_pieces(name, tmp_path):
+def test_every_point_comes_back_in_any_pieces(name, tmp_path) -> None:
     path = write(tmp_path / name, COLUMNS)
     for points in (1, 7, 40, 1000):
         cloud = read(path, points)
@@ -63,7 +63,7 @@ def test_every_point_comes_back_in_any_pieces(name, tmp_path):
 
 
 @FORMATS
-def test_no_points_are_no_points_and_nan_is_nan(name, tmp_path):
+def test_no_points_are_no_points_and_nan_is_nan(name, tmp_path) -> None:
     path = write(tmp_path / name, {key: column[:0] for key, column in COLUMNS.items()})
     assert opened(path).count == len(read(path)) == 0
     if name not in LAS:
@@ -74,7 +74,7 @@ def test_no_points_are_no_points_and_nan_is_nan(name, tmp_path):
 
 @FORMATS
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.99])
-def test_a_file_that_is_cut_off_is_refused(name, share, tmp_path):
+def test_a_file_that_is_cut_off_is_refused(name, share, tmp_path) -> None:
     path = write(tmp_path / name, made(300))
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     with pytest.raises(PredictionError):
@@ -97,7 +97,7 @@ def state_count(path: Path, count: int) -> Path:
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "a.npz"])
-def test_a_header_that_counts_wrong_is_refused_or_said(name, tmp_path):
+def test_a_header_that_counts_wrong_is_refused_or_said(name, tmp_path) -> None:
     path = tmp_path / name
     for count in (301, 320, 900, *([] if name == "a.npy" else [60_000, 4 * 10**9])):
         with pytest.raises(PredictionError):
@@ -128,7 +128,7 @@ def test_a_header_that_counts_wrong_is_refused_or_said(name, tmp_path):
         (b"LASF", "LAS"),
     ],
 )
-def test_what_is_no_cloud_or_wrongly_named(content, message, tmp_path):
+def test_what_is_no_cloud_or_wrongly_named(content: bytes, message: str, tmp_path: Path) -> None:
     for name in ("a.pcd", "a.npz", "a.obj", "a.txt", "a.dat"):
         (tmp_path / name).write_bytes(content)
         with refused(message) as caught:
@@ -136,7 +136,7 @@ def test_what_is_no_cloud_or_wrongly_named(content, message, tmp_path):
         assert str(tmp_path / name) in str(caught.value)
 
 
-def test_open3d_and_we_read_each_other(tmp_path):
+def test_open3d_and_we_read_each_other(tmp_path: Path) -> None:
     o3d = load_open3d()
     theirs = o3d.io.read_point_cloud(str(write_ply(tmp_path / "a.ply", COLUMNS)))
     np.testing.assert_array_equal(np.asarray(theirs.points), POINTS)
@@ -150,7 +150,7 @@ def test_open3d_and_we_read_each_other(tmp_path):
             np.testing.assert_allclose(read(path, 400).points, near, rtol=0, atol=1e-6)
 
 
-def test_lzf_by_hand():
+def test_lzf_by_hand() -> None:
     assert unpack_lzf(b"\x02abc", 3) == b"abc"
     # Three literals, then a copy of 2 + 2 from 3 back, then a long one of 7 + 1 + 2 from 1 back.
     assert unpack_lzf(b"\x02abc\x40\x02\xe0\x01\x00", 17) == b"abcabca" + b"a" * 10
@@ -159,7 +159,7 @@ def test_lzf_by_hand():
             unpack_lzf(damaged, 3)
 
 
-def test_kinds_of_ply(tmp_path):
+def test_kinds_of_ply(tmp_path: Path) -> None:
     path, xyz = tmp_path / "a.ply", {name: COLUMNS[name] for name in "xyz"}
     header = "element camera 2\nproperty float f\nelement odd 2\nproperty list uchar short n"
     before = struct.pack("<ffBhBhh", 1, 2, 1, 0, 2, 0, 0)
@@ -178,7 +178,7 @@ def test_kinds_of_ply(tmp_path):
     np.testing.assert_array_equal(read(path).points, POINTS)
 
 
-def test_padding_and_repeated_fields_of_pcd(tmp_path):
+def test_padding_and_repeated_fields_of_pcd(tmp_path: Path) -> None:
     record = np.dtype([("x", "<f4"), ("_", "V4"), ("y", "<f4"), ("h", "<f4", 3), ("z", "<f4")])
     rows = np.zeros(3, record)
     rows["x"], rows["y"], rows["z"] = [1, 2, 3], [4, 5, 6], [7, 8, 9]
@@ -190,7 +190,7 @@ def test_padding_and_repeated_fields_of_pcd(tmp_path):
     assert read(tmp_path / "a.pcd").points.tolist() == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
 
 
-def test_what_follows_the_points_of_a_las_file_is_no_point(tmp_path):
+def test_what_follows_the_points_of_a_las_file_is_no_point(tmp_path: Path) -> None:
     las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
     las.x, las.y, las.z = np.random.default_rng(0).integers(0, 900, (3, 300)) / 4.0
     las.evlrs = laspy.vlrs.vlrlist.VLRList()
@@ -199,12 +199,12 @@ def test_what_follows_the_points_of_a_las_file_is_no_point(tmp_path):
     assert opened(tmp_path / "a.las").notes == ()
 
 
-def test_the_real_cloud(brighton):
+def test_the_real_cloud(brighton: Path) -> None:
     path = brighton / "model.laz"
     np.testing.assert_array_equal(read(path, 50_001).points, np.asarray(laspy.read(path).xyz))
 
 
-def test_shards_are_one_cloud_and_none_counts_twice(tmp_path):
+def test_shards_are_one_cloud_and_none_counts_twice(tmp_path: Path) -> None:
     names = ("a.las", "b.laz", "c.las")
     paths = [write_las(tmp_path / name, made(50, seed)) for seed, name in enumerate(names)]
     cloud = joined(open_shards(tmp_path, paths), 40)
@@ -227,7 +227,7 @@ def test_shards_are_one_cloud_and_none_counts_twice(tmp_path):
         ("A.TXT", "", ","),
     ],
 )
-def test_text_gives_the_same_points_whatever_the_writer(name, before, separator, tmp_path):
+def test_text_gives_the_same_points_whatever_the_writer(name, before, separator, tmp_path) -> None:
     (tmp_path / name).write_text(before + text_rows(COLOURED, separator), encoding="utf-8")
     np.testing.assert_array_equal(read(tmp_path / name).points, POINTS)
     (note,) = opened(tmp_path / name).notes
@@ -242,7 +242,7 @@ def test_text_gives_the_same_points_whatever_the_writer(name, before, separator,
         ("x y z conf\n1 2 3 2.5\n", "x y z from 1, 2, 3; confidence from 4"),
     ],
 )
-def test_columns_of_text_are_guessed_and_said(text, columns, tmp_path):
+def test_columns_of_text_are_guessed_and_said(text: str, columns: str, tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text(text)
     cloud = read(tmp_path / "a.txt")
     assert cloud.points.tolist() == [[1, 2, 3]]
@@ -256,13 +256,13 @@ def test_columns_of_text_are_guessed_and_said(text, columns, tmp_path):
     ),
     separator=st.sampled_from([" ", ",", ";", "\t", " , "]),
 )
-def test_every_digit_of_text_is_kept(rows, separator, tmp_path_factory):
+def test_every_digit_of_text_is_kept(rows, separator, tmp_path_factory) -> None:
     path = tmp_path_factory.getbasetemp() / "digits.xyz"
     path.write_text("".join(separator.join(map(repr, row)) + "\n" for row in rows))
     np.testing.assert_array_equal(read(path).points, np.array(rows))
 
 
-def test_an_npy_of_six_columns(tmp_path):
+def test_an_npy_of_six_columns(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.hstack((POINTS, POINTS)))
     np.testing.assert_array_equal(read(tmp_path / "a.npy").points, POINTS)
     assert "3 columns passed over" in opened(tmp_path / "a.npy").notes[0]

@@ -43,7 +43,7 @@ def write_hdf5(path: Path, libver: str, **options: Any) -> Path:
 @pytest.mark.parametrize(
     ("libver", "options"), [("earliest", {}), ("latest", {}), ("earliest", {"chunks": True})]
 )
-def test_arrays_of_hdf5_come_back(tmp_path, libver, options):
+def test_arrays_of_hdf5_come_back(tmp_path: Path, libver: str, options: dict[str, Any]) -> None:
     path = write_hdf5(tmp_path / "x.h5", libver, **options)
     file = Hdf5File(path, LIMIT)
     assert sorted(file.names()) == sorted(ARRAYS)
@@ -72,14 +72,14 @@ def write_virtual(file: h5py.File) -> None:
         write_virtual,
     ],
 )
-def test_refusals_of_hdf5(tmp_path, write):
+def test_refusals_of_hdf5(tmp_path: Path, write: Any) -> None:
     with h5py.File(tmp_path / "x.h5", "w") as file:
         write(file)
     with pytest.raises(PredictionError, match=r"x\.h5.*'x'"):
         Hdf5File(tmp_path / "x.h5", LIMIT).read("x")
 
 
-def test_memory_of_hdf5_is_bounded(tmp_path):
+def test_memory_of_hdf5_is_bounded(tmp_path: Path) -> None:
     path = tmp_path / "x.h5"
     with h5py.File(path, "w") as file:
         file["x"] = np.zeros(10_000)
@@ -91,7 +91,7 @@ def test_memory_of_hdf5_is_bounded(tmp_path):
         Hdf5File(path, 100_000)
 
 
-def test_groups_in_circles_end(tmp_path):
+def test_groups_in_circles_end(tmp_path: Path) -> None:
     path = tmp_path / "x.h5"
     with h5py.File(path, "w") as file:
         file["a/b/c"] = np.zeros(3)
@@ -104,7 +104,7 @@ def test_groups_in_circles_end(tmp_path):
 
 @pytest.mark.parametrize("share", [0, 0.001, 0.3, 0.6, 0.95])
 @pytest.mark.parametrize("libver", ["earliest", "latest"])
-def test_hdf5_that_is_cut_off_is_refused(tmp_path, libver, share):
+def test_hdf5_that_is_cut_off_is_refused(tmp_path: Path, libver: str, share: float) -> None:
     path = write_hdf5(tmp_path / "x.h5", libver)
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     assert len(dataset_names(path, 3)) <= 3
@@ -113,7 +113,7 @@ def test_hdf5_that_is_cut_off_is_refused(tmp_path, libver, share):
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_arrays_of_matlab_are_those_of_scipy(compressed, tmp_path):
+def test_arrays_of_matlab_are_those_of_scipy(compressed: bool, tmp_path: Path) -> None:
     path = tmp_path / "a.mat"
     arrays = {
         "small": np.array([[7]], np.int16),
@@ -185,7 +185,7 @@ MATRIX = tensor(0, "<f4", 12, (3, 4), (4, 1))
 STORED = {"data/0": C2W.tobytes()}
 
 
-def test_a_dictionary_of_tensors_comes_back(tmp_path):
+def test_a_dictionary_of_tensors_comes_back(tmp_path: Path) -> None:
     fields = {"W": plain(4096), "name": plain("Sci-Art"), "scale": plain(215.5), "c2w": MATRIX}
     fields["lens"] = b"](" + tensor(1, "<f8", 2, (2,), (1,)) + plain(None) + plain(True) + b"e"
     fields["scalar"] = tensor(2, "<i8", 1, (), ())
@@ -213,7 +213,7 @@ class Hostile:
 
 
 @pytest.mark.parametrize("protocol", [0, 2, 4])
-def test_code_among_tensors_is_refused_and_never_run(tmp_path, protocol):
+def test_code_among_tensors_is_refused_and_never_run(tmp_path: Path, protocol: int) -> None:
     touched = tmp_path / "touched"
     hostile = pickle.dumps({"c2w": Hostile(touched)}, protocol)
     with pytest.raises(BenchmarkError, match=r"evil\.pt"):
@@ -237,13 +237,13 @@ WRONG: dict[str, tuple[bytes, dict[str, bytes]]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_damaged_tensors_are_refused_by_name(tmp_path, name):
+def test_damaged_tensors_are_refused_by_name(tmp_path: Path, name: Any) -> None:
     part, members = WRONG[name]
     with pytest.raises(BenchmarkError, match=r"000001\.pt"):
         read_tensors(save_tensors(tmp_path / "000001.pt", {"c2w": part}, **members))
 
 
-def test_old_files_of_tensors_and_bombs_are_refused(tmp_path):
+def test_old_files_of_tensors_and_bombs_are_refused(tmp_path: Path) -> None:
     bomb = write_archive(tmp_path / "bomb.pt", {"data.pkl": bytes(1 << 20)}, zipfile.ZIP_DEFLATED)
     old = tmp_path / "old.pt"  # before PyTorch 1.6
     old.write_bytes(pickle.dumps(0x1950A86A20F9469CFC6C, 2))

@@ -53,7 +53,7 @@ def sample_mesh(vertices: Any, faces: Any, *, count: int, seed: int, block: int 
 SAMPLE = sample_mesh(CUBE, FACES, count=500, seed=7)
 
 
-def test_a_hand_worked_pair_of_triangles():
+def test_a_hand_worked_pair_of_triangles() -> None:
     # The areas are 1/2 and 3/2, so that a quarter of the points lies in the first triangle.
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [3, 0, 5], [0, 1, 5]])
     points = sample_mesh(vertices, np.array([[0, 1, 2], [3, 4, 5]]), count=4000, seed=1)
@@ -67,7 +67,7 @@ def test_a_hand_worked_pair_of_triangles():
     np.testing.assert_allclose(points[~low].mean(axis=0), [1, 1 / 3, 5], atol=0.05)
 
 
-def test_points_are_uniform_on_the_surface():
+def test_points_are_uniform_on_the_surface() -> None:
     mesh = trimesh.creation.icosphere(subdivisions=3)
     points = sample_mesh(np.array(mesh.vertices), np.array(mesh.faces), count=20_000, seed=5)
     # On the unit sphere z is uniform (Archimedes): second moment 1/3, and no face is preferred.
@@ -77,21 +77,21 @@ def test_points_are_uniform_on_the_surface():
 
 
 @given(st.integers(1, 300), st.integers(0, 2**64 - 1), st.integers(1, 50))
-def test_blocks_do_not_matter(count, seed, block):
+def test_blocks_do_not_matter(count: Any, seed: Any, block: Any) -> None:
     whole = sample_mesh(CUBE, FACES, count=count, seed=seed)
     parts = sample_mesh(CUBE, FACES, count=count, seed=seed, block=block)
     np.testing.assert_array_equal(parts, whole)
     assert on_cube(whole)
 
 
-def test_the_bytes_of_a_sample_are_fixed():
+def test_the_bytes_of_a_sample_are_fixed() -> None:
     corners = CUBE * (3.7, 2.1, 1.3) + 5_188_114.1
     points = np.concatenate([sample_mesh(corners, FACES, count=31, seed=s) for s in range(9)])
     digest = hashlib.sha256(points.astype("<f8").tobytes()).hexdigest()
     assert digest == "b147b111fb4001e7cdf5312c39b927f2dfebdd86a6bcd3a3cfb88d36422ddc5c"
 
 
-def test_faces_without_area_get_no_point_and_far_ones_lose_nothing():
+def test_faces_without_area_get_no_point_and_far_ones_lose_nothing() -> None:
     faces = np.concatenate([[[0, 0, 0]], FACES[:2], [[1, 1, 2]]])
     assert (sample_mesh(CUBE, faces, count=1000, seed=3)[:, 0] == 0.0).all()
     offset = np.array([2.0**22, 2.0**23, 0.0])
@@ -100,14 +100,14 @@ def test_faces_without_area_get_no_point_and_far_ones_lose_nothing():
 
 
 @pytest.mark.parametrize("order", ["<", ">", ""])
-def test_ply_meshes(order, tmp_path):
+def test_ply_meshes(order: str, tmp_path: Path) -> None:
     faces = BINARY_QUADS.get(order, TEXT_QUADS)
     path = write_ply(tmp_path / "a.ply", COLUMNS, order, faces_header=QUAD_HEADER, faces=faces)
     np.testing.assert_array_equal(read(path).points, SAMPLE)
     assert "12 faces" in opened(path).notes[0]
 
 
-def test_ply_of_triangles_and_quads_mixed(tmp_path):
+def test_ply_of_triangles_and_quads_mixed(tmp_path: Path) -> None:
     header = "element face 4\nproperty uchar flags\nproperty list uchar uint vertex_index\n"
     header += "property float w"
     polygons = [(0, 1, 3), (0, 3, 2), (4, 6, 7, 5), (0, 4, 5)]
@@ -123,7 +123,7 @@ def test_ply_of_triangles_and_quads_mixed(tmp_path):
             read(path)
 
 
-def test_obj(tmp_path):
+def test_obj(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     for text in (OBJ, OBJ.replace("f 1/1/1 2//1 4 3", "f -8 -7/2 -5//3 -6")):
         path.write_text(text)
@@ -138,7 +138,7 @@ def test_obj(tmp_path):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 99, -1])
-def test_meshes_that_cannot_be_sampled(value, tmp_path):
+def test_meshes_that_cannot_be_sampled(value: float, tmp_path: Path) -> None:
     columns, faces = COLUMNS | {"x": COLUMNS["x"].copy()}, BINARY_QUADS["<"]
     if value in (99, -1):
         faces = faces.replace(struct.pack("<i", 5), struct.pack("<i", value))
@@ -148,7 +148,7 @@ def test_meshes_that_cannot_be_sampled(value, tmp_path):
         opened(write_ply(tmp_path / "a.ply", columns, faces_header=QUAD_HEADER, faces=faces))
 
 
-def test_how_many_points_a_mesh_gets(tmp_path):
+def test_how_many_points_a_mesh_gets(tmp_path: Path) -> None:
     faces = {"faces_header": QUAD_HEADER, "faces": BINARY_QUADS["<"]}
     path = write_ply(tmp_path / "a.ply", COLUMNS, **faces)
     density = MeshSampling(seed=0, count=None, per_square_unit=100.0, max_points=1000)
@@ -160,7 +160,7 @@ def test_how_many_points_a_mesh_gets(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["glb", "obj", "ply"])
-def test_what_trimesh_writes(suffix, tmp_path):
+def test_what_trimesh_writes(suffix: str, tmp_path: Path) -> None:
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
     mesh.apply_translation([5, 6, 7])
     mesh.export(tmp_path / f"a.{suffix}")
@@ -205,7 +205,7 @@ def write_glb(path: Path, document: dict[str, Any]) -> Path:
     return path
 
 
-def test_gltf_with_the_transforms_of_its_nodes(tmp_path):
+def test_gltf_with_the_transforms_of_its_nodes(tmp_path: Path) -> None:
     uri = "data:application/octet-stream;base64," + base64.b64encode(BODY).decode()
     (tmp_path / "a.gltf").write_text(json.dumps(edited("buffers", 0, "uri", value=uri)))
     for path in (tmp_path / "a.gltf", write_glb(tmp_path / "a.glb", DOCUMENT)):
@@ -231,7 +231,7 @@ def test_gltf_with_the_transforms_of_its_nodes(tmp_path):
         edited("meshes", value=5),
     ],
 )
-def test_wrong_glb(document, tmp_path):
+def test_wrong_glb(document: Any, tmp_path: Path) -> None:
     with pytest.raises(PredictionError):
         read(write_glb(tmp_path / "a.glb", document))
     whole = write_glb(tmp_path / "a.glb", DOCUMENT).read_bytes()

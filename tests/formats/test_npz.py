@@ -50,7 +50,7 @@ def member(path: Path, content: bytes, name: str = "a.npy", compress: bool = Fal
     ids=lambda a: f"{a.dtype.str}{a.shape}",
 )
 @pytest.mark.parametrize("compress", [False, True])
-def test_reads_what_numpy_wrote(array, compress, tmp_path):
+def test_reads_what_numpy_wrote(array: Any, compress: bool, tmp_path: Path) -> None:
     (np.savez_compressed if compress else np.savez)(tmp_path / "x.npz", a=array)
     file = NpzFile(tmp_path / "x.npz", LIMIT)
     for read in (file.read("a"), file.map("a")):
@@ -59,7 +59,7 @@ def test_reads_what_numpy_wrote(array, compress, tmp_path):
         np.testing.assert_array_equal(read, array)
 
 
-def test_only_plain_members_are_mapped_and_these_beyond_the_limit(tmp_path):
+def test_only_plain_members_are_mapped_and_these_beyond_the_limit(tmp_path: Path) -> None:
     array, path = np.arange(1000.0), tmp_path / "x.npz"
     np.savez(
         path,
@@ -79,7 +79,7 @@ def test_only_plain_members_are_mapped_and_these_beyond_the_limit(tmp_path):
 
 
 @pytest.mark.parametrize("stated", [2, 8_388_608])
-def test_a_bomb_is_never_unpacked(stated, tmp_path):
+def test_a_bomb_is_never_unpacked(stated: int, tmp_path: Path) -> None:
     # 64 MB of zeros in 64 kB; the header says so, and the limit stops it, or lies.
     content = npy(SHAPE % f"({stated},)", bytes(1 << 26))
     path = member(tmp_path / "x.npz", content, compress=True)
@@ -88,7 +88,7 @@ def test_a_bomb_is_never_unpacked(stated, tmp_path):
         NpzFile(path, LIMIT).read("a")
 
 
-def test_pickles_are_refused_and_never_loaded(tmp_path):
+def test_pickles_are_refused_and_never_loaded(tmp_path: Path) -> None:
     class Trap:
         def __reduce__(self) -> tuple[Any, ...]:
             return (Path.touch, (tmp_path / "sprung",))
@@ -133,13 +133,13 @@ DESCR = "{'descr': %s, 'fortran_order': False, 'shape': (1,)}"
         npy(SHAPE % "(1,)", bytes(8), version=b"\x03\x00"),
     ],
 )
-def test_malformed_headers(content, tmp_path):
+def test_malformed_headers(content: Any, tmp_path: Path) -> None:
     path = member(tmp_path / "x.npz", content)
     with pytest.raises(PredictionError, match=r"field 'a' (is damaged|holds|has dtype)"):
         NpzFile(path, LIMIT)
 
 
-def test_members_twice_and_encrypted(tmp_path):
+def test_members_twice_and_encrypted(tmp_path: Path) -> None:
     path, good = tmp_path / "x.npz", npy(SHAPE % "(1,)", bytes(8))
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.npy", good)
@@ -156,7 +156,7 @@ def test_members_twice_and_encrypted(tmp_path):
 
 
 @pytest.mark.parametrize("compress", [False, True])
-def test_damage_is_found(compress, tmp_path):
+def test_damage_is_found(compress: bool, tmp_path: Path) -> None:
     path = tmp_path / "x.npz"
     write_npz(path, {"a": np.arange(100.0)}, compress=compress)
     whole = path.read_bytes()

@@ -24,7 +24,7 @@ IDS, RANKED = ["e/a", "e/ü"], [["e/t1", "e/t2"], ["e/t2", ""]]
     ids=["plain", "large", "coded ids", "coded ranks"],
 )
 @pytest.mark.parametrize("kind", [pa.float16(), pa.float64()])
-def test_reads_every_kind_of_text_and_number(ids, ranked, kind, tmp_path):
+def test_reads_every_kind_of_text_and_number(ids, ranked, kind, tmp_path) -> None:
     scores = pa.array([[0.5, 0.25], [1.0, float("nan")]], pa.list_(kind))
     table = pa.table({"query_ids": ids, "ranked_ids": ranked, "scores": scores})
     pq.write_table(table, tmp_path / "x.parquet")
@@ -36,7 +36,7 @@ def test_reads_every_kind_of_text_and_number(ids, ranked, kind, tmp_path):
 
 
 @pytest.mark.parametrize("rows", [0, 1500])
-def test_reads_row_groups_in_order(rows, tmp_path):
+def test_reads_row_groups_in_order(rows, tmp_path) -> None:
     ids = pa.array([f"e/{i}" for i in range(rows)], pa.string())
     table = pa.table({"query_ids": ids, "ranked_ids": pa.FixedSizeListArray.from_arrays(ids, 1)})
     pq.write_table(table, tmp_path / "x.parquet", row_group_size=400)

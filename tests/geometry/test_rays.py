@@ -13,6 +13,7 @@ from airzoo_bench.geometry.poses import Poses, rays_to_world
 from airzoo_bench.geometry.rasters import pixel_to_world
 from airzoo_bench.geometry.rays import (
     NearestHeights,
+    RayHits,
     RayStatus,
     intersect_heightfield,
     intersect_plane,
@@ -74,7 +75,7 @@ def field_of(heights: object, pixel: float = 1.0) -> HeightField:
     return HeightField(np.array(heights, float), Affine(pixel, 0, 0, 0, pixel, 0), "EPSG:32615")
 
 
-def cast(origin: object, direction: object, field: HeightField, max_range: float = 1e4):
+def cast(origin: object, direction: object, field: HeightField, max_range: float = 1e4) -> RayHits:
     shape = np.reshape(np.array(direction, float), (1, -1, 3))
     return intersect_heightfield(np.array([origin], float), shape, field, max_range)
 

@@ -144,7 +144,7 @@ def whole(letter: str, kind: str) -> dict[str, str]:
 
 
 @KINDS
-def test_a_step_that_fails_leaves_what_was_there(kind):
+def test_a_step_that_fails_leaves_what_was_there(kind: Any) -> None:
     found = cases("failed")[kind]
     assert len(found) > 3
     for case in found:
@@ -157,7 +157,7 @@ def test_a_step_that_fails_leaves_what_was_there(kind):
 
 @KINDS
 @pytest.mark.parametrize("fault", ["killed", pytest.param("line", marks=pytest.mark.slow)])
-def test_killed_at_any_step(kind, fault):
+def test_killed_at_any_step(kind: Any, fault: str) -> None:
     found = cases(fault)[kind]
     assert len(found) > (3 if kind == "file" else 10)
     for case in found:

@@ -103,7 +103,7 @@ def views(folder: Path) -> Path:
         pytest.param(views, RECONSTRUCTION, marks=pytest.mark.slow),
     ],
 )
-def test_small_files_stay_below_the_limit(make, of, home, tmp_path):
+def test_small_files_stay_below_the_limit(make, of, home, tmp_path) -> None:
     track, protocol = of
     options = ("--protocol", protocol, "--max-memory", "24M", "--untrusted")
     code, peak, said = run("eval", track, make(tmp_path), *options, data=home)

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,24 +51,24 @@ SOLVERS = ("colmap", "colmap+refine", "poselib")
 SEEDS = range(6)
 
 
-def solve(scene, solver="colmap"):
+def solve(scene: Any, solver: str = "colmap") -> Any:
     if solver == "poselib":
         pytest.importorskip("poselib", reason="the optional PoseLib is not installed")
     return solve_pose(*scene.problem, SOLVER.model_copy(update={"name": solver}))
 
 
-def noisy(seed, lens=LENSES[1]):
+def noisy(seed: int, lens: Any = LENSES[1]) -> Any:
     return make_scene(seed, count=2000, lens=lens, noise_px=1.0, outliers=0.5, origin=PROJECTED)
 
 
-def assert_below(pair, limit_m, limit_deg):
+def assert_below(pair, limit_m, limit_deg) -> None:
     assert pair[0] < limit_m
     assert pair[1] < limit_deg
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("lens", LENSES)
-def test_without_noise_the_pose_is_exact(lens, solver):
+def test_without_noise_the_pose_is_exact(lens, solver) -> None:
     scene = make_scene(11, lens=lens, origin=PROJECTED)
     estimate = solve(scene, solver)
     assert_below(errors(estimate, scene), 1e-6, 1e-6)
@@ -75,7 +76,7 @@ def test_without_noise_the_pose_is_exact(lens, solver):
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_outliers_do_no_harm_without_noise(lens):
+def test_outliers_do_no_harm_without_noise(lens) -> None:
     scene = make_scene(12, lens=lens, outliers=0.5)
     estimate = solve(scene)
     assert_below(errors(estimate, scene), 1e-6, 1e-6)
@@ -87,7 +88,7 @@ def test_outliers_do_no_harm_without_noise(lens):
     [("colmap", 0.15, 0.06), ("colmap+refine", 0.05, 0.02), ("poselib", 0.05, 0.02)],
 )
 @pytest.mark.parametrize("seed", SEEDS)
-def test_noise_and_outliers(seed, solver, limit_m, limit_deg):
+def test_noise_and_outliers(seed: int, solver: str, limit_m: float, limit_deg: float) -> None:
     scene = noisy(seed)
     estimate = solve(scene, solver)
     assert_below(errors(estimate, scene), limit_m, limit_deg)
@@ -99,7 +100,7 @@ def test_noise_and_outliers(seed, solver, limit_m, limit_deg):
     ("solver", "limit_m", "limit_deg"), [("colmap", 0.15, 0.06), ("colmap+refine", 0.02, 0.01)]
 )
 @pytest.mark.parametrize("seed", SEEDS)
-def test_agrees_with_poselib(seed, solver, limit_m, limit_deg):
+def test_agrees_with_poselib(seed: int, solver: str, limit_m: float, limit_deg: float) -> None:
     scene = noisy(seed)
     ours, theirs = solve(scene, solver), solve(scene, "poselib")
     assert np.linalg.norm(ours.centre - theirs.centre) < limit_m
@@ -110,14 +111,14 @@ def test_agrees_with_poselib(seed, solver, limit_m, limit_deg):
 # --- the mistakes that everybody makes are far outside of these tolerances ----------------------
 
 
-def test_half_a_pixel_shows():
+def test_half_a_pixel_shows() -> None:
     scene = make_scene(11, lens=LENSES[1])
     camera, xy, points = scene.problem
     estimate = solve_pose(camera, xy - 0.5, points, SOLVER)
     assert min(errors(estimate, scene)) > 1e-3
 
 
-def test_swapped_axes_show():
+def test_swapped_axes_show() -> None:
     scene = make_scene(11)
     camera, xy, points = scene.problem
     few = SOLVER.model_copy(update={"max_trials": 5000})
@@ -125,7 +126,7 @@ def test_swapped_axes_show():
     assert estimate.status is Status.NO_POSE or estimate.inliers.mean() < 0.1
 
 
-def test_camera_to_world_and_quaternion_order_show():
+def test_camera_to_world_and_quaternion_order_show() -> None:
     scene = make_scene(11)
     estimate = solve(scene)
     wxyz = matrix_to_quaternion(estimate.rotation[None])
@@ -136,7 +137,7 @@ def test_camera_to_world_and_quaternion_order_show():
     assert np.linalg.norm(np.abs(inverted) - np.abs(scene.centre)) > 1.0
 
 
-def test_ignored_distortion_shows():
+def test_ignored_distortion_shows() -> None:
     scene = make_scene(11, lens=LENSES[0])
     pinhole = make_scene(11).problem.camera
     estimate = solve_pose(pinhole, *scene.problem[1:], SOLVER)

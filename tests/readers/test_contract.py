@@ -20,12 +20,12 @@ UNNAMED = [
 ]
 
 
-def test_every_reader_has_a_layout():
+def test_every_reader_has_a_layout() -> None:
     assert {name.split()[0] for name in LAYOUTS} == set(READERS.names())
 
 
 @ALL
-def test_files_are_of_their_reader_alone(name, worlds, tmp_path):
+def test_files_are_of_their_reader_alone(name, worlds, tmp_path) -> None:
     path, reader = worlds.sample(name, tmp_path / "f"), name.split()[0]
     assert find_reader(path) == (None if LAYOUTS[name].needs_track else reader)
     assert find_reader(path, LAYOUTS[name].track) == reader
@@ -33,7 +33,7 @@ def test_files_are_of_their_reader_alone(name, worlds, tmp_path):
     assert {one for one, value in sure.items() if value >= SURE} <= {reader}
 
 
-def test_own_files_are_of_no_reader(tmp_path):
+def test_own_files_are_of_no_reader(tmp_path) -> None:
     path = tmp_path / "own.npz"
     np.savez(path, query_ids=["east/q00000"], ranked_ids=[["east/t00000"]], protocol="made")
     assert all(READERS.get(one).recognise(path) < SURE for one in READERS.names())
@@ -41,7 +41,7 @@ def test_own_files_are_of_no_reader(tmp_path):
 
 
 @ALL
-def test_exact_files_score_as_their_truth(name, worlds):
+def test_exact_files_score_as_their_truth(name, worlds) -> None:
     """Layouts of one noisy truth score the same, one that needs no conversion among them."""
     layout = LAYOUTS[name]
     if layout.is_pickled:
@@ -64,7 +64,7 @@ def test_exact_files_score_as_their_truth(name, worlds):
 
 
 @pytest.mark.parametrize("name", UNNAMED)
-def test_a_list_of_names_decides_which_view_is_which(name, worlds, tmp_path):
+def test_a_list_of_names_decides_which_view_is_which(name, worlds, tmp_path) -> None:
     path, names = worlds.sample(name, tmp_path), tmp_path / "names.txt"
     names.write_text("\n".join(names.read_text().splitlines()[::-1]))
     turned = worlds.evaluate("reconstruction", path, names=names)
@@ -72,7 +72,7 @@ def test_a_list_of_names_decides_which_view_is_which(name, worlds, tmp_path):
 
 
 @ALL
-def test_damage_is_looked_at_without_a_word(name, worlds, tmp_path):
+def test_damage_is_looked_at_without_a_word(name, worlds, tmp_path) -> None:
     random, place = np.random.default_rng(len(name)), worlds.sample(name, tmp_path / "f")
     files = sorted(one for one in (place, *place.rglob("*")) if one.is_file())
     for number in range(2):

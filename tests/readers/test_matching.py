@@ -21,7 +21,7 @@ def errors(found: Any) -> Any:
     return found.records.set_index("query")["error_m"]
 
 
-def test_one_file_is_one_query(worlds, tmp_path, matched):
+def test_one_file_is_one_query(worlds, tmp_path, matched) -> None:
     home = worlds.sample("loftr", tmp_path / "f")
     assert find_reader(home / "q3.npz") == "loftr"
     found, every = matched(home / "q3.npz"), matched(home)
@@ -32,7 +32,7 @@ def test_one_file_is_one_query(worlds, tmp_path, matched):
 @pytest.mark.parametrize(
     "named", ["hills/{0}", "hills/{0}_{0}_dom_matches", "hills/{0}.png/{0}_dom"]
 )
-def test_folders_name_the_scene_of_their_pairs(named, worlds, tmp_path):
+def test_folders_name_the_scene_of_their_pairs(named, worlds, tmp_path) -> None:
     world, home = worlds.hills, worlds.sample("loftr", tmp_path / "f")
     for one in list(home.iterdir()):
         for scene in ("hills", "town", "coast"):
@@ -56,7 +56,7 @@ def test_folders_name_the_scene_of_their_pairs(named, worlds, tmp_path):
     assert read.notes == ("8 files of other pictures left out",)
 
 
-def test_empty_matches_are_an_answer(worlds, tmp_path, matched):
+def test_empty_matches_are_an_answer(worlds, tmp_path, matched) -> None:
     path = worlds.sample("mast3r-visloc", tmp_path / "f")
     none = np.zeros(0)
     np.savez(path / "q0.png" / "q0_dom.tif.npz", matches_im_query=none, matches_im_map=none)
@@ -65,7 +65,7 @@ def test_empty_matches_are_an_answer(worlds, tmp_path, matched):
     assert errors(found)["hills/q0"] == float("inf")
 
 
-def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(worlds, tmp_path, matched):
+def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(worlds, tmp_path, matched) -> None:
     home = worlds.sample("superglue", tmp_path / "f")
     expected = matched(home).overall
     for path in list(home.iterdir()):
@@ -78,7 +78,7 @@ def test_a_name_that_begins_with_the_crop_exchanges_the_pictures(worlds, tmp_pat
     assert matched(home).overall == pytest.approx(expected, abs=1e-9)
 
 
-def test_roma_in_pixels(worlds, tmp_path, matched):
+def test_roma_in_pixels(worlds, tmp_path, matched) -> None:
     home = worlds.sample("roma", tmp_path / "f")
     expected = matched(home, reader="roma").overall
     for path, crop in zip(sorted(home.iterdir()), worlds.hills.truth.crops, strict=True):
@@ -89,7 +89,7 @@ def test_roma_in_pixels(worlds, tmp_path, matched):
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])
-def test_precision_and_files_of_hloc_are_named(dtype, worlds, tmp_path, matched):
+def test_precision_and_files_of_hloc_are_named(dtype, worlds, tmp_path, matched) -> None:
     path = worlds.sample("hloc", tmp_path / "f")
     [matches] = path.glob("*_matches.h5")
     [features] = {*path.iterdir()} - {matches}
@@ -109,7 +109,7 @@ def test_precision_and_files_of_hloc_are_named(dtype, worlds, tmp_path, matched)
     assert any(step in one for one in found.result.notes) == (dtype is np.float16)
 
 
-def test_the_whole_map_may_be_matched(worlds, tmp_path, matched):
+def test_the_whole_map_may_be_matched(worlds, tmp_path, matched) -> None:
     world, path = worlds.hills, tmp_path / "m.h5"
     with h5py.File(path, "w") as file:
         rows = zip(world.truth.queries["image"], world.query_xy, world.map_xy, strict=True)
@@ -122,7 +122,7 @@ def test_the_whole_map_may_be_matched(worlds, tmp_path, matched):
     assert "1 pair of other pictures left out" in found.result.notes
 
 
-def test_the_identity_is_no_pose(worlds, tmp_path, matched):
+def test_the_identity_is_no_pose(worlds, tmp_path, matched) -> None:
     path = worlds.sample("hloc-poses", tmp_path / "f")
     lines = [one for one in path.read_text().splitlines() if not one.startswith("q1.png")]
     lines += [f"{name} 1 0 0 0 0 0 0" for name in ("q1.png", "other.png")]
@@ -134,7 +134,7 @@ def test_the_identity_is_no_pose(worlds, tmp_path, matched):
     assert "1 photo at the identity or NaN count as not found" in notes
 
 
-def test_a_colmap_model_below_a_folder(worlds, tmp_path, matched):
+def test_a_colmap_model_below_a_folder(worlds, tmp_path, matched) -> None:
     home = tmp_path / "out" / "sparse/0"
     home.mkdir(parents=True)
     sample = worlds.sample("colmap-poses", tmp_path / "f")

@@ -49,17 +49,17 @@ MEANT = {
 @pytest.mark.parametrize(
     ("path", "expected"), [(path, one) for one, paths in MEANT.items() for path in paths]
 )
-def test_paths_by_hand(path, expected):
+def test_paths_by_hand(path, expected) -> None:
     assert NAMES.find(path) == expected
 
 
 @pytest.mark.parametrize("path", ["a.jpg", "/x/a.jpg", "c.png", "b.JPG"])
-def test_what_could_be_several_is_refused(path):
+def test_what_could_be_several_is_refused(path: str) -> None:
     with pytest.raises(PredictionError, match="could be 2"):
         NAMES.find(path)
 
 
-def test_names_with_other_separators_name_scenes_too():
+def test_names_with_other_separators_name_scenes_too() -> None:
     known = ImageNames(
         "query",
         [("s-1/a", "a.jpg"), ("s-1/b-c", "b-c.jpg"), ("s-2/a", "a.jpg")],
@@ -72,7 +72,7 @@ def test_names_with_other_separators_name_scenes_too():
     assert known.find("photos/b/c.jpg") == "s-1/b-c"
 
 
-def test_names_of_nothing_are_refused():
+def test_names_of_nothing_are_refused() -> None:
     left = ImageNames("query", [("s/a/b", "a/b.jpg")], left_out=[("s/c", "c.jpg")])
     with pytest.raises(PredictionError, match="names such as s/a/b"):
         left.find_all(["c.jpg"], Path("list.txt"))
@@ -107,7 +107,7 @@ def _by_hand(known: list[tuple[str, str]], path: str) -> list[str]:
 
 
 @given(st.lists(st.lists(_WORDS, min_size=1, max_size=3).map("/".join), unique=True), _PATHS)
-def test_a_path_means_what_it_ends_with(names, path):
+def test_a_path_means_what_it_ends_with(names, path) -> None:
     known = [(f"{'st'[number % 2]}/{number}", name) for number, name in enumerate(names)]
     expected = _by_hand(known, path)
     if len(expected) < 2:
@@ -120,7 +120,7 @@ def test_a_path_means_what_it_ends_with(names, path):
     assert found in expected
 
 
-def test_lists_are_read_with_any_line_ends(tmp_path):
+def test_lists_are_read_with_any_line_ends(tmp_path: Path) -> None:
     path = tmp_path / "names.txt"
     path.write_bytes("\ufeffa.jpg\r\n\r\n b.jpg \n".encode())
     assert read_names(path) == ["a.jpg", "b.jpg"]

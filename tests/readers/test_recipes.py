@@ -25,7 +25,7 @@ def python_blocks(text: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
 
 
-def test_pages_parse_and_name_every_recipe_and_reader():
+def test_pages_parse_and_name_every_recipe_and_reader() -> None:
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         named = re.findall(r"--reader ([a-z][\w-]+)|reader `([\w-]+)`", text)
@@ -48,7 +48,7 @@ def load_torch(path: str, **options: Any) -> Any:
 
 
 @pytest.mark.parametrize(("number", "name"), [(0, "vismatch"), (1, "loftr-dump")])
-def test_lines_convert_pickles(number, name, worlds, tmp_path, monkeypatch):
+def test_lines_convert_pickles(number, name, worlds, tmp_path, monkeypatch) -> None:
     worlds.sample(name, tmp_path / "f")
     monkeypatch.chdir(tmp_path / "f")
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(load=load_torch))
@@ -72,7 +72,7 @@ class _Tensor:
         return _Tensor(np.concatenate([part.numpy() for part in parts]))
 
 
-def test_lines_save_features_of_game4loc(worlds, tmp_path, monkeypatch):
+def test_lines_save_features_of_game4loc(worlds, tmp_path, monkeypatch) -> None:
     arrays = np.load(worlds.sample("game4loc", tmp_path / "f"))
     queries, gallery = (_Tensor(arrays[f"{kind}_features"]) for kind in ("query", "gallery"))
     known = {"np": np, "torch": _Tensor, "gallery_features_batch": gallery}
@@ -92,7 +92,7 @@ def test_lines_save_features_of_game4loc(worlds, tmp_path, monkeypatch):
 EXAMPLE = ROOT / "examples" / "reader-package"
 
 
-def test_the_example_reads(worlds, tmp_path, monkeypatch, capsys):
+def test_the_example_reads(worlds, tmp_path, monkeypatch, capsys) -> None:
     assert "ranks-csv" not in READERS.names()
     add_package(EXAMPLE, tmp_path / "package", monkeypatch)
     home, lines = worlds.home / "retrieval", ["query,tile,similarity"]

@@ -33,7 +33,7 @@ def recall(result: Any, scene: str = "east") -> float:
     return float(result.records.groupby("scene")["recall@1"].mean()[scene])
 
 
-def test_scenes_with_photos_of_the_same_names(tmp_path, worlds):
+def test_scenes_with_photos_of_the_same_names(tmp_path: Path, worlds: Worlds) -> None:
     """East has the queries q00000 to q00005, west the first four; q00004 and q00005 are none."""
     data = Path(shutil.copytree(worlds.home / "retrieval" / "data", tmp_path / "data"))
     left_out = data / "made" / "scenes" / "west" / "retrieval" / "excluded.csv"
@@ -63,7 +63,7 @@ def test_scenes_with_photos_of_the_same_names(tmp_path, worlds):
         score(tmp_path, *east[:4], "q00004.jpg")  # a photo left out has the name too
 
 
-def test_a_gallery_larger_than_the_memory(tmp_path):
+def test_a_gallery_larger_than_the_memory(tmp_path: Path) -> None:
     scenes = [MadeScene("east", [[0]], 300)]
     write_benchmark(tmp_path / "data" / "made", made_protocol(scenes), scenes)
     rows = np.random.default_rng(0).standard_normal((300, 4000), np.float32)
@@ -79,8 +79,8 @@ def test_a_gallery_larger_than_the_memory(tmp_path):
 
 
 def test_precision_of_hloc_is_named_and_ties_of_trec_are_broken_against_the_method(
-    tmp_path, worlds, retrieved
-):
+    tmp_path: Path, worlds: Worlds, retrieved: Callable[..., Any]
+) -> None:
     path = worlds.sample("hloc-global", tmp_path / "h")
     with h5py.File(path, "a") as file:
         names = [f"{scene}/{kind}" for scene in file for kind in file[scene]]
@@ -97,7 +97,7 @@ def test_precision_of_hloc_is_named_and_ties_of_trec_are_broken_against_the_meth
     assert retrieved(path).overall["recall@1"] == 0.0
 
 
-def test_university1652_on_denseuav(tmp_path):
+def test_university1652_on_denseuav(tmp_path: Path) -> None:
     data, scene = tmp_path / "data", "drone-to-satellite"
     unpack("denseuav", tmp_path / "source")
     options = SourceOptions(tmp_path / "source" / "in", [scene])
@@ -165,14 +165,14 @@ class TestVpr:
         spoil(log, f"info.log: sed /data/made => {home}")
 
     @pytest.mark.parametrize("labels", [False, True])
-    def test_lists_of_paths(self, log, of_east, labels):
+    def test_lists_of_paths(self, log: Path, of_east: Score, labels: bool) -> None:
         self.write_lists(log, labels=labels)
         self.drop_descriptors(log)
         if labels:
             spoil(log, "info.log: sed use_labels=False => use_labels=True")
         assert recall(of_east(log)) == 1.0
 
-    def test_an_assumed_order_is_held_against_the_lists(self, log, of_east):
+    def test_an_assumed_order_is_held_against_the_lists(self, log: Path, of_east: Score) -> None:
         self.write_lists(log)
         result = of_east(log)
         assert recall(result) == 1.0
@@ -185,7 +185,7 @@ class TestVpr:
             assert "--names" in str(refused.value)
             spoil(log, f"{file}: py np.save(path, np.roll(np.load(path), -1, 0))")
 
-    def test_names_are_listed_in_the_folders_of_the_log(self, log, of_east):
+    def test_names_are_listed_in_the_folders_of_the_log(self, log: Path, of_east: Score) -> None:
         self.write_images(log / "images", log)
         for extra in ("tiles.csv", ".t00000.png", "t00000.tif"):
             (log / "images" / self.IMAGES[0][0]).with_name(extra).touch()
@@ -194,7 +194,7 @@ class TestVpr:
         assert "in the order of their paths" in result.result.predictions.reader.conventions[1]
 
     @pytest.mark.parametrize("linked", [False, True])
-    def test_folders_of_the_machine_are_not_listed(self, linked, tmp_path, log, of_east):
+    def test_folders_of_the_machine_are_not_listed(self, linked, tmp_path, log, of_east) -> None:
         """A log of a stranger names a folder of this machine: nothing of it is read or told."""
         private = tmp_path / "private"
         self.write_images(private, log)
@@ -214,7 +214,7 @@ class TestVpr:
         assert "12 images" not in str(one.value)
         assert not any(os.path.realpath(place).startswith(str(private)) for place in seen)
 
-    def test_list_of_the_user(self, tmp_path, log, of_east):
+    def test_list_of_the_user(self, tmp_path: Path, log: Path, of_east: Score) -> None:
         order, names = np.random.default_rng(0).permutation(12), tmp_path / "names.txt"
         spoil(log, f"database_descriptors.npy: py np.save(path, np.load(path)[{order.tolist()}])")
         listed = [f"x/east/t{number:05d}.png" for number in order]
@@ -223,8 +223,8 @@ class TestVpr:
         assert recall(of_east(log, names=names)) == 1.0
 
     def test_one_run_of_all_scenes_below_a_folder_that_is_called_as_one(
-        self, tmp_path, log, retrieved
-    ):
+        self, tmp_path: Path, log: Path, retrieved: Callable[..., Any]
+    ) -> None:
         other, whole = log.parents[1] / "west" / log.name, tmp_path / "east" / "all"
         whole.mkdir(parents=True)
         for kind in ("queries", "database"):
@@ -241,7 +241,7 @@ class TestVpr:
         assert conventions[1] in result.result.notes
         assert "compared by l2" in conventions[2]
 
-    def test_lists_of_two_runs_and_lists_that_are_not_whole(self, log, of_east):
+    def test_lists_of_two_runs_and_lists_that_are_not_whole(self, log, of_east) -> None:
         self.write_lists(log)
         self.drop_descriptors(log)
         shutil.copytree(log, log.parent / "second")

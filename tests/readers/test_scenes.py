@@ -54,7 +54,7 @@ def outputs(path: Path, *scenes: str, names: Path | None = None) -> Any:
     return {output.scene: output for output in found.values()}, others
 
 
-def test_places_of_outputs_and_names_of_their_photos(tmp_path):
+def test_places_of_outputs_and_names_of_their_photos(tmp_path: Path) -> None:
     for name in ("p/yard", "p/lot", "x"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "out.txt").touch()
@@ -76,7 +76,7 @@ def test_places_of_outputs_and_names_of_their_photos(tmp_path):
             outputs(whole, *PHOTOS, names=names)[0]["lot"].view_names()
 
 
-def test_pickles_are_never_opened_and_batches_are_read(worlds, tmp_path, yard, expected):
+def test_pickles_are_never_opened_and_batches_are_read(worlds, tmp_path, yard, expected) -> None:
     whole = worlds.sample("vggt", tmp_path / "whole")
     with np.load(whole / YARD, allow_pickle=True) as stored:
         given = dict(stored)
@@ -97,7 +97,7 @@ def test_pickles_are_never_opened_and_batches_are_read(worlds, tmp_path, yard, e
     assert 0 < abs(found["chamfer_m"] - expected["chamfer_m"]) < 0.2
 
 
-def test_names_are_of_images_beside_it_or_listed(worlds, tmp_path, yard, expected):
+def test_names_are_of_images_beside_it_or_listed(worlds, tmp_path, yard, expected) -> None:
     path, order = worlds.sample("vggt", tmp_path), np.array([3, 0, 5, 1, 2, 4])
     spoil(path, "lot: rm")
     with np.load(path / YARD, allow_pickle=True) as stored:
@@ -122,7 +122,7 @@ def test_names_are_of_images_beside_it_or_listed(worlds, tmp_path, yard, expecte
 
 
 @pytest.mark.parametrize("depth", [{}, {"depth": None}], ids=["depth", "points"])
-def test_pixels_outside_a_mask_are_no_surface(depth, worlds, tmp_path, yard):
+def test_pixels_outside_a_mask_are_no_surface(depth, worlds, tmp_path, yard) -> None:
     path = worlds.sample("mapanything", tmp_path)
     with np.load(path / YARD) as stored:
         seen = stored["final_mask"]
@@ -131,7 +131,7 @@ def test_pixels_outside_a_mask_are_no_surface(depth, worlds, tmp_path, yard):
     assert yard(path)["points"] == int(seen.sum()) > 0
 
 
-def test_mini_npz_of_depth_anything_3_goes_before_npz(worlds, tmp_path, yard, expected):
+def test_mini_npz_of_depth_anything_3_goes_before_npz(worlds, tmp_path, yard, expected) -> None:
     path = worlds.sample("depth-anything-3", tmp_path)
     other, file = "yard/exports/npz/results.npz", "yard/exports/mini_npz/results.npz"
     spoil(path, f"{other}: from {file}")
@@ -139,7 +139,7 @@ def test_mini_npz_of_depth_anything_3_goes_before_npz(worlds, tmp_path, yard, ex
     assert yard(path)["chamfer_m"] == pytest.approx(expected["chamfer_m"], abs=1e-4)
 
 
-def test_images_without_a_pose_are_absent(worlds, tmp_path, reconstructed):
+def test_images_without_a_pose_are_absent(worlds, tmp_path, reconstructed) -> None:
     path = worlds.sample("vggt-colmap", tmp_path)
     images = path / "yard" / "sparse" / "images.bin"
     content, head = images.read_bytes(), 8 + struct.calcsize("<I7dI") + len("yard_0.jpg") + 1
@@ -150,7 +150,7 @@ def test_images_without_a_pose_are_absent(worlds, tmp_path, reconstructed):
     assert found.records.set_index("scene").loc["yard", "cameras_missing"] == 1
 
 
-def test_models_that_pycolmap_writes(worlds, tmp_path, yard, expected):
+def test_models_that_pycolmap_writes(worlds, tmp_path, yard, expected) -> None:
     """Rigs and frames as Depth Anything 3 makes them, written by COLMAP itself."""
     path = tmp_path / "out"
     source = worlds.sample("vggt-colmap", tmp_path / "f") / "yard" / "sparse"

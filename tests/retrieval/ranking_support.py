@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval.ranking import Depths, Ranking, rank_by_descriptors
@@ -10,12 +13,14 @@ from airzoo_bench.retrieval.track import score_scene
 from airzoo_bench.retrieval.truth import Positives, offsets_of
 
 
-def positives_of(*tiles):
+def positives_of(*tiles: Any) -> Positives:
     flat = [tile for some in tiles for tile in some]
     return Positives(offsets_of([len(some) for some in tiles]), np.array(flat, np.int32))
 
 
-def rank(queries, gallery, metric="l2", k=3, scored=5, positives=None, run=None, names=None):
+def rank(
+    queries: Any, gallery: Any, metric="l2", k=3, scored=5, positives=None, run=None, names=None
+) -> Ranking:
     """All blocks in one."""
     blocks = rank_by_descriptors(
         queries,
@@ -32,7 +37,7 @@ def rank(queries, gallery, metric="l2", k=3, scored=5, positives=None, run=None,
     return whole
 
 
-def records_of(truth, ranking, settings, answered=True):
+def records_of(truth: Any, ranking: Any, settings: Any, answered: Any = True) -> pd.DataFrame:
     """Score the ranking of all queries of a scene."""
     rows = np.arange(len(truth.queries))
     return score_scene(

@@ -31,7 +31,7 @@ POSITIVES = np.array([count for _, count in CASES])
 
 
 @given(st.data(), st.sampled_from([1, 7, 40, metrics._BITMAP_CELLS]))
-def test_hit_matrix_is_membership_for_any_block(data, cells):
+def test_hit_matrix_is_membership_for_any_block(data, cells) -> None:
     # -1 lies one cell before tile 0, which is where the last tile of the query before would be.
     n_tiles = data.draw(st.integers(1, 9))
     lists = data.draw(
@@ -81,12 +81,12 @@ AP_AT, NDCG = metrics.average_precision_at, metrics.ndcg_at
         (NDCG(HITS, POSITIVES, 2), [(1 / LOG3) / (1 + 1 / LOG3), 1 / (1 + 1 / LOG3), 0, 1, 0]),
     ],
 )
-def test_scores_by_hand(found, expected):
+def test_scores_by_hand(found, expected) -> None:
     assert found.shape == (5,)
     np.testing.assert_allclose(found, expected, rtol=1e-15)
 
 
-def test_names_tell_the_readings_of_ap():
+def test_names_tell_the_readings_of_ap() -> None:
     names = [metrics.ap_name(5, variant) for variant in VARIANTS]
     assert names == ["ap@5", "ap@5/min", "ap@5/trec", "ap@5/hits"]
 
@@ -101,7 +101,7 @@ def all_scores(found: np.ndarray, positives: np.ndarray, k: int) -> dict[str, np
 
 
 @given(st.data(), st.integers(1, 15))
-def test_moving_a_hit_up_never_lowers_a_score(data, k):
+def test_moving_a_hit_up_never_lowers_a_score(data, k) -> None:
     shape = (data.draw(st.integers(1, 5)), data.draw(st.integers(1, 12)))
     found = data.draw(hnp.arrays(bool, shape))
     missed = data.draw(hnp.arrays(np.int64, shape[0], elements=st.integers(0, 6)))
@@ -126,7 +126,7 @@ METRES = np.array([[0.0, 100.0, INF], [30.0, 0.0, 10.0], [INF, INF, INF]])
 AUTHORS = (6.0, 0.9)  # steepness, tolerance
 
 
-def test_sdm():
+def test_sdm() -> None:
     # k = 2: weights 2 and 1; k = 5 on a list of three: weights 5, 4, 3 of 15.
     tenth = math.exp(-0.1)
     two = [(2 + tenth) / 3, (2 * math.exp(-0.03) + 1) / 3, 0]
@@ -135,7 +135,7 @@ def test_sdm():
     np.testing.assert_allclose(metrics.sdm_at(METRES, 5, 0.001), five, rtol=1e-15)
 
 
-def test_pdm():
+def test_pdm() -> None:
     # Tiles of 100 m: the gain is 1/2 at 90 m, 1/(1 + e^-5.4) at 0, 1/(1 + e^0.6) at 100 m.
     zero, hundred = 1 / (1 + math.exp(-5.4)), 1 / (1 + math.exp(0.6))
     metres = np.array([[90.0, 100.0], [0.0, 0.0], [INF, 0.0], [1e9, INF]])
@@ -147,7 +147,7 @@ def test_pdm():
     np.testing.assert_allclose(scores, 1 / (1 + math.exp(6 * (0.5 - 0.9))), rtol=1e-15)
 
 
-def test_dis_counts_ranks_without_a_tile_as_the_farthest():
+def test_dis_counts_ranks_without_a_tile_as_the_farthest() -> None:
     distances, farthest = np.array([[1.0, 4.0], [2.0, np.inf]]), np.array([10.0, 20.0])
     assert metrics.dis_at(distances, 3, farthest).tolist() == [5.0, 14.0]
     assert metrics.dis_at(distances, 1, farthest).tolist() == [1.0, 2.0]

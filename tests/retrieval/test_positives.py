@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import shapely
@@ -27,7 +29,7 @@ from airzoo_bench.retrieval.truth import Positives
 UNIT_BOX = np.array([[0.0, 0, 1, 1]])
 
 
-def naive(points, boxes):
+def naive(points: Any, boxes: Any) -> Any:
     """Test every point against every tile."""
     lon, lat = points[:, :, None, 0], points[:, :, None, 1]
     inside = (boxes[:, 0] <= lon) & (lon <= boxes[:, 2])
@@ -35,19 +37,19 @@ def naive(points, boxes):
     return [np.flatnonzero(row) for row in inside.any(axis=1)]
 
 
-def assert_same(found, expected):
+def assert_same(found, expected) -> None:
     assert (found.tiles.dtype, found.offsets.dtype) == (np.int32, np.int64)
     assert found.counts.tolist() == [len(tiles) for tiles in expected]
     assert found.tiles.tolist() == [tile for tiles in expected for tile in tiles]
 
 
-def starts_of(length, tile):
+def starts_of(length: float, tile: float) -> Any:
     """Tiles at half a tile's stride; the last anchored to the edge."""
     starts = np.arange(0, max(length - tile, 0) + 1, tile / 2)
     return starts if starts[-1] >= length - tile else np.append(starts, length - tile)
 
 
-def grid(width, height, tile, bend=0.0):
+def grid(width: float, height: float, tile: float, bend: float = 0.0) -> Any:
     """Boxes of the corners of a map's tiles, row by row from the north.
 
     A bend tilts and curves the map as the convergence of the meridians does, only more.
@@ -62,7 +64,7 @@ def grid(width, height, tile, bend=0.0):
     return np.stack(sides, axis=-1).reshape(-1, 4)
 
 
-def points_near(boxes, rng, n):
+def points_near(boxes: Any, rng: np.random.Generator, n: int) -> Any:
     """Points in, on the borders and corners of, and beside tiles, and some NaN."""
     picks = boxes[rng.integers(0, len(boxes), (n, 4))]
     share = rng.choice([0, 0, 0.25, 0.5, 1, 1, 1.5, np.nan], (n, 4, 2))
@@ -74,7 +76,7 @@ sizes = st.sampled_from([1.0, 2, 2.5, 4, 5, 7, 9.5, 20])
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 30), st.integers(0, 9))
-def test_any_boxes_agree_with_every_tile_tested(seed, n_tiles, n_queries):
+def test_any_boxes_agree_with_every_tile_tested(seed, n_tiles, n_queries) -> None:
     rng = np.random.default_rng(seed)
     low = rng.integers(-4, 5, (n_tiles, 2)).astype(float)
     boxes = np.concatenate([low, low + rng.integers(0, 6, (n_tiles, 2))], axis=1)
@@ -93,7 +95,7 @@ ORDERS = {
 
 
 @given(sizes, sizes, st.sampled_from([0.0, 1.0]), st.sampled_from([*ORDERS]), st.integers(0))
-def test_grids_agree_with_every_tile_tested(width, height, bend, order, seed):
+def test_grids_agree_with_every_tile_tested(width, height, bend, order, seed) -> None:
     rng = np.random.default_rng(seed)
     boxes = np.concatenate([grid(width, height, tile, bend) for tile in (4.0, 2.0)])
     boxes = boxes[ORDERS[order](boxes, rng)]
@@ -106,7 +108,7 @@ def test_grids_agree_with_every_tile_tested(width, height, bend, order, seed):
 # --- overlap ---
 
 
-def test_overlap_by_hand():
+def test_overlap_by_hand() -> None:
     square = np.array([[[0.5, 0.5], [1.5, 0.5], [1.5, 1.5], [0.5, 1.5]]])
     boxes = np.array([[0, 0, 1, 1], [1, 1, 2, 2], [0.5, 0.5, 1.5, 1.5], [5, 5, 6, 6]], float)
     found = find_overlaps(square, boxes)
@@ -117,7 +119,7 @@ def test_overlap_by_hand():
     assert find_positives(half, UNIT_BOX, 0.49).overlap.tolist() == [0.5]
 
 
-def test_rounding_does_not_make_touching_an_overlap():
+def test_rounding_does_not_make_touching_an_overlap() -> None:
     x, y = np.random.default_rng(0).uniform(-3, 4, (2, 500, 4))
     boxes = UNIT_BOX / 7 + [113, 28, 113, 28]
     above = np.stack([np.sort(x, axis=1), 1 + np.abs(y)], axis=2) / 7 + [113, 28]
@@ -126,7 +128,7 @@ def test_rounding_does_not_make_touching_an_overlap():
     assert not with_overlap(above, boxes, every).overlap.any()
 
 
-def test_footprint_with_nan_or_without_area_overlaps_nothing():
+def test_footprint_with_nan_or_without_area_overlaps_nothing() -> None:
     polygons = np.full((3, 4, 2), 0.5)
     polygons[:2] = [[0, 0], [1, 0], [1, 1], [0, 1]]
     polygons[0, 3, 1] = np.nan
@@ -136,7 +138,7 @@ def test_footprint_with_nan_or_without_area_overlaps_nothing():
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 113.0]), st.booleans())
-def test_overlaps_agree_with_shapely(seed, offset, on_lattice):
+def test_overlaps_agree_with_shapely(seed, offset, on_lattice) -> None:
     rng = np.random.default_rng(seed)
     polygons = rng.uniform(-2, 3, (3, 4, 2))
     if on_lattice:

@@ -19,17 +19,18 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.retrieval import ranking
 from airzoo_bench.retrieval.predictions import check_lists
 from airzoo_bench.retrieval.ranking import Depths, rank_by_ids
+from airzoo_bench.retrieval.truth import Positives
 from tests.retrieval.ranking_support import positives_of, rank
 
 METRICS = ["l2", "cosine", "inner_product"]
 
 
-def random_positives(rng, n_queries, n_tiles, most=4):
+def random_positives(rng: Any, n_queries: int, n_tiles: int, most: int = 4) -> Positives:
     counts = rng.integers(0, min(most, n_tiles) + 1, n_queries)
     return positives_of(*[np.sort(rng.choice(n_tiles, n, replace=False)) for n in counts])
 
 
-def similarities(queries, gallery, metric):
+def similarities(queries: Any, gallery: Any, metric: str) -> Any:
     """The plain way, in more digits; a query of zeros is alike to all."""
     queries, gallery = (np.asarray(one, np.longdouble) for one in (queries, gallery))
     if metric == "l2":
@@ -40,7 +41,7 @@ def similarities(queries, gallery, metric):
     return (queries[:, None] * gallery).sum(axis=2)
 
 
-def naive(scores, positives, k, scored):
+def naive(scores: Any, positives: Positives, k: int, scored: int) -> tuple[Any, Any]:
     """Sort whole rows by the tie rule; look at whole runs of equal scores."""
     n_queries, n_tiles = scores.shape
     tiles, tied = np.full((n_queries, k), -1), np.zeros(n_queries, bool)
@@ -56,7 +57,7 @@ def naive(scores, positives, k, scored):
     return tiles, tied
 
 
-def assert_is(ranking, expected):
+def assert_is(ranking, expected) -> None:
     assert ranking.tiles.dtype == np.int32
     assert ranking.tiles.tolist() == expected[0].tolist()
     assert ranking.tie_dependent.tolist() == expected[1].tolist()
@@ -68,7 +69,7 @@ def assert_is(ranking, expected):
     [(3, 1, 1), (64, 1e-12, 1), (64, 1e15, 1), (4_100, 1, 1), (40, 1, 1e-8)],
 )
 @pytest.mark.parametrize("memory_bytes", [1 << 30, 1 << 13])
-def test_no_ties(metric, length, scale, apart, memory_bytes):
+def test_no_ties(metric: str, length: int, scale: float, apart: float, memory_bytes: int) -> None:
     rng = np.random.default_rng(2)
     queries, gallery, base = (rng.standard_normal((n, length)) for n in (6, 200, 1))
     gallery = scale * (base * (apart < 1) + apart * gallery)
@@ -79,7 +80,7 @@ def test_no_ties(metric, length, scale, apart, memory_bytes):
 
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("n_tiles", [2, 900])
-def test_equal_tiles_and_queries_of_zeros_have_no_ranking(metric, n_tiles):
+def test_equal_tiles_and_queries_of_zeros_have_no_ranking(metric: str, n_tiles: int) -> None:
     """Or by L2 a query of zeros would find the shortest descriptor, which is its only positive."""
     rng = np.random.default_rng(3)
     queries, one = rng.standard_normal((5, 64)), rng.standard_normal(64)
@@ -101,7 +102,7 @@ def test_equal_tiles_and_queries_of_zeros_have_no_ranking(metric, n_tiles):
 @pytest.mark.parametrize(
     ("n_tiles", "memory_bytes"), [(40, 1 << 14), (300, 1 << 15), (900, 1 << 30)]
 )
-def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes):
+def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes) -> None:
     """Mathematically alike for every query, in floating point not: half of the gallery."""
     rng = np.random.default_rng(4)
     base = rng.standard_normal(96)
@@ -119,7 +120,7 @@ def test_what_rounding_alone_tells_apart_is_a_tie(metric, n_tiles, memory_bytes)
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_crowds_agree_with_a_plain_sort_in_little_memory_and_from_a_map(metric, tmp_path):
+def test_crowds_agree_with_a_plain_sort_in_little_memory_and_from_a_map(metric, tmp_path) -> None:
     rng = np.random.default_rng(7)
     gallery = rng.standard_normal((3_000, 24)).astype(np.float32)
     queries = rng.standard_normal((9, 24)).astype(np.float32)
@@ -173,7 +174,7 @@ GALLERIES = {  # tiles that tie near and far, of which many are crowds, or none 
 )
 def test_any_cut_gives_the_same_bytes_and_of_many_ties_the_plain_sort(
     seed, kind, n_tiles, length, k, scored, metric, memory_bytes, dtype, most
-):
+) -> None:
     rng = np.random.default_rng(seed)
     gallery = GALLERIES[kind](rng.standard_normal((n_tiles, length)), rng).astype(dtype)
     if metric == "cosine":
@@ -194,7 +195,7 @@ def test_any_cut_gives_the_same_bytes_and_of_many_ties_the_plain_sort(
 
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, 0])
-def test_descriptors_that_cannot_be_ranked_are_refused_by_name(value, metric):
+def test_descriptors_that_cannot_be_ranked_are_refused_by_name(value: float, metric: str) -> None:
     good, bad = np.ones((10, 4)), np.ones((10, 4))
     bad[[1, 4, 5, 9]] = value
     names = [f"city/{i}" for i in range(10)]
@@ -207,7 +208,7 @@ def test_descriptors_that_cannot_be_ranked_are_refused_by_name(value, metric):
         assert caught.value.where == f"field '{field}_descriptors'"
 
 
-def test_no_tiles_and_no_queries():
+def test_no_tiles_and_no_queries() -> None:
     assert rank(np.ones((2, 4)), np.ones((0, 4))).tiles.tolist() == [[-1] * 3] * 2
     assert rank(np.ones((0, 4)), np.arange(20.0).reshape(5, 4)).tiles.shape == (0, 3)
 
@@ -232,14 +233,14 @@ def test_no_tiles_and_no_queries():
         ([4, 1, 2], [2, 1, 1], [0, 1, 2, 3, 5], 5, [4, 1, 2, -1, -1, -1], False),
     ],
 )
-def test_ties_by_hand(ranked, scores, positives, depth, expected, tied):
+def test_ties_by_hand(ranked, scores, positives, depth, expected, tied) -> None:
     n, right = len(expected), positives_of(positives)
     lists = np.array([ranked]), np.array([scores])
     found = rank_by_ids(*lists, right, Depths(n, n, depth))
     assert_is(found, (np.array([expected]), np.array([tied])))
 
 
-def completed(ranked, scores, positives, n_tiles):
+def completed(ranked: Any, scores: Any, positives: Positives, n_tiles: int) -> Any:
     """What the rule says of lists that end in a tie: the scores of all tiles, those left out too.
 
     Positives that were left out are as good as not there: worse than everything.
@@ -264,8 +265,8 @@ def completed(ranked, scores, positives, n_tiles):
     falling=st.booleans(),
 )
 def test_lists_agree_with_a_plain_sort_and_a_tie_at_the_end_takes_in_what_was_left_out(
-    seed, n_tiles, listed, k, scored, falling
-):
+    seed: int, n_tiles: int, listed: int, k: int, scored: int, falling: bool
+) -> None:
     rng = np.random.default_rng(seed)
     listed = min(listed, n_tiles)
     positives = random_positives(rng, 4, n_tiles)
@@ -296,7 +297,7 @@ def test_lists_agree_with_a_plain_sort_and_a_tie_at_the_end_takes_in_what_was_le
         ([[0, 1, 2], [2, 1, 2]], None, "ranked_ids"),
     ],
 )
-def test_bad_lists_are_refused_by_name(ranked, scores, field):
+def test_bad_lists_are_refused_by_name(ranked, scores, field) -> None:
     scores = None if scores is None else np.array(scores, float)
     texts = np.where(np.array(ranked) < 0, "", np.array(ranked).astype(str))
     for lists in (np.array(ranked), texts):

@@ -33,20 +33,20 @@ errors = st.one_of(st.floats(0, 1e7, allow_subnormal=False), st.just(INF))
 
 @pytest.mark.parametrize("draw", [resample_counts, sign_flips])
 @pytest.mark.parametrize("units", [1, 2, 7, 8, 9, 63, 64, 65, 257])
-def test_a_resample_does_not_depend_on_its_block(draw, units):
+def test_a_resample_does_not_depend_on_its_block(draw, units) -> None:
     whole = draw(units, 0, 40, 11)
     parts = [draw(units, 0, 1, 11), draw(units, 1, 25, 11), draw(units, 26, 14, 11)]
     assert np.array_equal(whole, np.concatenate(parts, axis=1))
     assert whole.shape == (units, 40)
 
 
-def test_draws_of_units_are_independent():  # that they are fair is in tests/oracles
+def test_draws_of_units_are_independent() -> None:  # that they are fair is in tests/oracles
     coins = sign_flips(100, 0, 10_000, 5).astype(np.float64)
     assert abs(coins.mean() - 0.5) < 0.002
     assert np.abs(np.corrcoef(coins) - np.eye(100)).max() < 0.05
 
 
-def test_the_stream_stays_what_it_is():
+def test_the_stream_stays_what_it_is() -> None:
     # Whoever changes these numbers changes every interval that was ever published.
     counts = [[0, 0, 0, 2, 1, 1], [3, 2, 0, 0, 3, 0], [1, 1, 3, 2, 0, 1], [0, 1, 1, 0, 0, 2]]
     assert resample_counts(4, 0, 6, 1).tolist() == counts
@@ -55,7 +55,7 @@ def test_the_stream_stays_what_it_is():
     assert stream_key(0, "bootstrap", "east") == 242631316549171704428568933449400340785
 
 
-def assert_averages(values, counts):
+def assert_averages(values, counts) -> None:
     """Compare the averages with NumPy's of the resamples themselves, medians to the last bit."""
     means, medians = weighted_averages(np.stack([values, values]), BOTH, counts)
     drawn = [np.repeat(values, column) for column in counts.T]
@@ -64,25 +64,25 @@ def assert_averages(values, counts):
 
 
 @given(hnp.arrays(np.float64, st.integers(1, 40), elements=errors))
-def test_averages_are_numpy_s(values):
+def test_averages_are_numpy_s(values) -> None:
     assert_averages(values, resample_counts(len(values), 0, 20, 1))
 
 
-def test_averages_of_many():  # where only the middle is looked at
+def test_averages_of_many() -> None:  # where only the middle is looked at
     for units in (500, 501, 2_000):
         values = np.random.default_rng(units).exponential(1.0, units)
         assert_averages(values, resample_counts(units, 0, 50, 1))
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-9, 1.0, 1e12, 1e300])
-def test_means_of_any_size_and_of_failures(scale):
+def test_means_of_any_size_and_of_failures(scale: float) -> None:
     values = np.array([[1.0, 2.0, 6.0], [np.inf, 2.0, 6.0]]) * scale
     found = weighted_averages(values, ~BOTH & BOTH, np.array([[1, 0], [1, 2], [1, 1]]))
     assert found[0] == pytest.approx(np.array([3.0, 10 / 3]) * scale, rel=1e-12)
     assert found[1] == pytest.approx(np.array([np.inf, 10 / 3 * scale]), rel=1e-12)
 
 
-def test_sums_are_exact_in_any_order():
+def test_sums_are_exact_in_any_order() -> None:
     # Plain float64 sums of these depend on the order; sums on the grid do not.
     random = np.random.default_rng(0)
     values, order = random.random(3_001) ** 3, random.permutation(3_001)
@@ -93,7 +93,7 @@ def test_sums_are_exact_in_any_order():
 
 
 @given(hnp.arrays(np.float64, st.integers(2, 25), elements=errors))
-def test_leave_one_out(values):
+def test_leave_one_out(values) -> None:
     rest = [np.delete(values, place) for place in range(len(values))]
     found = leave_one_out(np.stack([values, values]), BOTH)
     assert found[0] == pytest.approx([part.mean() for part in rest], rel=1e-9, abs=1e-6)
@@ -103,7 +103,7 @@ def test_leave_one_out(values):
 # --- intervals ---
 
 
-def test_quantiles_by_hand():
+def test_quantiles_by_hand() -> None:
     ranked = np.array([[0.0, 1, INF], [-INF, 1, 4], [-INF, -INF, INF], [-INF, INF, INF]])
     levels = np.array([[0.0, 0.25, 0.5, 0.75, 1.0]] * 4)
     # Half way to infinity is infinity; between both, the side of the level.
@@ -116,7 +116,7 @@ def test_quantiles_by_hand():
     assert quantiles(np.array([[-INF, INF]]), np.array([[0.49, 0.5]])).tolist() == [[-INF, INF]]
 
 
-def test_the_last_bit_is_no_bias():
+def test_the_last_bit_is_no_bias() -> None:
     # Values and their order do not matter to BCa, though sums of tenths round otherwise.
     values = np.array([0.1, 0.2, 0.3, 0.4, 0.7, 0.9] * 5)
     one = sample_intervals(sample(values), FAST).overall[0]
@@ -125,7 +125,7 @@ def test_the_last_bit_is_no_bias():
     assert np.array(limits(moved)) / 3e-7 == pytest.approx(limits(one), rel=1e-9)
 
 
-def test_a_scene_s_interval_does_not_depend_on_other_scenes():
+def test_a_scene_s_interval_does_not_depend_on_other_scenes() -> None:
     random = np.random.default_rng(0)
     one, other = random.random(20), random.random(30)
     both = sample_intervals(sample(one, other), FAST)
@@ -137,7 +137,7 @@ def test_a_scene_s_interval_does_not_depend_on_other_scenes():
     assert both.overall != alone.overall
 
 
-def test_infinite_errors_stay():
+def test_infinite_errors_stay() -> None:
     # Of 20 queries 8 fail: the median is finite, but resamples with 11 failures have none.
     errors = np.array([*range(1, 13), *[INF] * 8], float)
     low, high = limits(sample_intervals(sample(errors, medians=MEDIAN), FAST).overall[0])
@@ -157,7 +157,7 @@ def test_infinite_errors_stay():
     assert both[0] == sample_intervals(sample(finite), FAST).overall[0]
 
 
-def test_too_few_units():
+def test_too_few_units() -> None:
     few, enough = np.arange(FEWEST - 1.0), np.arange(FEWEST * 1.0)
     found = sample_intervals(sample(enough, few), FAST)
     assert limits(found.groups["s0"][0])[0] < 2.0
@@ -167,7 +167,7 @@ def test_too_few_units():
 
 
 @pytest.mark.parametrize("value", [0.0, INF])
-def test_units_that_are_all_alike(value):
+def test_units_that_are_all_alike(value) -> None:
     alike, mixed = np.full(30, value), np.arange(30.0)
     made = sample(np.stack([alike, mixed]))
     found = sample_intervals(made, FAST).overall
@@ -179,7 +179,7 @@ def test_units_that_are_all_alike(value):
     assert sample_intervals(sample(alike, mixed), FAST).overall[0].high is not None
 
 
-def test_the_same_bytes_with_any_number_of_threads():
+def test_the_same_bytes_with_any_number_of_threads() -> None:
     # In processes of their own: BLAS reads its threads when it is loaded.
     code = (
         "import numpy as np\n"
@@ -200,7 +200,7 @@ def test_the_same_bytes_with_any_number_of_threads():
 
 
 @pytest.mark.slow
-def test_coverage_of_medians_and_of_paired_differences():
+def test_coverage_of_medians_and_of_paired_differences() -> None:
     # Errors of two methods on two scenes; their logarithms are correlated by 0.7.
     random = np.random.default_rng(5)
     groups = []

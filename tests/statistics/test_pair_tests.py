@@ -38,7 +38,7 @@ def upper(matrix: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("sizes", [(9,), (6, 4, 3), (40, 25)])
-def test_numbers_are_those_of_compare_unless_few_draws_are_as_extreme(kind, sizes):
+def test_numbers_are_those_of_compare_unless_few_draws_are_as_extreme(kind, sizes) -> None:
     sample = made(kind, 6, *sizes)
     intervals, tests = paired_tests(sample, CONFIG, list(combinations(range(6), 2)))
     low, high, found = map(upper, compare_all(sample, CONFIG))
@@ -55,7 +55,7 @@ def test_numbers_are_those_of_compare_unless_few_draws_are_as_extreme(kind, size
     assert (found[~resolved] <= 26 / 2_001).all()
 
 
-def test_the_tail_is_near_what_very_many_patterns_give():
+def test_the_tail_is_near_what_very_many_patterns_give() -> None:
     random = np.random.default_rng(1)
     hits = (random.random((2, 120)) < np.array([[0.72], [0.42]])).astype(float)
     sample = Sample("query", ("a",), (hits,), np.zeros(2, bool), np.ones(2, bool))
@@ -65,7 +65,7 @@ def test_the_tail_is_near_what_very_many_patterns_give():
     assert test.p_value / 2 < found < 3 * test.p_value
 
 
-def test_a_median_that_is_always_infinite_is_far_from_a_finite_one():
+def test_a_median_that_is_always_infinite_is_far_from_a_finite_one() -> None:
     values = np.random.default_rng(0).random((2, 60))
     values[1, :50] = np.inf
     sample = Sample("query", ("a",), (values,), np.ones(2, bool))
@@ -73,7 +73,7 @@ def test_a_median_that_is_always_infinite_is_far_from_a_finite_one():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind):
+def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind) -> None:
     sample, few = made(kind, 7, 33, 21), [1, 2, 4]
     chosen = np.isin(np.arange(7), few)
     whole, alone = compare_all(sample, CONFIG), compare_all(sample.take(chosen), CONFIG)
@@ -83,7 +83,7 @@ def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind):
     assert compare_all(sample, CONFIG, wanted)[:, 1, 4].tolist() == whole[:, 1, 4].tolist()
 
 
-def test_ranges_by_hand():
+def test_ranges_by_hand() -> None:
     # The first two differ from the last two, and nothing else is told apart.
     corrected = np.ones((4, 4))
     corrected[:2, 2:] = corrected[2:, :2] = 0.01
@@ -93,7 +93,7 @@ def test_ranges_by_hand():
     assert lower.tolist() == [[3, 4], [3, 4], [1, 2], [1, 2]]
 
 
-def test_unpaired_tests_take_what_is_known():
+def test_unpaired_tests_take_what_is_known() -> None:
     values, errors = np.array([0.5, 0.7, np.inf, 0.1]), np.array([0.02, 0.02, 0.1, np.nan])
     found = unpaired_p_values(values, errors)
     assert found[0, 1] == pytest.approx(5.733e-7, rel=1e-3)  # 5 standard deviations
@@ -103,7 +103,7 @@ def test_unpaired_tests_take_what_is_known():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_ranges_hold_the_true_ranks(kind):
+def test_ranges_hold_the_true_ranks(kind) -> None:
     held, width = coverage_of_ranks(kind, 400)
     assert held >= 0.95 - 2 * np.sqrt(0.05 * 0.95 / 400)
     assert width < 9  # of 11, where nothing is told apart

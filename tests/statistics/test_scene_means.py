@@ -40,7 +40,7 @@ def pair(one: list[float], other: list[float], score: ScoreColumn) -> Pair:
 
 
 @pytest.mark.parametrize("score", [F1, CHAMFER])
-def test_differences_have_students_interval_and_p_on_every_face(score):
+def test_differences_have_students_interval_and_p_on_every_face(score) -> None:
     found, expected = pair(ONE, OTHER, score), stats.ttest_rel(ONE, OTHER)
     limits = tuple(expected.confidence_interval())
     assert (found.interval.low, found.interval.high) == pytest.approx(limits, rel=1e-12)
@@ -50,18 +50,18 @@ def test_differences_have_students_interval_and_p_on_every_face(score):
     assert numbers == pytest.approx([*limits, expected.pvalue], rel=1e-12)
 
 
-def test_five_scenes_are_enough_for_a_finding():
+def test_five_scenes_are_enough_for_a_finding() -> None:
     assert verdict(pair(ONE[:5], [value / 2 for value in ONE[:5]], F1)) == "better"
 
 
-def test_shares_have_students_interval():
+def test_shares_have_students_interval() -> None:
     found = interval(ONE, F1)
     expected = stats.ttest_1samp(ONE, 0).confidence_interval()
     assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-12)
     assert interval([1, 1, 1, 1, 0.2], F1).high == 1
 
 
-def test_distances_have_the_limits_of_a_log_normal_mean():
+def test_distances_have_the_limits_of_a_log_normal_mean() -> None:
     logs, count = np.log(ONE), len(ONE)
     middle, half = logs.mean(), logs.var(ddof=1) / 2
     theirs = stats.t.ppf(0.975, count - 1) * stats.sem(logs)
@@ -72,7 +72,7 @@ def test_distances_have_the_limits_of_a_log_normal_mean():
     assert (found.low, found.high) == pytest.approx(expected, rel=1e-12)
 
 
-def test_an_upper_limit_above_ten_times_the_mean_is_not_known():
+def test_an_upper_limit_above_ten_times_the_mean_is_not_known() -> None:
     found = interval([0.1, 9.0, 0.3, 4.0, 0.05])
     assert found.low is not None
     assert found.high == math.inf
@@ -83,13 +83,13 @@ def test_an_upper_limit_above_ten_times_the_mean_is_not_known():
     ("values", "why"),
     [(ONE[:4], "4"), ([*ONE, math.inf], "failed"), ([*ONE, 0.0], "0"), ([0.5] * 6, "alike")],
 )
-def test_why_there_is_no_interval(values, why):
+def test_why_there_is_no_interval(values, why) -> None:
     found = interval(values)
     assert (found.low, found.high) == (None, None)
     assert why in found.reason
 
 
-def test_without_an_interval_the_difference_is_tested_by_permutation():
+def test_without_an_interval_the_difference_is_tested_by_permutation() -> None:
     found = pair([*ONE, math.inf], [*OTHER, 0.5], CHAMFER)
     assert (found.interval.low, found.test.kind) == (None, "permutation")
     assert found.test.p_value == 1.0
@@ -98,7 +98,7 @@ def test_without_an_interval_the_difference_is_tested_by_permutation():
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", MEANS)
 @pytest.mark.parametrize("scenes", [5, 6, 8, 11, 16])
-def test_intervals_hold_what_is_true_as_often_as_documented(kind, scenes):
+def test_intervals_hold_what_is_true_as_often_as_documented(kind, scenes) -> None:
     mean, unknown, difference = documented(kind, str(scenes))
     assert all(0.93 <= share <= 0.98 for share in (mean, difference))
     found = coverage_over_scenes(kind, scenes, 1_000)
@@ -106,7 +106,7 @@ def test_intervals_hold_what_is_true_as_often_as_documented(kind, scenes):
         assert abs(share - stated) < 4 * standard_error(stated, 1_000, 4_000)
 
 
-def test_scenes_of_several_groups_have_no_common_interval():
+def test_scenes_of_several_groups_have_no_common_interval() -> None:
     parts = tuple(np.array([ONE, OTHER]) for _ in range(2))
     sample = Sample("scene", ("a", "b"), parts, np.zeros(2, bool), np.ones(2, bool))
     found = sample_intervals(sample, PLAN)

@@ -41,7 +41,7 @@ def hits(*counts: int, queries: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("queries", [5, 26, 817])
-def test_wilson_and_jeffreys_are_scipy_s(queries):
+def test_wilson_and_jeffreys_are_scipy_s(queries: int) -> None:
     counts = sorted({0, 1, queries // 3, queries - 1, queries})
     rates = effective_rates(hits(*counts, queries=queries))
     for count, limits in zip(counts, wilson_limits(rates, 0.95), strict=True):
@@ -53,7 +53,7 @@ def test_wilson_and_jeffreys_are_scipy_s(queries):
         assert limits == pytest.approx([low, high], abs=1e-9)
 
 
-def test_limits_of_nothing_and_of_everything_are_exact():
+def test_limits_of_nothing_and_of_everything_are_exact() -> None:
     for queries in range(1, 300):
         rates = effective_rates(hits(0, queries, queries=queries))
         for limits in (wilson_limits(rates, 0.95), jeffreys_limits(rates, 0.9)):
@@ -61,14 +61,14 @@ def test_limits_of_nothing_and_of_everything_are_exact():
             assert 0.0 < limits[0, 1] == pytest.approx(1.0 - limits[1, 0])
 
 
-def test_effective_sizes_by_hand():
+def test_effective_sizes_by_hand() -> None:
     # Mean 0.3, squares 20 * 0.01, and the prior's 0.5 * (0.09 + 0.49).
     rates = effective_rates(np.array([[0.2, 0.4] * 10, [1.0] * 6 + [0.0] * 14]))
     assert rates.means == pytest.approx([0.3, 0.3])
     assert rates.sizes == pytest.approx([20 * 0.3 * 0.7 * 21 / (0.2 + 0.29), 20])
 
 
-def test_differences_of_two_scenes_by_hand_and_row_by_row():
+def test_differences_of_two_scenes_by_hand_and_row_by_row() -> None:
     # Hits, graded shares, and hits in one scene alone: each as if the others were not there.
     random = np.random.default_rng(0)
     one, other = (np.round(random.uniform(-1, 1, (3, size)) * [[1], [4], [1]]) for size in (12, 30))
@@ -88,7 +88,7 @@ def test_differences_of_two_scenes_by_hand_and_row_by_row():
     assert (double - middle) * np.sqrt(2) == pytest.approx(single - middle)
 
 
-def test_mover_by_hand():
+def test_mover_by_hand() -> None:
     scenes = [hits(9, queries=10), hits(60, queries=200)]
     one, other = (jeffreys_limits(effective_rates(scene), 0.95)[0] for scene in scenes)
     down = np.hypot(0.9 - one[0], 0.3 - other[0]) / 2
@@ -96,7 +96,7 @@ def test_mover_by_hand():
     assert average_limits(scenes, 0.95)[0] == pytest.approx([0.6 - down, 0.6 + up])
 
 
-def test_a_difference_by_hand():
+def test_a_difference_by_hand() -> None:
     # 6 won, 2 lost, 12 tied.
     gaps = np.array([[1.0] * 6 + [-1.0] * 2 + [0.0] * 12])
     won, lost = jeffreys_limits(Rates(np.array([0.3, 0.1]), np.array([20.0, 20.0])), 0.95)
@@ -109,7 +109,7 @@ def test_a_difference_by_hand():
 
 
 @given(some, some)
-def test_limits_lie_around_the_mean_and_mirror(one, other):
+def test_limits_lie_around_the_mean_and_mirror(one, other) -> None:
     for scenes in ([one], [one, other]):
         low, high = average_limits(scenes, 0.95).T
         mean = np.mean([scene.mean(axis=1) for scene in scenes], axis=0)
@@ -125,7 +125,7 @@ def test_limits_lie_around_the_mean_and_mirror(one, other):
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
-def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value):
+def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value: float) -> None:
     wide, narrow = (
         average_limits([np.full((1, size), value), hits(60, queries=200)], 0.95)[0]
         for size in (10, 1_000)
@@ -138,7 +138,7 @@ def test_a_scene_that_is_all_alike_keeps_the_uncertainty_of_its_size(value):
     assert (found.method, found.reason) == ("wilson", "")
 
 
-def test_shares_count_as_they_vary_and_never_less_than_hits():
+def test_shares_count_as_they_vary_and_never_less_than_hits() -> None:
     scores = np.array(
         [[0.0] * 20, [1.0] * 20, [0.5] * 20, [0.0, 1.0] * 10, [0.4, 0.6] * 10, [1e-3] * 20]
     )
@@ -150,7 +150,7 @@ def test_shares_count_as_they_vary_and_never_less_than_hits():
     assert 0 < widths[2] < widths[4] < widths[3] / 2
 
 
-def test_shares_take_no_resamples_and_medians_do():
+def test_shares_take_no_resamples_and_medians_do() -> None:
     random = np.random.default_rng(0)
     scenes = {
         name: {
@@ -170,7 +170,7 @@ def test_shares_take_no_resamples_and_medians_do():
 
 
 @pytest.mark.parametrize(("scenes", "alone"), [*zip(SATURATED, (0.930, 0.942, 0.916), strict=True)])
-def test_exact_coverage_beside_a_saturated_scene(scenes, alone):
+def test_exact_coverage_beside_a_saturated_scene(scenes, alone) -> None:
     assert 0.93 <= coverage_of_rates(scenes) <= 0.97
     assert 0.93 <= coverage_of_rates(scenes[1:]) <= 0.97
     # 26 queries at 0.04: three hits are held or are not, which is 98.1 or 91.6 %, and none between.
@@ -187,14 +187,14 @@ def assert_covered(found: Coverage) -> None:
 @pytest.mark.parametrize("agree", AGREEMENT)
 @pytest.mark.parametrize("gain", [0.05, 0.1])
 @pytest.mark.parametrize("name", DESIGNS)
-def test_coverage_of_true_differences(name, gain, agree):
+def test_coverage_of_true_differences(name, gain, agree) -> None:
     assert_covered(coverage_of_shares(DESIGNS[name], 2_000, agree, gain=gain))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("soft", [False, True])
 @pytest.mark.parametrize("name", DESIGNS)
-def test_coverage_is_as_documented(name, soft):
+def test_coverage_is_as_documented(name, soft) -> None:
     found = [coverage_of_shares(DESIGNS[name], 2_000, agree, soft=soft) for agree in AGREEMENT]
     shares = [found[0].average, *(one.difference for one in found)]
     for share, printed in zip(shares, documented(name, "AP@5" if soft else "hits"), strict=True):
@@ -204,7 +204,7 @@ def test_coverage_is_as_documented(name, soft):
         assert_covered(one)
 
 
-def test_differences_of_shares_are_of_mover_and_few_queries_have_none():
+def test_differences_of_shares_are_of_mover_and_few_queries_have_none() -> None:
     values = np.random.default_rng(0).random((2, 9))
     for units, methods in ((9, ["wilson", "wilson"]), (4, ["", ""])):
         part = (values[:, :units],)

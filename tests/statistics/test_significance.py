@@ -68,12 +68,12 @@ def count_extreme(groups: Sequence[Group], patterns: Iterable[Sequence[bool]]) -
         ([[1.0], [0.0]], 1.0, 2),
     ],
 )
-def test_by_hand(values, p_value, patterns):
+def test_by_hand(values: list[Any], p_value: float, patterns: int) -> None:
     test = run_test(values)
     assert (test.p_value, test.exact, test.patterns) == (p_value, True, patterns)
 
 
-def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples():
+def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples() -> None:
     tests = [run_test([[3, 2, 1], [0, 0, 0]], plan=ResamplingConfig(count)) for count in (7, 8, 9)]
     assert [(test.exact, test.patterns) for test in tests] == [(False, 7), (True, 8), (True, 8)]
 
@@ -88,13 +88,13 @@ def test_all_patterns_are_tried_where_they_are_no_more_than_the_resamples():
         [[[0.3, 0.0, 0.0, 0.0], [0.0, 0.1, 0.2, 0.6]]],
     ],
 )
-def test_all_patterns_of_scenes(groups):
+def test_all_patterns_of_scenes(groups: Any) -> None:
     units = sum(len(group[0]) for group in groups)
     extreme = count_extreme(groups, itertools.product((False, True), repeat=units))
     assert run_test(*groups).p_value == pytest.approx(extreme / 2**units)
 
 
-def test_random_patterns_are_those_that_the_seed_names():
+def test_random_patterns_are_those_that_the_seed_names() -> None:
     # Published p-values can be computed again: seed and scene say which units change places.
     groups: Any = [np.random.default_rng(size).random((2, size)) for size in (13, 8)]
     keys = [stream_key(7, "permutation", name) for name in ("s0", "s1")]
@@ -105,7 +105,7 @@ def test_random_patterns_are_those_that_the_seed_names():
     assert (test.p_value, test.exact, test.patterns) == ((extreme + 1) / 301, False, 300)
 
 
-def test_mcnemar_by_hand_and_the_fraction_that_it_is():
+def test_mcnemar_by_hand_and_the_fraction_that_it_is() -> None:
     # 5 against 0: both tails of 1/32. 6 against 2: 2 (1 + 8 + 28) / 256.
     found = mcnemar(np.array([5, 0, 6, 3, 0]), np.array([0, 5, 2, 3, 0]))
     assert found == pytest.approx([2 / 32, 2 / 32, 74 / 256, 1.0, 1.0], rel=1e-14)
@@ -116,7 +116,7 @@ def test_mcnemar_by_hand_and_the_fraction_that_it_is():
     assert 0 < float(mcnemar(np.array(0), np.array(900))) < 1e-200
 
 
-def test_the_least_p_is_that_of_units_that_all_differ_alike():
+def test_the_least_p_is_that_of_units_that_all_differ_alike() -> None:
     assert [p_floor(unlike) for unlike in (0, 1, 2, 3, 6)] == [1, 1, 1 / 2, 1 / 4, 1 / 32]
     for unlike in (1, 2, 5):
         values = [[2.0] * unlike + [7.0], [1.0] * unlike + [7.0]]
@@ -124,7 +124,7 @@ def test_the_least_p_is_that_of_units_that_all_differ_alike():
         assert float(mcnemar(np.array(unlike), np.array(0))) == p_floor(unlike)
 
 
-def test_medians_have_the_p_of_their_interval_but_no_less_than_units_allow():
+def test_medians_have_the_p_of_their_interval_but_no_less_than_units_allow() -> None:
     config = ResamplingConfig(resamples=500)
     apart = sample([[9.0, 8.0, 7.0, 9.5, 5.0], [1.0, 2.0, 1.5, 1.2, 5.0]], medians=MEDIANS)
     [interval], [test] = paired_tests(apart, config, [(0, 1)])
@@ -141,7 +141,7 @@ def test_medians_have_the_p_of_their_interval_but_no_less_than_units_allow():
 
 
 @pytest.mark.parametrize("groups", [[[[1.0], [2.0]]], [np.eye(2, 4), np.eye(2, 30)]])
-def test_medians_of_few_units_are_not_tested(groups):
+def test_medians_of_few_units_are_not_tested(groups: list[Any]) -> None:
     test = run_test(*groups, median=True)
     assert (test.p_value, test.exact, test.patterns, test.kind) == (1.0, False, 0, "bootstrap")
 
@@ -151,7 +151,7 @@ def test_medians_of_few_units_are_not_tested(groups):
 
 @example(np.array([[-INF, INF]]), 0.5)
 @given(RESAMPLES, st.floats(0.05, 0.95))
-def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(resamples, confidence):
+def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(resamples, confidence) -> None:
     tails = np.broadcast_to(ResamplingConfig(confidence=confidence).tails, (len(resamples), 2))
     low, high = quantiles(np.sort(resamples, axis=1), tails).T
     p_values = percentile_p_values(resamples)
@@ -182,7 +182,7 @@ def test_p_is_below_a_level_just_where_the_interval_leaves_0_out(resamples, conf
         (range(-5, 94, 2), 2 * 2.5 / 49),
     ],
 )
-def test_p_of_resamples_by_hand(resamples, p_value):
+def test_p_of_resamples_by_hand(resamples: Any, p_value: float) -> None:
     order = np.random.default_rng(0).permutation(len(resamples))
     both = np.array([resamples, [-value for value in resamples[::-1]]])[:, order]
     assert percentile_p_values(both) == pytest.approx([p_value] * 2)
@@ -190,7 +190,7 @@ def test_p_of_resamples_by_hand(resamples, p_value):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STATED | OTHERS)
-def test_false_findings_and_power_are_as_documented(name):
+def test_false_findings_and_power_are_as_documented(name: Any) -> None:
     errors, shift = (STATED | OTHERS)[name]
     found = [findings(errors, 1_000, by) for by in (0.0, shift)]
     for share, printed in zip(found, documented(name), strict=True):
@@ -200,7 +200,7 @@ def test_false_findings_and_power_are_as_documented(name):
 
 
 @pytest.mark.parametrize("column", [HIT, ERROR])
-def test_last_digits_are_ties(column):
+def test_last_digits_are_ties(column: Any) -> None:
     # What processors may differ by changes neither wins nor p.
     random = np.random.default_rng(0)
     one = random.random(40)
@@ -232,12 +232,12 @@ def test_last_digits_are_ties(column):
         ([0.02, 0.001, 0.01], 6, [0.08, 0.006, 0.05]),
     ],
 )
-def test_holm_by_hand(p_values, family, adjusted):
+def test_holm_by_hand(p_values: list[float], family: int | None, adjusted: list[float]) -> None:
     assert holm(np.array(p_values), family) == pytest.approx(adjusted)
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.integers(0, 9))
-def test_holm_rejects_what_the_step_down_procedure_rejects(values, others):
+def test_holm_rejects_what_the_step_down_procedure_rejects(values: Any, others: Any) -> None:
     p_values, level = np.array(values), 0.05
     rejected = np.zeros(len(values), bool)
     for step, place in enumerate(np.argsort(p_values, kind="stable")):
@@ -250,7 +250,7 @@ def test_holm_rejects_what_the_step_down_procedure_rejects(values, others):
     np.testing.assert_array_equal(holm(p_values, len(values) + others), of_all[: len(values)])
 
 
-def test_the_best_of_equal_methods_is_no_better():
+def test_the_best_of_equal_methods_is_no_better() -> None:
     # 15 methods that are equal, the best of them against the others, by a test of known p.
     random, count = np.random.default_rng(0), 15
     values = random.normal(size=(4_000, count))
