@@ -38,10 +38,11 @@ def readers(
         cli.echo(f"{one.title}, predictions of the {one.track} track\n")
         cli.echo(f"written by: {', '.join(one.methods)}\n" * bool(one.methods))
         cli.echo(f"recognised by: {one.layout}\n")
+        cli.echo("".join(f"taken to be so: {convention}\n" for convention in one.conventions))
         return
     titles = ("Reader", "Track", "Reads", "Written by", "Recognised by")
-    found = {key: READERS.get(key) for key in READERS.names()}
-    rows = [(k, r.track, r.title, ", ".join(r.methods), r.layout) for k, r in found.items()]
+    found = READERS.load_all().items()
+    rows = [(k, r.track, r.title, ", ".join(r.methods), r.layout) for k, r in found]
     few = 3 if form is cli.Format.TERMINAL else None
     cli.show_rows("Readers", titles[:few], [row[:few] for row in rows], form)
 

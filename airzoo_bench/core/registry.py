@@ -5,8 +5,12 @@ Modules are imported when they are chosen; packages add theirs by an entry point
 
 from __future__ import annotations
 
+import logging
 import sys
 import tomllib
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -14,6 +18,9 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from airzoo_bench.core.errors import UserError, printable
+
+_LOG = logging.getLogger(__name__)  # which prints warnings on stderr
 _BUILT_IN = tomllib.loads(Path(__file__).with_name("built_in.toml").read_text("utf-8"))
 
 
@@ -37,35 +44,93 @@ def resolve(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
-class Registry:
-    """Places ``module:name`` by name: of ``built_in.toml``, or of installed packages."""
+class PackageError(UserError):
+    """What another package adds cannot be used, or failed."""
 
-    def __init__(self, kind: str) -> None:
-        self.group, self.places = f"airzoo_bench.{kind}", _BUILT_IN[kind]
+
+class Registry:
+    """Instances of a class by name: of ``built_in.toml``, or of installed packages."""
+
+    def __init__(self, kind: str, base: str) -> None:
+        self.kind, self.base, self.places = kind, base, _BUILT_IN[kind]
 
     def __contains__(self, name: str) -> bool:
-        return name in self.places or name in _installed(self.group, tuple(sys.path))
+        return name in self.places or name in self._installed()
 
     def names(self) -> list[str]:
         """Return all names: built-in first, in their own order, then others by name."""
-        return [*self.places, *sorted(_installed(self.group, tuple(sys.path)).keys() - self.places)]
+        return [*self.places, *sorted(self._installed())]
 
     def get(self, name: str) -> Any:
-        """Import the object of a name, a built-in one first; raise KeyError for an unknown one."""
+        """Import the object of a name; raise KeyError for an unknown one."""
         if name in self.places:
             return resolve(self.places[name])
-        return _installed(self.group, tuple(sys.path))[name].load()
+        with self.blaming(name):
+            found, base = self._installed()[name].load(), resolve(self.base)
+            lacking = [one for one in base.__annotations__ if not hasattr(found, one)]
+            if lacking or not isinstance(found, base):
+                what = f"lacks {', '.join(lacking)}" if isinstance(found, base) else "is none"
+                raise TypeError(f"{what}: it must be an instance of {self.base}")
+            return found
+
+    def load_all(self) -> dict[str, Any]:
+        """Import the objects of all names, and warn of those of other packages that fail."""
+        found = {}
+        for name in self.names():
+            with self.warning(name):
+                found[name] = self.get(name)
+        return found
+
+    @contextmanager
+    def blaming(self, name: str) -> Iterator[None]:
+        """Turn a fault of another package into an error that names it, and the line."""
+        try:
+            yield
+        except Exception as error:
+            if name in self.places or isinstance(error, (UserError, MemoryError)):
+                raise
+            point, calls = self._installed()[name], traceback.extract_tb(error.__traceback__)
+            own = [one for one in calls if point.module.partition(".")[0] in one.filename]
+            where = _described(self.kind, point) + "".join(
+                f", line {one.lineno}" for one in own[-1:]
+            )
+            raise PackageError(
+                f"{type(error).__name__}: {printable(error)}", where=where
+            ) from error
+
+    @contextmanager
+    def warning(self, name: str) -> Iterator[None]:
+        """Leave out what another package cannot do, with a line on stderr."""
+        try:
+            with self.blaming(name):
+                yield
+        except UserError as error:
+            _LOG.warning("airzoo-bench: left out: %s", str(error).partition("\n")[0])
+
+    def _installed(self) -> dict[str, EntryPoint]:
+        return _search(self.kind, tuple(sys.path))
 
 
 @cache
-def _installed(group: str, _: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Return what other packages add to a group, searched once for each search path."""
-    return {point.name: point for point in entry_points(group=group)}
+def _search(kind: str, _: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Return what other packages add, searched once for each search path."""
+    found: dict[str, EntryPoint] = {}
+    for point in entry_points(group=f"airzoo_bench.{kind}"):
+        if point.name in _BUILT_IN[kind] or point.name in found:
+            _LOG.warning("airzoo-bench: left out: %s: its name is taken", _described(kind, point))
+        else:
+            found[point.name] = point
+    return found
 
 
-TRACKS = Registry("tracks")  # each an `evaluation.info.TrackInfo`
-DATASETS = Registry("datasets")  # each a `datasets.dataset.Dataset`
-READERS = Registry("readers")  # each an `evaluation.predictions.Reader`
+def _described(kind: str, point: EntryPoint) -> str:
+    package = "" if point.dist is None else f" (package {point.dist.name})"
+    return f"{kind.removesuffix('s')} {point.name}{package}"
+
+
+TRACKS = Registry("tracks", "airzoo_bench.evaluation.info:TrackInfo")
+DATASETS = Registry("datasets", "airzoo_bench.datasets.dataset:Dataset")
+READERS = Registry("readers", "airzoo_bench.evaluation.predictions:Reader")
 
 
 def load_track(name: str) -> Any:

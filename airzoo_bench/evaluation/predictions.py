@@ -43,6 +43,9 @@ SURE = 0.5
 
 _SURE_OF_TRACK = 0.25  # the same where its track is the one that is asked for
 _SHOWN = 3
+FIX_READER = (
+    "name its reader by --reader NAME (`airzoo-bench readers` lists them), or install its package"
+)
 
 
 # --- predictions with a row a query, of all scenes in one file ---
@@ -186,13 +189,14 @@ class Reader(ABC):
     """Reads what one method, or a family of methods, writes, into predictions of a track.
 
     `title` names the files for people, such as "descriptors of VPR-methods-evaluation", `layout`
-    says how they are recognised, `methods` who writes them.
+    says how they are recognised, `methods` who writes them, `conventions` what they are taken for.
     """
 
     track: ClassVar[str]
     title: str
     layout: str
     methods: tuple[str, ...] = ()
+    conventions: tuple[str, ...] = ()
 
     @abstractmethod
     def recognise(self, path: Path) -> float:
@@ -215,12 +219,14 @@ def reader_named(name: str) -> Reader:
 
 def find_reader(path: Path, track: str | None = None) -> str | None:
     """Return the name of the reader that recognises a path, if one does."""
-    readers = {name: reader_named(name) for name in READERS.names()}
-    of_track = {name: one for name, one in readers.items() if one.track == track}
-    for some, least in ((of_track, _SURE_OF_TRACK), (readers, SURE)):
-        sure = {name: one.recognise(path) for name, one in some.items()}
-        best = max([least, *sure.values()])
-        most = [name for name, value in sure.items() if value == best]
+    readers, sure = READERS.load_all(), {}
+    for name, one in readers.items():
+        with READERS.warning(name):
+            sure[name] = float(one.recognise(path))
+    of_track = {name: value for name, value in sure.items() if readers[name].track == track}
+    for some, least in ((of_track, _SURE_OF_TRACK), (sure, SURE)):
+        best = max([least, *some.values()])
+        most = [name for name, value in some.items() if value == best]
         if len(most) > 1:
             what = f"could be {' or '.join(readers[name].title for name in most)}"
             fix = f"say which: {' or '.join(f'--reader {name}' for name in most)}"
@@ -246,7 +252,8 @@ def open_predictions(
 ) -> PredictionFile:
     """Open predictions in this process, or in a child under limits where `run` has some."""
     if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
-        raise UnreadableError("no such prediction file or folder", where=path, **_example())
+        what, fix = "no such prediction file or folder", "`airzoo-bench template` writes an example"
+        raise UnreadableError(what, where=path, expected=_list_kinds(), fix=fix)
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, request=request)
     fields, stated, chosen = files.npz_fields(path), None, None
@@ -258,14 +265,14 @@ def open_predictions(
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
     name = request.reader or (None if is_own else find_reader(path, track))
     if name is None:
-        track = track or _track_by_kind(path, fields)
+        track = _track_by_kind(path, fields, track)
         predictions = load_track(track).open(path, run.memory_bytes)
         chosen = chosen or _choose_protocol(path, None, predictions.protocol, track, data)
         return PredictionFile(predictions, protocol=chosen)
     reader = reader_named(name)
     if track not in (None, reader.track):
-        what = f"is {reader.title}, predictions of the {reader.track} track, not of {track}"
-        fix = f"those are scored by `airzoo-bench eval {reader.track} {path}`"
+        what = f"read by {name} ({reader.title}) it is of the {reader.track} track, not of {track}"
+        fix = f"airzoo-bench eval {reader.track} {path} --reader {name} --protocol PROTOCOL"
         raise UnreadableError(what, where=path, fix=fix)
     chosen = chosen or _choose_protocol(path, None, None, reader.track, data)
     asked = replace(request, reader=name, protocol=chosen, memory_bytes=run.memory_bytes)
@@ -277,19 +284,21 @@ def _read_native(path: Path, reader: Reader, asked: ReadRequest, data: Path) -> 
     benchmark, truths = read_truths(asked.protocol, data, sealed=True)
     scenes = tuple(scene.id for scene in benchmark.file.scenes)
     request = replace(asked, truths=truths, folders=benchmark.image_folders, scenes=scenes)
-    try:
-        read = reader.read(path, request)
-    except IsADirectoryError as error:
-        raise UnreadableError(f"a folder, and so not {reader.title}", where=path) from error
-    beside = [*read.beside, *([asked.names] if asked.names else [])]
-    also = (f"read too: {one.name}, SHA-256 {files.sha256_of(one)}" for one in beside)
-    used: Any = {"reader": asked.reader, "protocol": asked.protocol, "truths": (benchmark, truths)}
-    return replace(read, conventions=(*read.conventions, *also), **used)
+    with READERS.blaming(str(asked.reader)):
+        try:
+            read = reader.read(path, request)
+        except IsADirectoryError as error:
+            raise UnreadableError(f"a folder, and so not {reader.title}", where=path) from error
+        beside = [*read.beside, *([asked.names] if asked.names else [])]
+        also = (f"read too: {one.name}, SHA-256 {files.sha256_of(one)}" for one in beside)
+        used: Any = {"reader": asked.reader, "protocol": asked.protocol}
+        found = (*read.conventions, *also)
+        return replace(read, conventions=found, truths=(benchmark, truths), **used)
 
 
-def _example() -> dict[str, str]:
-    kinds = "; ".join(f"{name}: {TRACKS.get(name).kinds}" for name in TRACKS.names())
-    return {"expected": kinds, "fix": "`airzoo-bench template` writes an example"}
+def _list_kinds(track: str | None = None) -> str:
+    names = [name for name in TRACKS.names() if track in (None, name)]
+    return "; ".join(f"{name}: {TRACKS.get(name).kinds}" for name in names)
 
 
 def _choose_protocol(
@@ -313,14 +322,15 @@ def _choose_protocol(
     return chosen
 
 
-def _track_by_kind(path: Path, fields: frozenset[str]) -> str:
-    """Return the track of a file's own fields, or of its ending."""
-    infos = [TRACKS.get(name) for name in TRACKS.names()]
+def _track_by_kind(path: Path, fields: frozenset[str], track: str | None) -> str:
+    """Return the track of a file's own fields, or of its ending, where it has not been named."""
+    infos = [TRACKS.get(name) for name in TRACKS.names() if track in (None, name)]
     for info in sorted(infos, key=lambda info: not fields & {*info.fields}):
         if info.folders if path.is_dir() else path.name.lower().endswith(info.suffixes):
             return str(info.name)
-    what = f"no kind of file that predictions come in: {path.suffix[:20]!r}"
-    raise UnreadableError(what, where=path, **_example())
+    what = "a folder" if path.is_dir() else f"a file of kind {path.suffix[:20]!r}"
+    what += ", as predictions are none, and no reader that is installed knows it"
+    raise UnreadableError(what, where=path, expected=_list_kinds(track), fix=FIX_READER)
 
 
 def read_truths(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +145,6 @@ class DescribedSets(Reader):
     """Reads descriptors and names of queries and of tiles."""
 
     track = "retrieval"
-    conventions: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def described(self, path: Path, kind: str, memory: int) -> Described:
@@ -209,7 +208,6 @@ class DescribedImages(Reader):
     """Reads descriptors by image, queries and tiles together: its name tells which one it is."""
 
     track = "retrieval"
-    conventions: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def opened(self, path: Path, memory: int) -> Opened:

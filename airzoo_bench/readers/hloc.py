@@ -36,6 +36,9 @@ class _Hloc(Reader):
     title = "features and matches of hloc"
     layout = "HDF5, or a folder of it: PHOTO/keypoints, and PHOTO/CROP/matches0 or keypoints0"
     methods = ("hloc", "SuperPoint", "LightGlue", "SuperGlue", "LoFTR")
+    conventions = (
+        "pixels of the picture at its full size, whole numbers at centres: 0.5 was added",
+    )
 
     def recognise(self, path: Path) -> float:
         kinds = {_kind_of(one) for one in _hdf5_files(path)}
@@ -56,7 +59,7 @@ class _Hloc(Reader):
         ends = (_MATCHES, _DENSE)
         pairs = (name.rsplit("/", 1)[0] for name in file.names() if name.endswith(ends))
         groups = list(dict.fromkeys(pairs))
-        rows, left = MatchRows(path, file.budget), 0
+        rows, left = MatchRows(path, file.budget, request.reader), 0
         for group in groups:
             try:
                 pair = paired(*map(picture, group.split("/"))) if group.count("/") == 1 else None
@@ -69,9 +72,8 @@ class _Hloc(Reader):
         predictions = rows.predictions(groups, pictures)
         notes = (f"{counted(left, 'pair')} of other pictures left out",) if left else ()
         steps = () if given is None else given.steps()
-        said = "pixels of the picture at its full size, whole numbers at centres: 0.5 was added"
         beside = () if features is None or path.is_dir() else (features,)
-        return PredictionFile(predictions, (said, *steps), (*notes, *steps), beside)
+        return PredictionFile(predictions, (*self.conventions, *steps), (*notes, *steps), beside)
 
 
 class _Features:
@@ -117,8 +119,6 @@ def _pixels(file: Hdf5File, features: _Features | None, group: str, pair: Pair) 
     dense = [f"{group}/keypoints{side}" for side in (0, 1)]
     if all(name in file for name in dense):
         first, second = (_pixels_of(file, name) for name in dense)
-        if len(first) != len(second):
-            raise PredictionError(f"keypoints0: {len(first):,} rows, keypoints1: {len(second):,}")
         return first + _CENTRE, second + _CENTRE
     if features is None:
         what = "counts keypoints of a file of features, which is not beside it"

@@ -36,7 +36,6 @@ class PairFiles(Reader):
 
     track = "matching"
     fields: ClassVar[tuple[str, str]]  # pixels (N, 2), whole numbers being centres of pixels
-    conventions: ClassVar[tuple[str, ...]]
     suffix: ClassVar[str] = ".npz"
     takes_image_size: ClassVar[bool] = False
 
@@ -48,11 +47,7 @@ class PairFiles(Reader):
     def matches(self, path: Path, pair: Pair, request: ReadRequest) -> Pixels:
         """Return the matched pixels of both pictures at full size, corners being (0, 0)."""
         arrays = NpzFile(path, request.memory_bytes // 4)  # numbers may grow as doubles
-        first, second = self.pixels(arrays)
-        if len(first) != len(second):
-            what = f"{' and '.join(self.fields)} have {len(first):,} and {len(second):,} rows"
-            raise PredictionError(what, where=path)
-        sides = zip((0, 1), (first, second), pair, strict=True)
+        sides = zip((0, 1), self.pixels(arrays), pair, strict=True)
         found = [self.enlarged(arrays, side, xy + _CENTRE, one, request) for side, xy, one in sides]
         return found[0], found[1]
 
@@ -79,7 +74,7 @@ class PairFiles(Reader):
     def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`."""
         pictures = Pictures(request)
-        rows, left = MatchRows(path, Budget(request.memory_bytes)), []
+        rows, left = MatchRows(path, Budget(request.memory_bytes), request.reader), []
         for one in sorted(_files(path, self.suffix)):
             inside = one.name if one == path else one.relative_to(path).as_posix()
             name = inside.removesuffix(self.suffix)
@@ -293,11 +288,8 @@ class _AerialExtreMatch(PairFiles):
         return dtype.kind == "f" and len(shape) == 2 and shape[1] == 4
 
     def matches(self, path: Path, pair: Pair, request: ReadRequest) -> Pixels:
-        values = np.array(map_numbers(path), dtype=np.float64)
-        if values.shape[1:] != (4,):
-            what = f"an array of shape {values.shape}"
-            raise PredictionError(what, where=path, expected="(N, 4): x y and x y")
-        return values[:, :2], values[:, 2:]
+        values = map_numbers(path)
+        return values[..., :2], values[..., 2:]
 
 
 # --- pickles, which are recognised, never loaded ---

@@ -117,15 +117,19 @@ def matched_pixels(first: Floats, second: Floats, matches: NDArray[Any]) -> Pixe
 class MatchRows:
     """Matches of photos with crops or maps, query by query."""
 
-    def __init__(self, path: Path, budget: Budget) -> None:
+    def __init__(self, path: Path, budget: Budget, reader: str | None) -> None:
         """Begin with none."""
-        self.path, self.budget = path, budget
+        self.path, self.budget, self.reader = path, budget, reader
         self._rows: dict[str, list[Pixels]] = {}
         self._sources: dict[tuple[str, tuple[int, int], bool], str] = {}
         self._count = 0
 
     def add(self, pair: Pair, xy: Pixels, source: str) -> None:
         """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0)."""
+        one, other = xy = tuple(np.asarray(side, dtype=np.float64) for side in xy)
+        if one.shape != other.shape or one.shape[1:] != (2,):
+            what = f"reader {self.reader} takes matches of shapes {one.shape} and {other.shape}"
+            raise PredictionError(what, expected="(N, 2) and (N, 2): x y in each picture")
         if pair[0].query is None:
             pair, xy = pair[::-1], xy[::-1]
         photo, reference = pair

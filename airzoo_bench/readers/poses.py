@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,7 +56,6 @@ class PoseReader(Reader):
     """
 
     track = "matching"
-    conventions: ClassVar[tuple[str, ...]]
 
     @abstractmethod
     def poses(self, path: Path, request: ReadRequest) -> NamedPoses:

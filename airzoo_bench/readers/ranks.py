@@ -6,7 +6,6 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,19 +23,23 @@ from airzoo_bench.retrieval.predictions import RankedIds, RetrievalPredictions
 
 
 class RankedLists(Reader):
-    """Reads a score of some tiles for each query, which are ranked by it."""
+    """Reads a score of some tiles for each query, the largest of the best."""
 
     track = "retrieval"
-    conventions: ClassVar[tuple[str, ...]] = ("the largest score is the first rank",)
+    conventions = ("the largest score is the first rank",)
 
     @abstractmethod
     def ranked(self, path: Path) -> Mapping[str, Mapping[str, float]]:
-        """Read scores by query and tile, both by name."""
+        """Read scores by query and tile, both by name; tiles best first, or in no order."""
 
     def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`."""
         images = SceneImages(request, str(path))
         given = self.ranked(path)
+        several = [[*own.values()] for own in given.values() if len({*own.values()}) > 1]
+        if several and all(one == sorted(one) for one in several):
+            what = f"scores rise from each best tile to the last, as of {next(iter(given))[:200]!r}"
+            raise PredictionError(what, where=path, fix="write distances with a minus sign")
         asked = images.queries.find_all(list(given), path)
         names = list(dict.fromkeys(tile for scores in given.values() for tile in scores))
         tiles = dict(zip(names, tile_ids(images.tiles, names, path), strict=True))
@@ -98,30 +101,21 @@ class _Trec(RankedLists):
         return 0.95 if all(fields[1] == "Q0" for fields in whole) else 0.6
 
     def ranked(self, path: Path) -> Mapping[str, Mapping[str, float]]:
-        run: dict[str, dict[str, float]] = {}
-        ranks: dict[str, list[int]] = {}
+        run: dict[str, dict[str, tuple[int, float]]] = {}
         with path.open("rb") as stream:
             for number, line in enumerate(stream, 1):
                 fields = line.decode("utf-8", "replace").split()
                 parsed = _parse_rank(fields)
                 if parsed is not None and fields[2] not in run.setdefault(fields[0], {}):
-                    run[fields[0]][fields[2]] = parsed[1]
-                    ranks.setdefault(fields[0], []).append(parsed[0])
+                    run[fields[0]][fields[2]] = parsed[0], -parsed[1]
                 elif fields:
                     what = "is no line of a run, or has a tile a second time"
                     where = f"{path}, line {number:,}"
                     raise PredictionError(what, where=where, expected=self.layout)
-        rising = [query for query in ranks if _rises(ranks[query], [*run[query].values()])]
-        if rising:
-            what = f"scores rise with the rank for {first_of(map(repr, rising), len(ranks))}"
-            raise PredictionError(what, where=path, fix="write distances with a minus sign")
-        return run
-
-
-def _rises(ranks: Sequence[int], scores: Sequence[float]) -> bool:
-    """Whether scores rise with the rank, as distances do."""
-    in_order = np.array(scores)[np.argsort(ranks)]
-    return len(set(ranks)) == len(ranks) and bool((np.diff(in_order) > 0).any())
+        by_rank = (
+            (query, sorted(tiles, key=tiles.__getitem__), tiles) for query, tiles in run.items()
+        )
+        return {query: {tile: -tiles[tile][1] for tile in names} for query, names, tiles in by_rank}
 
 
 def _parse_rank(fields: list[str]) -> tuple[int, float] | None:

@@ -18,6 +18,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, counted, first_of
 from airzoo_bench.core.files import npz_fields
+from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.predictions import PredictionFile, Reader, ReadRequest
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.arrays import gather, texts
@@ -139,6 +140,8 @@ class SceneReader(Reader):
 
     def __init__(self, title: str, layout: str, methods: tuple[str, ...], *layouts: Layout) -> None:
         self.title, self.layout, self.methods, self.layouts = title, layout, methods, layouts
+        said = (one for layout in layouts for one in layout.said)
+        self.conventions = tuple(dict.fromkeys(said))
 
     def sure(self, place: Path) -> float:
         """Say how sure it is that a file or folder is one scene's output."""
@@ -162,7 +165,8 @@ class SceneReader(Reader):
         outputs, others = find_outputs(path, request, lambda one: self.layout_of(one) is not None)
 
         def open_scene(output: SceneOutput, memory: int, _: object) -> Any:
-            return nullcontext(self.layout_of(output.place).read(output, memory))
+            with READERS.blaming(str(request.reader)):
+                return nullcontext(self.layout_of(output.place).read(output, memory))
 
         entries = {output.scene: partial(open_scene, output) for output in outputs.values()}
         output = next(iter(outputs.values()))

@@ -114,9 +114,11 @@ def _ordered_names(images: ImagePoses, truth: ReconstructionTruth, where: str) -
         raise AlignmentError("has no image_names, and too few poses to tell which view is which")
     else:
         order = np.argsort(truth.photos["image"].to_numpy(str))
-        off = relative_misfit_deg(images.poses.take(rows), truth.poses.take(order[rows]))
+        given = images.poses.take(rows), truth.poses.take(order[rows])
+        off = relative_misfit_deg(*given)
         if off > _ORDER_FITS_DEG:
             why = f"cameras do not fit the photos in the order of their names, by {off:.0f} degrees"
+            why = check_inversion(*given, where) or why
     if why:
         raise PredictionError(f"has no image_names, and {why}", where=where, fix=_PHOTOS)
     return photos

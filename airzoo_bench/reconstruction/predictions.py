@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import CameraError, PredictionError, UnreadableError, first_of
 from airzoo_bench.core.validation import SAFE_NAME
+from airzoo_bench.evaluation.predictions import FIX_READER
 from airzoo_bench.evaluation.track import ScenePredictions
 from airzoo_bench.formats.archives import Bundle, Member, open_bundle
 from airzoo_bench.formats.arrays import Arrays, check_fields, numbers, open_arrays, texts
@@ -146,7 +147,8 @@ def open_reconstruction(path: Path) -> ScenePredictions:
     if not geometry:
         expected = f"an entry a scene, such as school.ply or school/cloud.ply; endings {KINDS}"
         others = f", but {first_of(extra_files, noun='other file')}" if extra_files else ""
-        raise UnreadableError(f"holds no cloud, mesh or npz{others}", where=path, expected=expected)
+        what = f"holds no cloud, mesh or npz{others}"
+        raise UnreadableError(what, where=path, expected=expected, fix=FIX_READER)
     pairs = {scene: (one, cameras.get(scene)) for scene, one in geometry.items()}
     entries = {scene: partial(_open_entry, bundle, *pair) for scene, pair in pairs.items()}
     return ScenePredictions(path, entries, tuple(extra_files), protocol)

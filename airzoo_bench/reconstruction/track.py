@@ -19,6 +19,7 @@ from airzoo_bench.core.files import PART, atomic_write, write_npz
 from airzoo_bench.core.progress import Headed
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation
+from airzoo_bench.evaluation.predictions import FIX_READER
 from airzoo_bench.evaluation.track import Assignment, Run, ScenePredictions, SceneScores, Track
 from airzoo_bench.formats.arrays import open_arrays, protocol_name
 from airzoo_bench.formats.clouds.cloud import CloudSource, FileCloud
@@ -345,9 +346,10 @@ class ReconstructionTrack(Track):
         if len(missing) == len(known):
             meant = nearest("".join(strange[:1]), known, 1)
             raise PredictionError(
-                f"holds none of the scenes of {protocol.name}: {first_of(strange)}{meant}",
+                f"its clouds and maps are no scenes of {protocol.name}: {first_of(strange)}{meant}",
                 where=predictions.path,
-                expected=f"files or folders named by scenes: {first_of(known)}",
+                expected=f"files of clouds or maps named by their scenes: {first_of(known)}",
+                fix=FIX_READER,
             )
         others = [name + nearest(name, missing, 1) for name in strange]
         unknown = [name[:80] for name in predictions.extra_files]

@@ -16,7 +16,7 @@ import pytest
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.progress import Headed, report_progress, with_progress
-from airzoo_bench.core.registry import TRACKS
+from airzoo_bench.core.registry import TRACKS, PackageError
 from airzoo_bench.core.validation import Strict, nearest, validated
 from airzoo_bench.report.figures import figure_bytes, new_canvas
 from tests.support import HANGS_S
@@ -24,16 +24,24 @@ from tests.support import HANGS_S
 T = TypeVar("T")
 
 
-def test_a_package_adds_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_adds_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     info = tmp_path / "more-tracks-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: more-tracks\nVersion: 1.0\n")
-    lines = ["[airzoo_bench.tracks]", "height = pathlib:Path", "depth = pathlib:Path"]
-    (info / "entry_points.txt").write_text("\n".join([*lines, "matching = pathlib:Path", ""]))
+    own = ("depth = pathlib:Path", "fine = airzoo_bench.matching.info:INFO", "gone = no_module:X")
+    lines = ["[airzoo_bench.tracks]", *own, "matching = pathlib:Path"]
+    (info / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(tmp_path)
-    assert TRACKS.names() == ["retrieval", "matching", "reconstruction", "depth", "height"]
-    assert TRACKS.get("height") is Path
-    assert TRACKS.get("matching") is not Path
+    assert TRACKS.names() == ["retrieval", "matching", "reconstruction", "depth", "fine", "gone"]
+    assert "track matching (package more-tracks)" in caplog.text
+    assert TRACKS.get("fine") is TRACKS.get("matching")
+    assert {*TRACKS.load_all()} == {"retrieval", "matching", "reconstruction", "fine"}
+    for broken in ("depth", "gone"):
+        assert f"track {broken} (package more-tracks)" in caplog.text
+        with pytest.raises(PackageError):
+            TRACKS.get(broken)
     with pytest.raises(KeyError):
         TRACKS.get("none")
 
