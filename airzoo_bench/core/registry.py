@@ -44,10 +44,6 @@ def resolve(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
-class PackageError(UserError):
-    """What another package adds cannot be used, or failed."""
-
-
 class Registry:
     """Instances of a class by name: of ``built_in.toml``, or of installed packages."""
 
@@ -69,8 +65,8 @@ class Registry:
             found, base = self._installed()[name].load(), resolve(self.base)
             lacking = [one for one in base.__annotations__ if not hasattr(found, one)]
             if lacking or not isinstance(found, base):
-                what = f"lacks {', '.join(lacking)}" if isinstance(found, base) else "is none"
-                raise TypeError(f"{what}: it must be an instance of {self.base}")
+                what = f"lacks {', '.join(lacking)}" if lacking else "no instance"
+                raise TypeError(f"{what} of {self.base}")
             return found
 
     def load_all(self) -> dict[str, Any]:
@@ -90,13 +86,10 @@ class Registry:
             if name in self.places or isinstance(error, (UserError, MemoryError)):
                 raise
             point, calls = self._installed()[name], traceback.extract_tb(error.__traceback__)
-            own = [one for one in calls if point.module.partition(".")[0] in one.filename]
-            where = _described(self.kind, point) + "".join(
-                f", line {one.lineno}" for one in own[-1:]
-            )
-            raise PackageError(
-                f"{type(error).__name__}: {printable(error)}", where=where
-            ) from error
+            own = [one for one in calls if point.module.split(".")[0] in one.filename][-1:]
+            line = "".join(f", line {one.lineno} of {Path(one.filename).name}" for one in own)
+            what, where = f"{type(error).__name__}: {printable(error)}", _describe(self.kind, point)
+            raise UserError(what, where=where + line) from error
 
     @contextmanager
     def warning(self, name: str) -> Iterator[None]:
@@ -117,13 +110,13 @@ def _search(kind: str, _: tuple[str, ...]) -> dict[str, EntryPoint]:
     found: dict[str, EntryPoint] = {}
     for point in entry_points(group=f"airzoo_bench.{kind}"):
         if point.name in _BUILT_IN[kind] or point.name in found:
-            _LOG.warning("airzoo-bench: left out: %s: its name is taken", _described(kind, point))
+            _LOG.warning("airzoo-bench: left out: %s: its name is taken", _describe(kind, point))
         else:
             found[point.name] = point
     return found
 
 
-def _described(kind: str, point: EntryPoint) -> str:
+def _describe(kind: str, point: EntryPoint) -> str:
     package = "" if point.dist is None else f" (package {point.dist.name})"
     return f"{kind.removesuffix('s')} {point.name}{package}"
 

@@ -328,9 +328,10 @@ def _track_by_kind(path: Path, fields: frozenset[str], track: str | None) -> str
     for info in sorted(infos, key=lambda info: not fields & {*info.fields}):
         if info.folders if path.is_dir() else path.name.lower().endswith(info.suffixes):
             return str(info.name)
-    what = "a folder" if path.is_dir() else f"a file of kind {path.suffix[:20]!r}"
-    what += ", as predictions are none, and no reader that is installed knows it"
-    raise UnreadableError(what, where=path, expected=_list_kinds(track), fix=FIX_READER)
+    kind = "a folder" if path.is_dir() else f"a file of kind {path.suffix[:20]!r}"
+    expected = f"a method's own files, or {_list_kinds(track)}"
+    what = f"{kind} that no installed reader recognises"
+    raise UnreadableError(what, where=path, expected=expected, fix=FIX_READER)
 
 
 def read_truths(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
@@ -288,31 +287,28 @@ class _AerialExtreMatch(PairFiles):
         return dtype.kind == "f" and len(shape) == 2 and shape[1] == 4
 
     def matches(self, path: Path, pair: Pair, request: ReadRequest) -> Pixels:
-        values = map_numbers(path)
+        values = np.atleast_1d(map_numbers(path))
         return values[..., :2], values[..., 2:]
 
 
 # --- pickles, which are recognised, never loaded ---
 
 
-@dataclass(frozen=True)
 class _PickledMatches(Reader):
     """Files that only running them would read; a recipe has the lines that convert them.
 
-    `suffix` is that of the files, or of those in a folder; `mark` is near the beginning of the
-    pickle.
+    The `layout` begins with the names of files, and `mark` is near the beginning of the pickle.
     """
 
     track = "matching"
-    title: str
-    layout: str
-    suffix: str
-    mark: bytes
-    methods: tuple[str, ...]
+
+    def __init__(self, title: str, layout: str, mark: bytes, *methods: str) -> None:
+        self.title, self.layout, self.mark, self.methods = title, layout, mark, methods
 
     def recognise(self, path: Path) -> float:
         found = islice(path.iterdir(), 1000) if path.is_dir() else [path]
-        first = next((one for one in found if one.suffix == self.suffix and one.is_file()), None)
+        ending = Path(self.layout.partition(":")[0]).suffix
+        first = next((one for one in found if one.suffix == ending and one.is_file()), None)
         # The zip of torch.save begins with its pickle, not compressed.
         return 0.9 * (first is not None and self.mark in first_bytes(first, 1 << 16))
 
@@ -322,26 +318,12 @@ class _PickledMatches(Reader):
         raise PredictionError(what, where=path, expected="arrays that numpy.savez wrote", fix=fix)
 
 
-VISMATCH = _PickledMatches(
-    "results of vismatch",
-    "*.torch: what torch.save made of a dictionary with matched_kpts0",
-    ".torch",
-    b"matched_kpts0",
-    ("vismatch", "image-matching-models"),
-)
-LOFTR_DUMP = _PickledMatches(
-    "LoFTR's dump of an evaluation",
-    "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f",
-    ".npy",
-    b"mkpts0_f",
-    ("LoFTR",),
-)
-HLOC_LOGS = _PickledMatches(
-    "hloc's logs of a localisation",
-    "*_logs.pkl: a dictionary with the PnP of each query",
-    ".pkl",
-    b"keypoints_query",
-    ("hloc",),
-)
+_TORCH = "*.torch: what torch.save made of a dictionary with matched_kpts0"
+_DUMP = "LoFTR_pred_eval.npy: an array of dictionaries with mkpts0_f"
+_LOGS = "*_logs.pkl: a dictionary with the PnP of each query"
+_MODELS = ("vismatch", "image-matching-models")
+VISMATCH = _PickledMatches("results of vismatch", _TORCH, b"matched_kpts0", *_MODELS)
+LOFTR_DUMP = _PickledMatches("LoFTR's dump of an evaluation", _DUMP, b"mkpts0_f", "LoFTR")
+HLOC_LOGS = _PickledMatches("hloc's logs of a localisation", _LOGS, b"keypoints_query", "hloc")
 LOFTR, SUPERGLUE, ROMA = _Loftr(), _SuperGlue(), _Roma()
 DUST3R_MATCHES, MAST3R_VISLOC, AERIALEXTREMATCH = _Dust3r(), _Mast3rVisloc(), _AerialExtreMatch()

@@ -28,6 +28,7 @@ from airzoo_bench.readers.pose_files import (
     numbers_of,
     read_images,
     read_rows,
+    read_trajectory,
     trajectory_columns,
     unit_share,
 )
@@ -137,19 +138,14 @@ class _Trajectory(PoseReader):
         return _BY_TRACK * (trajectory_columns(path) == self.columns)
 
     def poses(self, path: Path, request: ReadRequest) -> NamedPoses:
-        _, values = read_rows(path, self.columns, named=False, memory=request.memory_bytes)
+        _, poses = read_trajectory(path, self.columns, request.memory_bytes)
         names = [] if request.names is None else read_names(request.names)
-        if len(names) != len(values):
-            what = f"{counted(len(values), 'pose')}, and {counted(len(names), 'name')} of photos"
+        if len(names) != len(poses):
+            what = f"{counted(len(poses), 'pose')}, and {counted(len(names), 'name')} of photos"
             expected = "--names LIST, a text with the photo of each row, in their order"
             raise PredictionError(what, where=path, expected=expected)
-        if self.columns == KITTI:
-            matrices = values.reshape(-1, 3, 4)
-            rotation, centres = matrices[:, :, :3].swapaxes(1, 2), matrices[:, :, 3]
-        else:
-            x, y, z, w = values[:, 4:].T
-            rotation, centres = np.stack([w, -x, -y, -z], axis=1), values[:, 1:4]
-        return NamedPoses(names, rotation, centres, centred=True)
+        rotation = poses[:, :3, :3].swapaxes(1, 2)
+        return NamedPoses(names, rotation, poses[:, :3, 3], centred=True)
 
 
 class _Colmap(PoseReader):

@@ -13,10 +13,10 @@ from typing import TypeVar
 import matplotlib
 import pytest
 
-from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.core.errors import SubmissionError, UserError
 from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.progress import Headed, report_progress, with_progress
-from airzoo_bench.core.registry import TRACKS, PackageError
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import Strict, nearest, validated
 from airzoo_bench.report.figures import figure_bytes, new_canvas
 from tests.support import HANGS_S
@@ -40,7 +40,7 @@ def test_a_package_adds_names(
     assert {*TRACKS.load_all()} == {"retrieval", "matching", "reconstruction", "fine"}
     for broken in ("depth", "gone"):
         assert f"track {broken} (package more-tracks)" in caplog.text
-        with pytest.raises(PackageError):
+        with pytest.raises(UserError):
             TRACKS.get(broken)
     with pytest.raises(KeyError):
         TRACKS.get("none")
