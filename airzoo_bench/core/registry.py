@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
@@ -40,8 +39,7 @@ class Option:
 
 def resolve(place: str) -> Any:
     """Import ``module:name``, such as "airzoo_bench.retrieval.info:INFO"."""
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
+    return EntryPoint("", place, "").load()
 
 
 class Registry:

@@ -73,7 +73,8 @@ class PairFiles(Reader):
     def read(self, path: Path, request: ReadRequest) -> PredictionFile:
         """See `Reader.read`."""
         pictures = Pictures(request)
-        rows, left = MatchRows(path, Budget(request.memory_bytes), request.reader), []
+        reader = f"{request.reader} ({self.layout})"
+        rows, left = MatchRows(path, Budget(request.memory_bytes), reader), []
         for one in sorted(_files(path, self.suffix)):
             inside = one.name if one == path else one.relative_to(path).as_posix()
             name = inside.removesuffix(self.suffix)

@@ -126,12 +126,12 @@ class MatchRows:
 
     def add(self, pair: Pair, xy: Pixels, source: str) -> None:
         """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0)."""
-        one, other = xy = tuple(np.asarray(side, dtype=np.float64) for side in xy)
+        one, other = (np.asarray(side, dtype=np.float64) for side in xy)
         if one.shape != other.shape or one.shape[1:] != (2,):
             what = f"reader {self.reader} takes matches of shapes {one.shape} and {other.shape}"
             raise PredictionError(what, expected="(N, 2) and (N, 2): x y in each picture")
         if pair[0].query is None:
-            pair, xy = pair[::-1], xy[::-1]
+            pair, one, other = pair[::-1], other, one
         photo, reference = pair
         query = str(photo.query)
         first = self._sources.setdefault((query, reference.origin, reference.whole), source)
@@ -139,11 +139,11 @@ class MatchRows:
             what = f"{first[:200]} and {source[:200]} are both {query} with one part of the map"
             fix = "leave out one of the two: runs are not pooled"
             raise PredictionError(what, expected="the matches of each pair once", fix=fix)
-        self._count += len(xy[0])
+        self._count += len(one)
         self.budget.hold(self.path, "its matches", self._count * _BYTES_OF_MATCH)
-        self._check(photo, xy[0], "photo")
-        self._check(reference, xy[1], "map" if reference.whole else "crop")
-        self._rows.setdefault(query, []).append((xy[0], xy[1] + reference.origin))
+        self._check(photo, one, "photo")
+        self._check(reference, other, "map" if reference.whole else "crop")
+        self._rows.setdefault(query, []).append((one, other + reference.origin))
 
     def _check(self, picture: Picture, xy: Floats, kind: str) -> None:
         if not np.isfinite(xy).all():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -112,10 +113,10 @@ class _Trec(RankedLists):
                     what = "is no line of a run, or has a tile a second time"
                     where = f"{path}, line {number:,}"
                     raise PredictionError(what, where=where, expected=self.layout)
-        by_rank = (
-            (query, sorted(tiles, key=tiles.__getitem__), tiles) for query, tiles in run.items()
-        )
-        return {query: {tile: -tiles[tile][1] for tile in names} for query, names, tiles in by_rank}
+        by_rank = {query: sorted(tiles.items(), key=itemgetter(1)) for query, tiles in run.items()}
+        return {
+            query: {tile: -score for tile, (_, score) in tiles} for query, tiles in by_rank.items()
+        }
 
 
 def _parse_rank(fields: list[str]) -> tuple[int, float] | None:
