@@ -34,6 +34,14 @@ def transpose(matrices: Floats) -> Floats:
     return np.swapaxes(matrices, -1, -2)
 
 
+def are_on_a_line(points: Floats) -> bool:
+    """Whether points (N, 3) leave the turn about a line to rounding, a millionth of its length."""
+    away = points - points[0]
+    axis = away[np.argmax(np.abs(away).max(axis=1))]
+    across = np.cross(away, axis)
+    return bool(np.abs(across).max() <= 1e-6 * (axis @ axis))
+
+
 def refuse_cameras(
     bad: NDArray[np.bool_] | np.bool_,
     what: str,

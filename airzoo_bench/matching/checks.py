@@ -72,13 +72,10 @@ def _check_matches(
     of_match = sizes[content.query]
     fix = f"{_X_FIRST}, in pixels of the photo at its full size"
     _refuse_outside("query_xy", content.query_xy, of_match, content, truth, fix)
-    shares = {"photos": (content.query_xy / of_match, 0.6 if len(of_match) < 2000 else 0.9)}
-    if content.map_xy is not None:  # the margin of crops has no matches
+    if content.map_xy is not None and len(of_match) >= 100:
         corner, size = np.split(truth.crops[content.query], 2, axis=1)
-        shares["crops"] = ((content.map_xy - corner) / size, 0.6)
-    for pictures, (share, far) in shares.items():
-        if len(of_match) >= 100 and (share < far).all():
-            said = f"no match lies beyond {far:.0%} of the {pictures}' width and height"
+        if (content.map_xy - corner < 0.6 * size).all():  # the margin of crops has no matches
+            said = "no match lies beyond 60% of the crops' width and height"
             yield f"{said}: are the matches in the size of a smaller image?"
     what, name, fix = "x and y exchanged", "map_xy", _X_FIRST
     if content.points3d is None:
@@ -86,10 +83,15 @@ def _check_matches(
     else:
         what, name, fix = "heights in feet", "points3d", "multiply heights by 0.3048"
         _check_degrees(content.points3d, truth, name)
-    if truth.has_poses:
-        diagonal = float(np.hypot(*sizes.T).max(initial=0.0))
-        off, left = (_misfit_px(content, truth, diagonal, otherwise=one) for one in (False, True))
-        _refuse_other_reading(what, name, fix, off, left, 0.05 * diagonal, "px")
+    if truth.has_poses and len(content.query_xy):
+        clear = 0.05 * float(np.hypot(*sizes.T).max())
+        given, seen, otherwise = _see_matches(content, truth)
+        off, left = _misfit(given, seen), _misfit(given, otherwise)
+        _refuse_other_reading(what, name, fix, off, left, clear, "px")
+        larger = float(np.median(_length(seen) / (_length(given) + 1.0)))
+        what, left = f"pixels of an image {larger:.2g} times smaller", _misfit(larger * given, seen)
+        fix = "scale x and y to the photo at its full size"
+        _refuse_other_reading(what, "query_xy", fix, off, left, clear, "px")
 
 
 def _check_map_pixels(content: Correspondences, truth: MatchingTruth) -> None:
@@ -113,27 +115,32 @@ def _check_map_pixels(content: Correspondences, truth: MatchingTruth) -> None:
         raise _fault(f"{what}; as they are, {stated:.0%}", "map_xy", f"{_X_FIRST}, and {fix}")
 
 
-def _misfit_px(
-    content: Correspondences, truth: MatchingTruth, diagonal: float, *, otherwise: bool
-) -> float:
-    """Return how far matches lie from where the true poses see them; else with x and y exchanged.
+def _see_matches(content: Correspondences, truth: MatchingTruth) -> tuple[Floats, Floats, Floats]:
+    """Return some pixels of photos, where the true poses see their matches, and with other reading.
 
-    Of 3D points, `otherwise` heights are in feet. What no camera sees is as far away as can be.
+    That is with x and y of the map exchanged; of 3D points, with heights in feet.
     """
-    matched, off = np.flatnonzero(np.diff(content.offsets)).tolist(), [np.zeros(0)]
-    for query in matched[:: -(-len(matched) // 10) or 1]:
+    matched, found = np.flatnonzero(np.diff(content.offsets)).tolist(), []
+    for query in matched[:: -(-len(matched) // 10)]:
         first, stop = content.offsets[query : query + 2]
         rows = np.linspace(first, stop - 1, 40).astype(int)
         if content.points3d is not None:
-            points = content.points3d[rows] * (_FEET if otherwise else 1.0)
-        elif content.map_xy is not None:
+            readings = [content.points3d[rows], content.points3d[rows] * _FEET]
+        else:
+            assert content.map_xy is not None
             corner, known = truth.crops[query, :2], truth.map_of(query)
-            xy = corner + (content.map_xy[rows] - corner)[:, :: -1 if otherwise else 1]
-            points = lift(xy, known.dom, known.dsm, jobs=1).points
-        seen = world_to_camera(truth.poses.take(query), points[None])
-        away = project(truth.cameras.take(query), seen)[0] - content.query_xy[rows]
-        off.append(np.fmin(_length(away), diagonal))
-    return float(np.median(np.concatenate(off))) if matched else 0.0
+            away = content.map_xy[rows] - corner
+            lifted = (corner + away, corner + away[:, ::-1])
+            readings = [lift(xy, known.dom, known.dsm, jobs=1).points for xy in lifted]
+        camera, pose = truth.cameras.take(query), truth.poses.take(query)
+        seen = [project(camera, world_to_camera(pose, one[None]))[0] for one in readings]
+        found.append((content.query_xy[rows], *seen))
+    return tuple(map(np.concatenate, zip(*found, strict=True)))
+
+
+def _misfit(given: Floats, seen: Floats) -> float:
+    """Return the median distance of pixels; one that no camera sees is infinitely far away."""
+    return float(np.median(np.nan_to_num(_length(seen - given), nan=np.inf)))
 
 
 # --- poses ---
@@ -151,13 +158,18 @@ def _check_poses(
     _check_axes(given.rotation, priors.rotation)
     # After the convention, which decides the digits that count.
     limits = (*finest.translation_below_m, *(metres for metres, _ in finest.pose_below_m_deg))
-    yield from _check_digits(content, truth, min(limits))
+    _check_digits(content, truth, min(limits))
     near = count_near(given, priors, NEAR_M, NEAR_DEG)
     if near and protocol.prior.is_measured:
         said = f"{near:,} of {counted(len(given), 'answer')} equal to the prior"
         yield f"{said}, the photo's own GPS and gimbal angles"
     if truth.has_poses and len(given) >= 5:
-        yield from _check_heights(given.centres, truth.poses.centres[there])
+        true = truth.poses.centres[there]
+        readings = (given.centres, given.centres * _FEET)
+        off, left = (float(np.median(_length(one - true))) for one in readings)
+        fix = "multiply heights by 0.3048"
+        _refuse_other_reading("heights in feet", "centres", fix, off, left, 20.0, "m")
+        yield from doubt_shift(given.centres, true)
 
 
 def _check_degrees(coordinates: Floats, truth: MatchingTruth, name: str) -> None:
@@ -206,37 +218,31 @@ def _check_axes(given: Floats, priors: Floats) -> None:
         raise _fault(what, "rotations", fix)
 
 
-def _check_digits(given: PredictedPoses, truth: MatchingTruth, finest_m: float) -> Iterator[str]:
-    """Refuse poses with digits that leave more than a centimetre open; doubt centres on a lattice.
-
-    Centres may be off by half of the finest threshold, and those of a made-up scene may lie on a
-    lattice themselves.
-    """
-    name, limit, least = "poses", COARSEST_M, COARSEST_M
-    fix = "write all digits (%.17g in text), or an .npz with rotations and centres"
+def _check_digits(given: PredictedPoses, truth: MatchingTruth, finest_m: float) -> None:
+    """Refuse poses whose digits leave open more than 1 cm, of centres a share of the threshold."""
+    name, limit = "poses", COARSEST_M
     if given.centred:
         name, true = "centres", truth.poses if truth.has_poses else truth.priors
-        least = max(COARSEST_M, float(centre_errors_m(true.centres).max(initial=0.0)))
-        limit = max(least, 0.55 * finest_m)
+        limit = max(limit, 0.25 * finest_m, *centre_errors_m(true.centres))
     lost = np.nan_to_num(given.errors_m)
-    coarse, most = np.flatnonzero(lost > limit), float(lost.max(initial=0.0))
+    coarse = np.flatnonzero(lost > limit)
     if coarse.size:
         what = f"too few digits in the {name} of {_name(truth, coarse)}: they move a camera by "
         what += f"{np.sqrt((lost[coarse] ** 2).mean()):.2g} m on average, more than {limit:g} m"
+        fix = "write all digits (%.17g in text), or an .npz with rotations and centres"
         raise _fault(what, name, fix)
-    if most > least:
-        yield f"centres lie on a lattice: if they were rounded to it, they are {most:.2g} m off"
 
 
-def _check_heights(centres: Floats, true: Floats) -> Iterator[str]:
-    """Refuse heights in feet; doubt heights that are all alike above or below the truth."""
-    shift = np.median(centres[:, 2] - true[:, 2])
-    readings = (centres, centres * _FEET, centres - (0.0, 0.0, shift))
-    off, left, moved = (float(np.median(_length(reading - true))) for reading in readings)
-    fix = "multiply heights by 0.3048"
-    _refuse_other_reading("heights in feet", "centres", fix, off, left, 20.0, "m")
-    if abs(shift) >= 5.0 and moved <= 1.0:
-        yield f"heights of another vertical datum? They lie {shift:+.1f} m from the true ones"
+def doubt_shift(centres: Floats, true: Floats) -> Iterator[str]:
+    """Doubt the map, the truth or a datum where poses differ from the truth by nearly one shift."""
+    errors = (centres - true)[np.isfinite(centres).all(axis=1)]
+    shift = np.median(errors, axis=0) if len(errors) >= 5 else np.zeros(3)
+    length, spread = np.linalg.norm(shift), np.median([*_length(errors - shift), 0.0])
+    if length >= 2.0 and spread <= 0.1 * length:
+        said = "poses lie ({:+.1f}, {:+.1f}, {:+.1f}) m from the true ones, all alike".format(
+            *shift
+        )
+        yield f"{said}: is the map shifted, or the truth, or is the vertical datum another?"
 
 
 # --- both ---

@@ -27,7 +27,7 @@ from scipy.sparse import csr_array
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix
+from airzoo_bench.geometry.arrays import Bools, Floats, Ints, apply_matrix, are_on_a_line
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import change_of_plane
 from airzoo_bench.geometry.heightfield import (
@@ -162,8 +162,6 @@ def _sample_block(
 MIN_MATCHES = 4  # three have up to four poses, and nothing tells which
 # Both libraries multiply the number of trials that the confidence asks for; both default to 3.
 _TRIALS_MULTIPLIER = 3.0
-# Points nearer to a line than this share of its length leave the turn about it to rounding.
-_LINE_TOLERANCE = 1e-6
 _QUERIES_A_THREAD = 4  # of a block: a query may take ten seconds, and hard ones come together
 
 
@@ -274,19 +272,12 @@ def _solve_rows(camera: Cameras, rows: Floats, solver: Solver) -> _Solution | No
     with np.errstate(over="ignore", invalid="ignore"):
         local = points - origin
         solution = find(camera, query_xy, local, solver, trials)
-        if solution is None or _are_on_a_line(local[solution[2]]):
+        if solution is None or are_on_a_line(local[solution[2]]):
             return None
         rotation, translation, inliers = solution
         centre = origin - apply_matrix(rotation.T, translation)
     # The centre is not finite where the rotation is not.
     return (rotation, centre, inliers) if np.isfinite(centre).all() else None
-
-
-def _are_on_a_line(points: Floats) -> bool:
-    away = points - points[0]
-    axis = away[np.argmax(np.abs(away).max(axis=1))]
-    across = np.cross(away, axis)
-    return bool(np.abs(across).max() <= _LINE_TOLERANCE * (axis @ axis))
 
 
 def _find_by_colmap(

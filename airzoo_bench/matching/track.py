@@ -18,7 +18,7 @@ from airzoo_bench.evaluation.predictions import assign_queries, write_prediction
 from airzoo_bench.evaluation.track import Assignment, Run, SceneScores, Track
 from airzoo_bench.geometry.arrays import Bools, Ints
 from airzoo_bench.geometry.poses import Poses
-from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, check_scene
+from airzoo_bench.matching.checks import NEAR_DEG, NEAR_M, check_scene, doubt_shift
 from airzoo_bench.matching.info import INFO
 from airzoo_bench.matching.metrics import count_near, matching_scores, pose_columns, pose_errors
 from airzoo_bench.matching.predictions import (
@@ -89,20 +89,22 @@ class MatchingTrack(Track):
         self, part: SceneAnswers, truth: MatchingTruth, protocol: MatchingProtocol, run: Run
     ) -> SceneScores:
         """See `Track.score`."""
-        content, same = part.content, 0
+        content, given = part.content, isinstance(part.content, PredictedPoses)
         if isinstance(content, PredictedPoses):
             poses, columns, inliers = content.poses, dict[str, NDArray[Any]](), None
-            same = count_near(poses, truth.priors, *_SAME)
         else:
             poses, columns, inliers = _solve(truth, content, protocol, run)
         records = _record(truth, part.answered, poses, columns, protocol.scores)
         counts = {"queries": len(records), "missing": int((~part.answered).sum())}
         counts |= {"failed": int(records["failed"].sum()), "left_out": len(truth.excluded)}
         counts |= {name: int(columns[name].sum()) for name in _COUNTED if name in columns}
-        counts["equal_to_prior"] = same
+        counts["equal_to_prior"] = count_near(poses, truth.priors, *_SAME) if given else 0
         if protocol.prior.is_measured:
             counts["near_prior"] = count_near(poses, truth.priors, NEAR_M, NEAR_DEG)
-        notes = [f"scene {truth.scene}: {note}" for note in _notes(counts)]
+        found = [*_notes(counts)]
+        # Poses that were given are doubted by their check.
+        found += () if given else doubt_shift(poses.centres, truth.poses.centres)
+        notes = [f"scene {truth.scene}: {note}" for note in found]
         details = (content, poses, inliers) if run.keep else None
         return SceneScores(records, counts, content.kind, (*part.doubts, *notes), {}, details)
 
