@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,7 @@ def apply_matrix(matrix: Floats, vectors: Floats) -> Floats:
     A BLAS kernel may round differently with the number of rows that it is given.
     """
     x, y, z = (vectors[..., axis, None] for axis in range(3))
-    product: Floats = matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z
-    return product
+    return np.asarray(matrix[..., 0] * x + matrix[..., 1] * y + matrix[..., 2] * z)
 
 
 def multiply(a: Floats, b: Floats) -> Floats:
@@ -38,27 +38,20 @@ def are_on_a_line(points: Floats) -> bool:
     """Whether points (N, 3) leave the turn about a line to rounding, a millionth of its length."""
     away = points - points[0]
     axis = away[np.argmax(np.abs(away).max(axis=1))]
-    across = np.cross(away, axis)
-    return bool(np.abs(across).max() <= 1e-6 * (axis @ axis))
+    return bool(np.abs(np.cross(away, axis)).max() <= 1e-6 * (axis @ axis))
 
 
 def refuse_cameras(
     bad: NDArray[np.bool_] | np.bool_,
     what: str,
-    *,
     names: Sequence[object] | None = None,
     details: Sequence[str] | None = None,
-    where: object = None,
-    expected: str | None = None,
-    fix: str | None = None,
+    **about: Any,
 ) -> None:
     """Raise a CameraError that names the first bad cameras, each with its own of the `details`."""
     rows = np.flatnonzero(bad).tolist()
-    if not rows:
-        return
     labels = [f"camera {row}" if names is None else str(names[row]) for row in rows]
     if details is not None:
         labels = [f"{label} ({details[row]})" for label, row in zip(labels, rows, strict=True)]
-    raise CameraError(
-        f"{what} in {first_of(labels, total=bad.size)}", where=where, expected=expected, fix=fix
-    )
+    if rows:
+        raise CameraError(f"{what} in {first_of(labels, total=bad.size)}", **about)

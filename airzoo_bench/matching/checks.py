@@ -135,7 +135,8 @@ def _see_matches(content: Correspondences, truth: MatchingTruth) -> tuple[Floats
         camera, pose = truth.cameras.take(query), truth.poses.take(query)
         seen = [project(camera, world_to_camera(pose, one[None]))[0] for one in readings]
         found.append((content.query_xy[rows], *seen))
-    return tuple(map(np.concatenate, zip(*found, strict=True)))
+    given, first, second = map(np.concatenate, zip(*found, strict=True))
+    return given, first, second
 
 
 def _misfit(given: Floats, seen: Floats) -> float:
