@@ -395,7 +395,7 @@ def _similarities(
     The order in which numbers are summed depends on the length of descriptors alone.
     """
     order = np.argsort(tile, kind="stable")  # by tile, as they lie in a file
-    parts = split(len(order), max(1, _PIECE_NUMBERS // max(queries.shape[1], 1)))
+    rows = max(1, _PIECE_NUMBERS // max(queries.shape[1], 1))
     gallery, error = np.asarray(search.gallery), _gamma(queries.shape[1], _DOUBLE)
     score, slack = np.empty(len(query)), np.empty(len(query))
 
@@ -412,11 +412,11 @@ def _similarities(
             if search.metric == "cosine":
                 score[some], sizes = score[some] / sizes, np.array(2.0)
         slack[some] = error * sizes
+        if part.start % (16 * rows) == 0:
+            release_pages(search.gallery)
 
     with ThreadPoolExecutor(search.threads) as pool:
-        for number, _ in enumerate(pool.map(evaluate, parts)):
-            if number % 16 == 0:
-                release_pages(search.gallery)
+        list(pool.map(evaluate, split(len(order), rows)))
     return score, slack
 
 
