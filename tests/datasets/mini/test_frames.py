@@ -15,12 +15,12 @@ from PIL import Image
 from airzoo_bench.datasets.mini import renderer as photos
 from airzoo_bench.datasets.mini.noise import seed_of
 from airzoo_bench.datasets.mini.world import CRS, ensure_world, load_world, save_world
-from airzoo_bench.engines.engine import Engine
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg
 from airzoo_bench.geometry.heightfield import HeightField
 from airzoo_bench.geometry.poses import Poses, angles_to_rotations
 from airzoo_bench.geometry.rasters import read_rgb
 from tests.datasets.mini.conftest import CORNER, REGION, renderer, small_world
+from tests.engines.work import Scattered
 
 NUMBER = np.arange(4)
 ROTATION = angles_to_rotations(37.0 * NUMBER, -90.0 + 13.0 * NUMBER, 2.0, convergence_deg=0.4)
@@ -96,7 +96,7 @@ def test_photo_depth_and_table_of_frames(rendered: Path) -> None:
 def test_neither_jobs_nor_order_change_a_byte(tmp_path: Path, world: Path, rendered: Path) -> None:
     turned = {name: getattr(FRAMES, name)[::-1] for name in ("names", "weather", "time_of_day")}
     back = replace(FRAMES, poses=FRAMES.poses.take([3, 2, 1, 0]), **turned)
-    photos.render_frames(back, world, tmp_path, Engine(2))
+    photos.render_frames(back, world, tmp_path, Scattered())
     for folder in ("images", "depth"):
         assert contents(rendered / folder) == contents(tmp_path / folder)
 
