@@ -17,9 +17,10 @@ from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
 from tests import processor_truths
 
-pytestmark = pytest.mark.skipif(
+X86 = pytest.mark.skipif(
     platform.machine() != "x86_64" or sys.platform != "linux", reason="switches of x86-64 and glibc"
 )
+pytestmark = [X86, pytest.mark.slow]
 
 _VECTORS = " ".join(name for name in __cpu_dispatch__ if __cpu_features__.get(name))
 PROCESSORS = {
@@ -55,19 +56,12 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> str:
     return "".join(f"{name} {value}\n" for name, value in found.items())
 
 
-@pytest.mark.parametrize(
-    "processor",
-    [
-        "no vectors",
-        *(pytest.param(one, marks=pytest.mark.slow) for one in PROCESSORS if one != "no vectors"),
-    ],
-)
+@pytest.mark.parametrize("processor", list(PROCESSORS))
 def test_flights(processor: str, flights: str, tmp_path: Path) -> None:
     assert flights.count("\n") == 4
     assert made_on(processor, "flights", tmp_path / "f") == flights
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("processor", ["Nehalem", "no vectors"])
 def test_real_photos(processor: str, brighton: Path, tmp_path: Path) -> None:
     here = made_on("this one", "photos", tmp_path / "here", brighton)
@@ -75,7 +69,6 @@ def test_real_photos(processor: str, brighton: Path, tmp_path: Path) -> None:
     assert made_on(processor, "photos", tmp_path / "there", brighton) == here
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("processor", list(PROCESSORS))
 def test_airzoo_mini(processor: str, tmp_path: Path) -> None:
     here = made_on("this one", "mini", tmp_path / "here")
