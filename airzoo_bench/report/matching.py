@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 _MOST_LINES = 200  # of inliers, and of the others
-_LONG_SIDE_PX, _GAP = 1000, 1.004
+_LONG_SIDE_PX = 1000
 _LONGEST_ARROW = 0.08  # of the map's longer side, for nine of ten errors
 _FACTORS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 _NO_MATCHES = (np.zeros((0, 2)), np.zeros((0, 2)))
@@ -135,7 +135,7 @@ def draw_matches(
     photo = read_rgb_photo(place.photos[query], _LONG_SIDE_PX)
     crop = read_rgb(dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
     tall, across = photo.shape[:2]
-    scale, shift = tall / height, across * _GAP
+    scale, shift = tall / height, across
     right = shift + width * scale
     wide = sheet.wide(9.0)
     high = wide * tall / right

@@ -24,6 +24,7 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     });
     view.map = { ...map, ...Object.fromEntries(keys.map((key, n) => [key, found[n]])) };
     Object.assign(view.map, { image: picture, place });
+    canvas.style.aspectRatio = Math.min(1.6, Math.max(0.8, map.width / map.height));
     view.method = -1;
     view.map.placeOf = new Map([...view.map.rows].map((row, at) => [row, at]));
     fit();
@@ -129,12 +130,7 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     const [x, y] = point(map.centres, place);
     const r = 4 / view.scale;
     if (hit) {
-      const ring = [...Array(13).keys()].map((n) => (n * Math.PI) / 6);
-      outline(
-        ring.map((turn) => [x + r * Math.cos(turn), y + r * Math.sin(turn)]),
-        INK.hit,
-        2,
-      );
+      outline(ring([x, y], r), INK.hit, 2);
     } else {
       outline(
         [
@@ -156,10 +152,19 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     if (map.tips) drawArrow([x, y], point(map.tips, state.method * map.rows.length + place));
   }
 
+  function ring([x, y], radius) {
+    const turns = [...Array(13).keys()].map((n) => (n * Math.PI) / 6);
+    return turns.map((turn) => [x + radius * Math.cos(turn), y + radius * Math.sin(turn)]);
+  }
+
+  // A ring where the footprint is not known.
   function drawFootprint(place, width) {
-    const { outlines, rows: all } = view.map;
-    outline(corners(outlines, place), INK.chosen, width + 3);
-    outline(corners(outlines, place), isHit(all[place]) ? INK.hit : INK.miss, width);
+    const { outlines, centres, rows: all } = view.map;
+    const known = corners(outlines, place);
+    const unknown = known.some(([x]) => Number.isNaN(x));
+    const shape = unknown ? ring(point(centres, place), 12 / view.scale) : known;
+    outline(shape, INK.chosen, width + 3);
+    outline(shape, isHit(all[place]) ? INK.hit : INK.miss, width);
   }
 
   function drawArrow([x, y], [left, top]) {
