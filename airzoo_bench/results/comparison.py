@@ -35,6 +35,9 @@ if TYPE_CHECKING:  # records need pandas, which tables of results do without
     from airzoo_bench.results.records import Method
 
 FLOOR_MARK = "‡"  # behind the name of a method that is no better than chance or its prior
+_NO_BETTER = "no better than {} on {}"
+_UNSURE = f"{_NO_BETTER}: its 95 % interval reaches that"
+_WORSE = "worse than {} on {}: are the ranks reversed (distances sorted as similarities)?"
 _BEST = "best"
 _SAME_FOLDER = "score all predictions again with the same benchmark folder"
 # How the columns of scores begin that say of a query whether it is answered well enough.
@@ -218,30 +221,30 @@ def notes_of(result: Result) -> tuple[str, ...]:
 
 def floor_note(result: Result) -> str:
     """Name the headline scores that do not beat `Result.references`: chance, or the prior."""
-    parts = []
+    parts: dict[tuple[str, str], list[str]] = {}
     for name, reference in result.references.items():
-        columns = [c for c in result.columns if c.headline and c.key in reference.overall]
-        titles = [c.title for c in columns if _is_no_better(result, reference, c)]
-        if titles:
-            parts.append(f"no better than {name} on {', '.join(titles)}")
-    if not parts:
-        return ""
-    why = ": its 95 % interval reaches that" if result.track == "retrieval" else ""
-    return f"{FLOOR_MARK} {'; '.join(parts)}{why}"
+        for column in result.columns:
+            if column.headline and column.key in reference.overall:
+                said = _compare_with_floor(result, reference, column)
+                parts.setdefault((said, name), []).append(column.title)
+    notes = [said.format(name, ", ".join(found)) for (said, name), found in parts.items() if said]
+    return f"{FLOOR_MARK} {'; '.join(notes)}" if notes else ""
 
 
-def _is_no_better(result: Result, reference: Reference, column: ScoreColumn) -> bool:
+def _compare_with_floor(result: Result, reference: Reference, column: ScoreColumn) -> str:
     value, floor = result.overall[column.key], reference.overall[column.key]
     if result.track != "retrieval":
-        return value <= floor if column.higher_is_better else value >= floor
+        no_better = value <= floor if column.higher_is_better else value >= floor
+        return _NO_BETTER * no_better
     counts = [float(part["queries"]) for part in result.counts.values()]
     if not is_hit(result.track, column) or min(counts) < FEWEST:
-        return False
+        return ""
     rates = [
         Rates(np.array([scores[column.key]]), np.array([count]))
         for scores, count in zip(result.scenes.values(), counts, strict=True)
     ]
-    return bool(limits_of_rates(rates, 0.95)[0, 0] <= floor)
+    low, high = limits_of_rates(rates, 0.95)[0]
+    return _WORSE if high < floor else _UNSURE * bool(low <= floor)
 
 
 # --- several methods ---
@@ -395,7 +398,6 @@ def _pair(
     equal = math.isclose(value, base_value, rel_tol=TIE)
     ahead = paired_difference(*values) * (1 if score.higher_is_better else -1)
     wins, losses = int((ahead > 0).sum()), int((ahead < 0).sum())
-    mcnemar_p = float(mcnemar(wins, losses)) if is_hit(method.result.track, score) else None
     return Pair(
         score=score,
         method=method.name,
@@ -406,7 +408,7 @@ def _pair(
         interval=Interval.lacking("both are infinite") if both_infinite else interval,
         test=test,
         p_holm=p_holm,
-        p_mcnemar=mcnemar_p,
+        p_mcnemar=float(mcnemar(wins, losses)) if is_hit(method.result.track, score) else None,
         wins=wins,
         ties=len(ahead) - wins - losses,
         losses=losses,

@@ -35,6 +35,7 @@ from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.published import OVERALL
 
 HIT, MISS = "✓ hit", "✗ miss"
+_DISAGREE = "interval and p, made by two methods, disagree about 0; the verdict is by p after Holm"
 _NAMES = {"wilson": "Wilson", "mover": "MOVER", "student": "Student's t", "bca": "BCa"}
 
 
@@ -92,8 +93,7 @@ def with_intervals(
         for scene in shown:
             intervals = parts.get(scene, [Interval.lacking("a scene has one record")])
             seen += intervals
-            whys = (f"no interval: {one.reason}" for one in intervals if one.low is None)
-            reasons += [(titles[scene], why) for why in whys]
+            reasons += [(titles[scene], f"no interval: {i.reason}") for i in intervals if i.reason]
     made = explain_brackets(seen, resampling, methods[0].result.unit)
     notes = (*made, *share_notes(reasons), *table.notes)
     return replace(table, rows=tuple(rows), notes=notes)
@@ -159,13 +159,16 @@ def comparison_table(comparison: MethodComparison) -> Table:
 
 
 def _explain_gaps(pairs: Sequence[Pair], unit: str) -> list[str]:
-    """Say where there are too few units or no interval."""
+    """Say where there are too few units or no interval, or where it and the verdict disagree."""
     reasons = []
     for pair in pairs:
-        name = f"{pair.score.title}, {pair.method}"
-        if verdict(pair) == "too few":
+        name, said = f"{pair.score.title}, {pair.method}", verdict(pair)
+        limits = limits_shown(pair.score, pair.interval)
+        if said == "too few":
             differ = f"{counted(pair.wins + pair.losses, unit)} with a difference"
             reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))
+        elif limits and said != "equal" and (limits[0] * limits[1] > 0) == (said == "unclear"):
+            reasons.append((name, _DISAGREE))
         if pair.interval.reason:
             reasons.append((name, f"no interval; {pair.interval.reason}"))
     return share_notes(reasons)
@@ -182,8 +185,7 @@ def _explain_tests(comparison: MethodComparison) -> list[str]:
         "methods, not for the number of scores; McNemar exact, for hits"
     )
     about = "intervals of the difference" + ", not corrected by Holm" * (family > 1)
-    spans = [pair.interval for pair in pairs]
-    return [*explain_brackets(spans, plan, comparison.unit, what=about), note]
+    return [*explain_brackets((p.interval for p in pairs), plan, comparison.unit, what=about), note]
 
 
 def differences_table(methods: Sequence[Method], score: ScoreColumn, count: int) -> Table:

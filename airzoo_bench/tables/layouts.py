@@ -109,8 +109,7 @@ def method_table(
     results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
 ) -> MethodTable:
     """Put results of one protocol and one truth into one table of methods."""
-    alone = [result.predictions.method for result in results]
-    names = method_names(paths, results) if paths else alone
+    names = method_names(paths, results) if paths else [r.predictions.method for r in results]
     files = [f"{name} ({path})" for name, path in zip(names, paths, strict=False)]
     check_comparable(files or names, results)
     first, named = results[0], list(zip(names, results, strict=True))
@@ -181,9 +180,8 @@ def with_published(
                 part[cell.metric] = float(cell.value)
                 sources.setdefault(cell.method, {})[cell.table] = None
     if not rows:
-        what = "by scene " if by_scene else ""
-        note = f"nothing is published {what}on {methods.benchmark} ({methods.track})"
-        return replace(methods, notes=(note, *methods.notes))
+        where = f"{'by scene ' * by_scene}on {methods.benchmark} ({methods.track})"
+        return replace(methods, notes=(f"nothing is published {where}", *methods.notes))
     shipped = (load_protocol(path) for path in shipped_protocols().values())
     if fingerprint and fingerprint not in {protocol.fingerprint for protocol in shipped}:
         note = f"{methods.title} is not the shipped protocol: reported numbers may measure "

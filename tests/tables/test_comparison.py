@@ -91,6 +91,9 @@ def test_verdicts_and_small_p_values_are_the_same_everywhere() -> None:
     assert (table.rows[0].cells[2].value, table.rows[0].cells[5].value) == ("too few", 0.0)
     sure = comparison_table(compare(hits([1.0] * 40, [0.0] * 40), [HIT], resampling=FAST))
     assert sure.texts()[0][8] == "<0.0001"
+    apart = hits([0.0] * 7 + [1.0] * 5, [1.0] * 7 + [0.0] + [1.0] * 4)  # p 0.07, interval above 0
+    notes = comparison_table(compare(apart, [HIT], resampling=FAST)).notes
+    assert any(note.startswith("R@1, b: ") for note in notes)
     for form in FORMATS:
         assert "too few" in render(table, form)
 
