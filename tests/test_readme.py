@@ -12,7 +12,8 @@ import pytest
 
 PROJECT = Path(__file__).parents[1]
 # `sh` is run, unless a comment is above it; the command of `console` prints the lines below it.
-BLOCK = re.compile(r"(?<!-->\n)^```(sh|console|csv)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+# Of `python`, whole programs are run, which write predictions.
+BLOCK = re.compile(r"(?sm)(?<!-->\n)^```(sh|console|csv|python(?=\nimport))\n(.*?)^```")
 SHELL = f"""set -eu
 pip() {{ :; }}
 python() {{ {sys.executable} "$@"; }}
@@ -35,6 +36,8 @@ def follow(page: str, folder: Path) -> None:
             (folder / "table.csv").write_text(block, encoding="utf-8")
         elif kind == "sh":
             run(block, folder)
+        elif kind == "python":
+            run(f"python <<'END'\n{block}END\nairzoo-bench check preds.npz", folder)
         else:
             command, printed = re.findall(r"^\$ ((?:[^\n]*\\\n)*[^\n]*)\n(.*)", block, re.DOTALL)[0]
             assert run(command, folder, 1).strip() == printed.strip(), page
