@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -57,6 +57,7 @@ def evaluate(
 
     Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures
     """
+    from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import check_run_folder, save
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.predictions import ReadRequest
@@ -74,13 +75,15 @@ def evaluate(
     if out is not None:
         check_run_folder(out, predictions)
         method = method or out.resolve().name or None
+    verb = "replaced" if out and (out / "result.json").exists() else "wrote"
     memory, jobs, unfinished = cli.memory_bytes(max_memory), jobs or info.jobs, None
     if out is not None and resume and not figures:
         unfinished = out.resolve().with_name(f"{out.resolve().name}.unfinished")
     with open_engine(engine, jobs=jobs) as place:
         place.progress = cli.progress
         threads = jobs if engine == LOCAL else 1
-        run = Run(memory, threads, cli.progress, figures, place, _limits(memory, untrusted))
+        limits = Limits(memory) if untrusted else None
+        run = Run(memory, threads, cli.progress, figures, place, limits)
         evaluation = score(
             cli.predictions_here(predictions),
             data=cli.resolve_data(data),
@@ -103,14 +106,8 @@ def evaluate(
     if out is None:
         cli.say("nothing was written; add --out DIR to keep the result and its records")
     else:
-        cli.say(f"wrote {', '.join(map(str, written))} of method {method}")
+        cli.say(f"{verb} {', '.join(map(str, written))} of method {method}")
         cli.say(f"next: airzoo-bench table {written[0]} --format latex")
-
-
-def _limits(memory: int, untrusted: bool) -> Any:
-    from airzoo_bench.core.sandbox import Limits
-
-    return Limits(memory) if untrusted else None
 
 
 def check(
@@ -138,6 +135,7 @@ def check(
 
     Example: airzoo-bench check logs/2026-01-01_12-00-00 --protocol airzoo-mini-retrieval
     """
+    from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import check as find_errors
     from airzoo_bench.evaluation.predictions import ReadRequest
     from airzoo_bench.evaluation.track import Run
@@ -147,7 +145,7 @@ def check(
         cli.predictions_here(predictions),
         data=cli.resolve_data(data),
         protocol=protocol,
-        run=Run(memory, limits=_limits(memory, untrusted)),
+        run=Run(memory, limits=Limits(memory) if untrusted else None),
         request=ReadRequest(reader, names, image_size),
     )
     for line in checked.described:

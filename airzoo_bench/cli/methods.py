@@ -65,10 +65,11 @@ def template(
     """
     from airzoo_bench.evaluation.evaluate import write_template
 
-    folder = cli.resolve_data(data)
-    path, command = write_template(protocol, data=folder, out=out, kind=kind)
+    path, track = write_template(protocol, data=cli.resolve_data(data), out=out, kind=kind)
     cli.say(f"wrote {path}: replace its arrays, which are random, by your own")
-    cli.say(f"next: airzoo-bench {command} {path}{cli.with_data(data)}")
+    cli.say(f"next: airzoo-bench check {path}{cli.with_data(data)}")
+    if track is not None:
+        cli.say(f"then: airzoo-bench eval {track} {path}{cli.with_data(data)} --out results/mine")
 
 
 def baseline(

@@ -177,13 +177,14 @@ def report(
 
     Example: airzoo-bench report results/*/result.json -o report.html
     """
+    if out.suffix.lower() not in (".html", ".htm"):  # before slow imports
+        raise UsageError("a report is a page", where=out, expected="a name that ends in .html")
     from airzoo_bench.core.files import atomic_write, check_output_file
     from airzoo_bench.report.page import make_report
     from airzoo_bench.results.result import result_paths
 
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise UsageError("a report is a page", where=out, expected="a name that ends in .html")
     check_output_file(out)
+    wrote = "replaced" if out.exists() else "wrote"
     page, notes = make_report(
         result_paths(results),
         data=cli.resolve_data(data),
@@ -195,4 +196,4 @@ def report(
         stream.write(page)
     for note in notes:
         cli.say(note)
-    cli.say(f"wrote {out} ({out.stat().st_size / 1e6:.1f} MB)")
+    cli.say(f"{wrote} {out} ({out.stat().st_size / 1e6:.1f} MB)")

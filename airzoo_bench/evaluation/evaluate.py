@@ -241,14 +241,13 @@ def run_baseline(
     benchmark = find_benchmark(chosen.benchmark, data, sealed=True)
     benchmark.check_fits(chosen)
     with benchmark.fixes():
-        predict = resolve(baseline.predict)
-        predict(chosen, benchmark, settings or baseline.settings, out, run, note)
+        resolve(baseline.predict)(chosen, benchmark, settings or baseline.settings, out, run, note)
 
 
 def write_template(
     protocol: str, *, data: Path, out: Path | None = None, kind: str | None = None
-) -> tuple[Path, str]:
-    """Write an example prediction for a protocol, at random; return where, and what takes it."""
+) -> tuple[Path, str | None]:
+    """Write a prediction at random; return where, and the track unless the truth is sealed."""
     chosen = find_protocol(protocol, data)
     info = TRACKS.get(chosen.track)
     if kind is not None and kind not in info.templates:
@@ -257,11 +256,10 @@ def write_template(
     if not info.folders:
         check_npz(target)
     if target.is_file() or (target.is_dir() and any(target.iterdir())):
-        what = "is there already, and could be a prediction"
-        raise UsageError(what, where=target, fix="name another place with --out")
+        raise UsageError("is there already", where=target, fix="name another place with --out")
     benchmark, truths = read_truths(chosen, data, sealed=True)
     load_track(info.name).template(target, truths, chosen, kind or (*info.templates, "")[0])
-    return target, "check" if benchmark.is_sealed else f"eval {info.name}"
+    return target, None if benchmark.is_sealed else info.name
 
 
 # --- the files of a run ---
@@ -280,8 +278,7 @@ def check_run_folder(out: Path, predictions: str | Path) -> list[str]:
         is_own = name == "figures" and (out / name).exists() and not is_run
         if is_own or source.is_relative_to(out.resolve() / name):
             what = f"the run would replace {name}, which no run wrote"
-            fix = "move it elsewhere, or name another --out"
-            raise UsageError(what, where=out / name, fix=fix)
+            raise UsageError(what, where=out / name, fix="move it, or name another --out")
     return [*names, "figures"]
 
 

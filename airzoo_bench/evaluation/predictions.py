@@ -6,7 +6,7 @@ import tempfile
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import partial
@@ -252,8 +252,9 @@ def open_predictions(
 ) -> PredictionFile:
     """Open predictions in this process, or in a child under limits where `run` has some."""
     if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
-        what, fix = "no such prediction file or folder", "`airzoo-bench template` writes an example"
-        raise UnreadableError(what, where=path, expected=_list_kinds(), fix=fix)
+        near = nearest(path.name, [one.name for one in path.parent.glob("*")])
+        what, fix = f"no such prediction file{near}", "`airzoo-bench template` writes an example"
+        raise UnreadableError(what, where=path, expected=_list_kinds(track), fix=fix)
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, request=request)
     fields, stated, chosen = files.npz_fields(path), None, None
@@ -297,8 +298,7 @@ def _read_native(path: Path, reader: Reader, asked: ReadRequest, data: Path) -> 
 
 
 def _list_kinds(track: str | None = None) -> str:
-    names = [name for name in TRACKS.names() if track in (None, name)]
-    return "; ".join(f"{name}: {TRACKS.get(name).kinds}" for name in names)
+    return "; ".join(f"{n}: {TRACKS.get(n).kinds}" for n in TRACKS.names() if track in (None, n))
 
 
 def _choose_protocol(
@@ -306,19 +306,22 @@ def _choose_protocol(
 ) -> protocols.Protocol:
     """Return the protocol that was named, else the one that predictions state."""
     if named is None and stated is None:
-        raise ProtocolError(
-            "does not say which protocol it is for",
-            where=path,
-            expected="a field 'protocol', protocol.txt in a folder or archive, or --protocol NAME",
-            fix="add --protocol PROTOCOL: `airzoo-bench protocols` lists them",
-        )
+        what = "does not say which protocol it is for"
+        expected = "a field 'protocol', protocol.txt in a folder or archive, or --protocol NAME"
+        fix = "add --protocol PROTOCOL: `airzoo-bench protocols` lists them"
+        fix += "; for fields of retrieval or matching, save an .npz" * (path.suffix == ".npy")
+        raise ProtocolError(what, where=path, expected=expected, fix=fix)
     try:
         chosen = protocols.find_protocol(named or str(stated), data)
     except ProtocolError as error:
         raise error if named else error.inside(f"{path}, field 'protocol'") from None
-    if track not in (None, chosen.track):
-        what = f"protocol {chosen.name} is of the {chosen.track} track, not of the {track} track"
-        raise PredictionError(what, where=path, fix=f"airzoo-bench eval {chosen.track} {path}")
+    own = chosen
+    with suppress(ProtocolError):  # that of the file, whose track --protocol cannot change
+        own = protocols.find_protocol(stated or "", data)
+    other = track if own.track == chosen.track else own.track
+    if other not in (None, chosen.track):
+        what = f"protocol {chosen.name} is of the {chosen.track} track, not of the {other} track"
+        raise PredictionError(what, where=path, fix=f"airzoo-bench eval {own.track} {path}")
     return chosen
 
 

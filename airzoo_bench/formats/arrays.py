@@ -62,8 +62,7 @@ def check_fields(
     missing = sorted(set(needed) - names)
     if missing:
         there = _list_names(names, allowed) or "none"
-        fields = "field" if len(missing) == 1 else "fields"
-        what = f"lacks the {fields} {', '.join(missing)} (it has: {there})"
+        what = f"lacks the field{'s' * (len(missing) > 1)} {', '.join(missing)} (it has: {there})"
         raise PredictionError(what, where=arrays.path, expected=expected, fix=_TEMPLATE)
     if unknown := names - set(allowed):  # a misspelt one would otherwise be passed over
         what = f"has fields that are not read here: {_list_names(unknown, allowed)}"
@@ -97,8 +96,8 @@ def texts(arrays: Arrays, name: str, ndim: int) -> NDArray[np.str_]:
             arrays.path,
             name,
             values,
-            expected=f"text with {counted(ndim, 'dimension')}",
-            fix=f"np.array({name}, dtype=str), with ids such as `airzoo-bench template` writes",
+            expected=f"text with {counted(ndim, 'dimension')}, as `airzoo-bench template` has it",
+            fix=f"np.array({name}, dtype=str); of numbers that count ids, np.array(ids)[{name}]",
         )
     copies = f"field '{name}' while its ids are compared"
     arrays.budget.hold(arrays.path, copies, values.nbytes * _COPIES_OF_TEXT)
@@ -166,6 +165,7 @@ def check_length(arrays: Arrays, name: str, values: NDArray[Any], rows: int) -> 
     if len(values) != rows:
         ids = "gallery_ids" if name.startswith("gallery") else "query_ids"
         what = f"field '{name}' has {counted(len(values), 'row')}, '{ids}' has {rows:,}"
+        what += ": is it transposed?" * (values.shape[1:2] == (rows,))
         raise PredictionError(what, where=arrays.path, expected="a row an id, in the same order")
 
 

@@ -141,7 +141,7 @@ class NpzFile:
             f"field '{name}' {holds if entry.dtype.hasobject else f'has dtype {entry.dtype}'}",
             where=self.path,
             expected="arrays of numbers or of fixed-width text",
-            fix=f"save it as text, np.array({name}, dtype=str), or each part by itself",
+            fix=f'np.array({name}, dtype=str); before that, fill shorter lists up with ""',
         )
 
     def names(self) -> set[str]:

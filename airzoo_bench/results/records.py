@@ -29,10 +29,10 @@ from airzoo_bench.results.result import (
     ScoreColumn,
     method_names,
     read_result,
-    records_path,
     result_paths,
     summarise,
 )
+from airzoo_bench.storage.urls import ensure_file
 
 _FIX = "score the predictions again with `airzoo-bench eval ... --out DIR`"
 # Scores are averaged in the order of the rows, which need not be that of the time of writing.
@@ -77,7 +77,7 @@ def read_records(
     columns are numbers or booleans where every field is written like one, else texts.
     """
     result = read_result(path) if result is None else result
-    file = records_path(path)
+    file = ensure_file(path.with_name("records.csv"))  # of a URL, a copy too
     if not file.is_file():
         raise ResultError("the result has no records beside it", where=file, fix=_FIX)
     content = file.read_bytes()

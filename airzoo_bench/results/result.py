@@ -29,7 +29,7 @@ from airzoo_bench.core.files import atomic_write, fingerprint, read_text
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import nearest, validation_message
 from airzoo_bench.geometry.arrays import Bools
-from airzoo_bench.storage.urls import ensure_file, fetch, url_of
+from airzoo_bench.storage.urls import fetch, url_of
 
 if TYPE_CHECKING:
     import pandas as pd  # tables of results do without
@@ -242,13 +242,11 @@ def result_paths(given: Sequence[str | Path]) -> tuple[Path, ...]:
         elif not path.exists():
             there = [one.name for one in path.parent.glob("*")]
             raise ResultError(f"no such result file{nearest(path.name, there)}", where=location)
+        elif path.suffix in (".npz", ".parquet"):
+            fix = f"score it first: airzoo-bench eval TRACK {location} --out DIR"
+            raise ResultError("a prediction file, not a result", where=location, fix=fix)
         paths.append(path)
     return tuple(dict.fromkeys(paths))
-
-
-def records_path(path: Path) -> Path:
-    """Return where the records of a result lie; a copied result has copied records."""
-    return ensure_file(path.with_name("records.csv"))
 
 
 def method_names(paths: Sequence[Path], results: Sequence[Result]) -> list[str]:

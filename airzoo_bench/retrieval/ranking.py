@@ -199,12 +199,12 @@ def _rank_lists(
         tiles = rows_among(ids.ravel(), known).reshape(ids.shape)
         strange = (tiles < 0) & (ids != "")
         if strange.any():
-            named, tile = first_of(names[part][strange.any(axis=1)]), str(ids[strange][0])
+            named, tile = names[part][strange.any(axis=1)], str(ids[strange][0])
             raise PredictionError(
-                f"tiles that are not in the gallery of scene {truth.scene}, ranked for queries "
-                f"{named}; the first is {tile!r}",
+                f"tiles that are not in the gallery of scene {truth.scene}, such as {tile!r}, in "
+                f"the lists of {first_of(named, noun='query')}",
                 where="field 'ranked_ids'",
-                expected=f"ids scene/name of the query's own scene, such as {known[0]}",
+                expected=f"ids of the query's own scene, such as {known[0]}, no file's ending",
                 fix="cut the gallery by the protocol's sizes, or take ids from tiles.parquet",
             )
         some = np.arange(part.start, part.stop)

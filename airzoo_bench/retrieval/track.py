@@ -49,7 +49,7 @@ Measure = Callable[[Floats, Floats], Floats]
 _CUT_SHORT = "cut_short"  # column of `score_scene`: lengths of lists without all positives, or 0
 _NOTES = (  # count, its subject for one and for many, what of it
     ("empty_lists", "query has", "queries have", "an empty list, scored as missing"),
-    ("tie_dependent", "query depends", "queries depend", "on ties, broken against it"),
+    ("tie_dependent", "query depends", "queries depend", "on ties, broken against the method"),
     ("unranked", "query gives", "queries give", "all tiles the same score: no ranking, no hit"),
     ("dropped_tiles", "tile is", "tiles are", f"{TOO_EMPTY}, and in no gallery"),
 )
@@ -126,9 +126,9 @@ class RetrievalTrack(Track):
         if short := [length for scene in scored for length in scene.facts["short"]]:
             deep, whole = map(", ".join, _scores_beyond(protocol.scores, min(short)))
             ends = f"{counted(len(short), 'list ends', 'lists end')} without all positives"
-            shortest = f"the shortest after {counted(min(short), 'tile')}"
-            said = f"{deep} look deeper than some lists: {ends}, {shortest}"
-            notes.append(said if deep else f"{whole}: {ends}, which are not found")
+            most = max(map(int, re.findall(r"@(\d+)", deep)), default=0)
+            shortest = f"the shortest after {min(short):,}; give {most} tiles a query"
+            notes.append(f"{deep or whole}: {ends}, {shortest if deep else 'which are not found'}")
         excluded = pd.concat([truth.excluded for truth in truths])
         unanswered = excluded["id"][excluded["reason"] == UNANSWERED]
         if len(unanswered):

@@ -95,7 +95,7 @@ def test_a_run_replaces_an_earlier_one(
     assert "none.npz: no such prediction file" in said
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
     said = capsys.readouterr().err
-    assert f"wrote {out / 'result.json'}, {out / 'records.csv'} of method mymethod" in said
+    assert f"replaced {out / 'result.json'}, {out / 'records.csv'} of method mymethod" in said
     assert files_below(out) == {"result.json", "records.csv", "notes.txt"}
     assert read_result(out / "result.json").predictions.method == "mymethod"
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out, "--method", "M") == 0
