@@ -173,7 +173,7 @@ def thresholds(methods: Sequence[Method], sheet: Sheet | None = None) -> Figure:
         axes.set_xlabel("distance d [m]")
     dashed = f"dashed: d = {headline:g} m, of the headline scores" if headline else ""
     left = " and ".join(what for what in curves if what not in shown)
-    flat = f"{left}: above {_FLAT:g} % everywhere" if left else ""
+    flat = f"{left}: at least {_FLAT:g} % everywhere" if left else ""
     mean = over_scenes(methods).removeprefix(", ")
     finish(figure, sheet.noting(mean, dashed, flat), [method.name for method in methods])
     return figure

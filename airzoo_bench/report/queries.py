@@ -178,7 +178,7 @@ def _sources(
         title = f"matches of {section.names[number]}: {texts[number]}"
         draw = partial(draw_matches, alone, place, query, Sheet(_MATCHES_IN), bare=True)
         about = {"title": title, "kind": "wide", "limit": limit}
-        yield lambda: figure_bytes(draw(), "jpg", 100), about
+        yield lambda: figure_bytes(draw(), "jpg", 90), about
         return
     photo = place.photos[query]
     yield partial(read_rgb, photo, long_side_px=_SIDE_PX), {"title": "photo"}
