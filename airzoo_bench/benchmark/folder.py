@@ -13,7 +13,8 @@ and every file of it is held to its checksum.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,6 +55,7 @@ class SceneFile(_Model):
     """A scene as benchmark.toml describes it; docs/benchmark-folder.md says what each key is.
 
     Paths are relative to the benchmark folder, or absolute where the data were left in place.
+    `warnings` are those of `prepare`, each with its code at the end.
     """
 
     id: Annotated[str, Field(pattern=SAFE_NAME)]
@@ -69,6 +71,7 @@ class SceneFile(_Model):
     cloud: str | None = None
     cloud_sha256: str | None = None
     truth_accuracy_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    warnings: tuple[str, ...] | None = None
 
 
 class SealedTruth(_Model):
@@ -200,6 +203,15 @@ class Benchmark:
     def scene(self, scene_id: str) -> SceneFile:
         """Return the entry of one scene."""
         return next(scene for scene in self.file.scenes if scene.id == scene_id)
+
+    def warnings_of(self, scenes: Collection[str]) -> list[str]:
+        """Return a note with the codes of what `prepare` warned of in some scenes."""
+        texts = [
+            text for one in self.file.scenes if one.id in scenes for text in one.warnings or ()
+        ]
+        codes = dict.fromkeys(re.findall(r"\[([a-z0-9-]+)\]$", "\n".join(texts), re.MULTILINE))
+        where = "benchmark.toml has the texts, docs/brighton.md explains them"
+        return [f"prepare warned of {', '.join(codes)} ({where})"] if codes else []
 
     def scene_folder(self, scene_id: str) -> Path:
         """Return the folder of one scene's tables and truth."""

@@ -107,7 +107,7 @@ def evaluate(
         cli.say("nothing was written; add --out DIR to keep the result and its records")
     else:
         cli.say(f"{verb} {', '.join(map(str, written))} of method {method}")
-        cli.say(f"next: airzoo-bench table {written[0]} --format latex")
+        cli.say(f"next: airzoo-bench report {out}, or airzoo-bench table {out} --format latex")
 
 
 def check(

@@ -9,6 +9,7 @@ from time import monotonic
 from typing import Protocol, TypeVar
 
 T = TypeVar("T")
+_FEW = 3  # items, the first of which are slower than the rest, tell nothing of it
 
 
 class Progress(Protocol):
@@ -62,7 +63,8 @@ def report_progress(
             if now - last >= every_s and done < total:
                 left = (now - begin) / done * (total - done)
                 rest = f"{left / 60:,.0f} min" if left >= 90 else f"{max(left, 10):.0f} s"
-                say(f"{label}: {done:,} of {total:,}, about {rest} left")
+                known = f", about {rest} left" * (done >= _FEW)
+                say(f"{label}: {done:,} of {total:,}{known}")
                 last = now
     finally:
         name.cancel()

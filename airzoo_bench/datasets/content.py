@@ -60,19 +60,14 @@ from airzoo_bench.geometry.heightfield import (
     survey_heights,
 )
 from airzoo_bench.geometry.poses import world_to_camera
-from airzoo_bench.geometry.rasters import (
-    RasterInfo,
-    gsd_m,
-    open_info,
-    open_raster,
-    pixel_to_world,
-)
+from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, open_raster, pixel_to_world
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
 from airzoo_bench.retrieval.truth import RetrievalTruth
 
 _MOST_DSM_BANDS = 2  # heights, and perhaps a mask
 # No ground is lower or higher, above sea level or ellipsoid.
 _LOWEST_M, _HIGHEST_M = -1000.0, 10_000.0
+_FAR_M = 100_000.0  # no photo shows ground so far away
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,10 +191,6 @@ def _check_crs(native: NativeScene) -> str:
     source = native.poses_from or native.images
     where = native.crs_from or f"{source}, scene {native.scene}"
     crs, path = metric_crs(native.crs, where), native.dsm
-    try:
-        check_true_metres(crs, to_lonlat(crs, native.poses.centres[:, :2]), where)
-    except CameraError as error:
-        raise error.inside(source) from error
     dsm = None if path is None else open_info(path)
     if dsm is not None and not same_plane(crs, dsm.crs):
         what = f"is in {describe_crs(dsm.crs)}, the poses ({source}) in {describe_crs(crs)}"
@@ -209,6 +200,18 @@ def _check_crs(native: NativeScene) -> str:
         fix = "look whether --dom and --dsm are the wrong way round"
         what = f"has {dsm.bands} bands"
         raise RasterError(what, where=path, expected="one band of heights", fix=fix)
+    if dsm is not None:
+        middle = pixel_to_world(dsm.transform, (dsm.width / 2, dsm.height / 2))
+        away = math.dist(np.median(native.poses.centres[:, :2], axis=0), middle)
+        if away > _FAR_M:
+            what = f"cameras lie about {away / 1000:,.0f} km from the surface model, {path}"
+            fix = "look whether x and y are exchanged, an offset was taken off, or centres are "
+            fix += "translations (centre = -R_w2c.T @ t)"
+            raise CameraError(what, where=source, fix=fix)
+    try:
+        check_true_metres(crs, to_lonlat(crs, native.poses.centres[:, :2]), where)
+    except CameraError as error:
+        raise error.inside(source) from error
     return crs.to_string()
 
 
@@ -242,16 +245,19 @@ def _no_answers(truth: RetrievalTruth, native: NativeScene, inputs: SceneInputs)
     info, here = inputs.gallery_map, to_lonlat(inputs.crs, (x, y))
     reach = _REACH_M + math.hypot(*np.multiply(gsd_m(info), (info.width, info.height)))
     away = float(geodesic_distance_m(_middle(info), here))
-    dsm = None if inputs.dsm is None else _middle(open_info(inputs.dsm))
-    if away > reach and dsm is not None and geodesic_distance_m(dsm, here) < reach:
+    if away > reach:
         what = f"the map, in {describe_crs(info.crs)}, lies {away / 1000:,.1f} km from the cameras"
-        fix = "look at its CRS (gdal_edit.py -a_srs states another) and at its geotransform"
-        return RasterError(f"{what} and the surface model", where=info.path, fix=fix)
+        if inputs.dsm is not None:
+            off = geodesic_distance_m(_middle(open_info(inputs.dsm)), here) / 1000
+            what += f", the surface model {off:,.1f} km"
+        fix = "look at its CRS (gdal_edit.py -a_srs sets it) and geotransform, or at the poses"
+        return RasterError(what, where=info.path, fix=fix)
     return BenchmarkError(
         f"no photo has a tile that answers it ({counted(count, 'photo')}: {reason}); cameras are "
         f"about ({x:.0f}, {y:.0f}, {z:.0f})",
         where=native.poses_from or native.images,
-        fix="look at CRS and heights, and whether poses are world-to-camera; or take other tiles",
+        fix="look at CRS and heights, and whether poses are world-to-camera, with x to the right, "
+        "y down and z forward (OpenGL's y is up and z backward); or take other tiles",
     )
 
 

@@ -47,11 +47,12 @@ class GpsFacts(NamedTuple):
 
 
 class PriorFacts(NamedTuple):
-    """Medians of the priors' errors, and each prior's rotation error (N,)."""
+    """Medians of the priors' errors, of all (N,) in rotation, and from transposed poses."""
 
     ids: tuple[str, ...]
     position_m: float
     angles_deg: Floats
+    transposed_deg: float
 
     @property
     def rotation_deg(self) -> float:
@@ -178,7 +179,8 @@ def _compare_priors(photos: pd.DataFrame) -> PriorFacts | None:
     priors, poses = poses_of(there, PRIOR_COLUMNS), poses_of(there)
     away = np.linalg.norm(priors.centres - poses.centres, axis=1)
     turned = rotation_angle_deg(priors.rotation, poses.rotation)
-    return PriorFacts(tuple(there["id"]), _median(away), turned)
+    opposite = rotation_angle_deg(priors.rotation, poses.rotation.swapaxes(1, 2))
+    return PriorFacts(tuple(there["id"]), _median(away), turned, _median(opposite))
 
 
 def _with_prior(photos: pd.DataFrame) -> Bools:

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -115,7 +116,7 @@ def write_scene(
     )
 
 
-def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, str]:
+def _places(folder: Path, scene: SceneContent, *, copy: bool) -> dict[str, Any]:
     """Return where photos, maps and clouds are, after copying them into the folder if wanted."""
     if not copy:
         return {key: str(path.resolve()) for key, path in scene.files.items()}

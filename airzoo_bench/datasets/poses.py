@@ -166,9 +166,10 @@ def _cameras(
 def _shared(posed: Sequence[str], sizes: Sizes) -> tuple[list[str], tuple[str, ...]]:
     names = sorted(set(posed) & set(sizes))
     if not names:
+        same = {one.casefold() for one in posed} & {one.casefold() for one in sizes}
         raise CameraError(
             f"none of its {counted(len(posed), 'image')} with a pose is among "
             f"{counted(len(sizes), 'photo')}: it has {first_of(posed)}",
-            expected=f"names such as {min(sizes)}",
+            expected=f"names such as {min(sizes)}" + "; they differ only in case" * bool(same),
         )
     return names, tuple(sorted(set(posed) - set(names)))

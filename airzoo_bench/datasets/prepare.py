@@ -249,6 +249,7 @@ def _task(run: Run, scene: str) -> Record:
         summary = summary_of(content, run.protocols, native.notes)
         with temporary_folder(run.staging, scene) as temporary:
             entry = write_scene(temporary, content, run.protocols.titles[scene], run.settings)
+            entry = entry.model_copy(update={"warnings": summary.warnings or None})
             record = Record(run.keys[scene], entry, summary)
             run.keep(record, temporary, _link_or_copy)
     except UserError as fault:

@@ -18,6 +18,7 @@ _FAR_M = 10.0  # receivers without correction are good to 5 m in plan; altitudes
 _FAR_SHARE = 0.1  # of the height above take-off: ground is not level
 _TURNED_DEG = 45.0  # no gimbal is so far off; a mistake of convention is
 _MEDIAN_TURN_DEG = 20.0
+_GIMBAL_DEG = 3.0  # of error are common
 _CLOUD_M = 5.0  # a cloud also holds what lies below roofs and crowns
 _HALF = 0.5
 _LEAST_FOOTPRINTS = 3.0  # that a map is wide, for tiles as large as footprints to differ
@@ -90,13 +91,14 @@ def _turned(facts: SceneFacts) -> Iterator[str]:
     if priors is None:
         return
     rows = np.flatnonzero(priors.angles_deg > _TURNED_DEG)
-    if rows.size or priors.rotation_deg > _MEDIAN_TURN_DEG:
+    opposite = _GIMBAL_DEG + 2.0 * priors.transposed_deg < priors.rotation_deg
+    if rows.size or priors.rotation_deg > _MEDIAN_TURN_DEG or opposite:
         turned = first_of([priors.ids[row] for row in rows], len(priors.ids))
-        by = (
-            f", and by about {np.median(priors.angles_deg[rows]):.0f} in {turned}"
-            if rows.size
-            else ""
-        )
+        by = ""
+        if rows.size:
+            by = f", and by about {np.median(priors.angles_deg[rows]):.0f} in {turned}"
+        if opposite:
+            by += f", and by {priors.transposed_deg:.0f} if these are camera-to-world"
         yield (
             f"the priors are turned from the poses by {priors.rotation_deg:.0f} degrees (median)"
             f"{by}: look at the gimbal angles in the metadata or --priors, and "
@@ -115,38 +117,29 @@ def _map_beside(facts: SceneFacts) -> Iterator[str]:
         yield "the true cloud has no point over a height of the surface model"
 
 
-def _advise_tiles(facts: SceneFacts, advice: str) -> str:
-    """Return advice on tiles if the map has room for them, else advice on the map."""
-    info = facts.inputs.gallery_map
-    width, height = np.multiply((info.width, info.height), gsd_m(info))
-    if min(width, height) >= _LEAST_FOOTPRINTS * facts.footprint_m:
-        return advice
-    return (
-        f"the map, {width:.0f} x {height:.0f} m, is too small for retrieval by photos that see "
-        f"{facts.footprint_m:.0f} m: take a larger one"
-    )
-
-
 def _trivial(facts: SceneFacts) -> Iterator[str]:
     if facts.positive_share > _HALF:
-        advice = _advise_tiles(facts, "take smaller tiles")
-        yield f"a random tile answers a photo in {facts.positive_share:.0%} of cases: {advice}"
+        share = f"{facts.positive_share:.0%}"
+        yield f"a random tile answers a photo in {share} of cases: take smaller ones (--tile-size)"
     if facts.crop_share > _WHOLE_MAP:
         share = f"{facts.crop_share:.0%}"
         yield f"a crop is {share} of the map (mean), whatever the prior: take a larger map"
 
 
 def _small_tiles(facts: SceneFacts) -> Iterator[str]:
-    for what, share in (
-        (
-            "of the photos are not answered by the tile nearest to their centre",
-            facts.nearest_missed,
-        ),
-        ("of the photos are left out, since no tile answers them", facts.unanswered),
-    ):
+    found = {
+        "are not answered by the tile nearest to their centre": facts.nearest_missed,
+        "are left out, since no tile answers them": facts.unanswered,
+    }
+    for what, share in found.items():
         if share > _HALF:
-            fit = f"take tiles of {facts.footprint_m:.0f} m, and --rule iou --iou-above 0.39"
-            yield f"{share:.0%} {what}: {_advise_tiles(facts, fit)}"
+            info, wide = facts.inputs.gallery_map, f"{facts.footprint_m:.0f} m"
+            width, height = np.multiply((info.width, info.height), gsd_m(info))
+            advice = f"take tiles of {wide}, and --rule iou --iou-above 0.39"
+            if min(width, height) < _LEAST_FOOTPRINTS * facts.footprint_m:
+                size = f"{width:.0f} x {height:.0f} m"
+                advice = f"the map, {size}, is small for photos that see {wide}: take a larger one"
+            yield f"{share:.0%} of the photos {what}: {advice}"
 
 
 def _off_map(facts: SceneFacts) -> Iterator[str]:

@@ -126,4 +126,6 @@ def check_centred(photos: PosedPhotos, path: Path) -> None:
         what += f"{first_of([photos.names[row] for row in bad], len(photos.names))}; the first is "
         what += f"{width}x{height} px, with the principal point at ({cx:.1f}, {cy:.1f})"
         fix = "scale K to the size of the photos; photos of several sizes need a K each"
+        if abs(cx / height - 0.5) < _OFF_CENTRE > abs(cy / width - 0.5):
+            fix = "the photo is turned by 90 degrees against its K: turn one of both"
         raise CameraError(what, where=path, fix=fix)

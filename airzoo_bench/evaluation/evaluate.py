@@ -84,6 +84,7 @@ def evaluate(
         if unfinished is not None:
             score = partial(keep_scene, unfinished, [*inputs, truth.scene], score)
         scored[truth.scene] = score()
+    noted = [*assignment.facts, *benchmark.warnings_of(scored)]
     scores = opened.track.scores(chosen)
     scores, records = join_records([scene.records for scene in scored.values()], scores)
     result = results.Result(
@@ -111,7 +112,7 @@ def evaluate(
         columns=tuple(scores),
         counts={name: scene.counts for name, scene in scored.items()},
         extra_queries=assignment.extra_queries,
-        notes=(*assignment.facts, *_list_notes(opened, truths, assignment, scored)),
+        notes=(*noted, *_list_notes(opened, truths, assignment, scored)),
         **asdict(results.summarise(records, scores, [scene.id for scene in chosen.scenes])),
         references=dict(opened.track.references(chosen, truths)),
     )

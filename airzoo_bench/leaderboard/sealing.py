@@ -202,7 +202,7 @@ def public_files(benchmark: Benchmark) -> dict[str, Kind]:
 
 def _public_entry(scene: SceneFile, benchmark: Benchmark) -> SceneFile:
     """Return what benchmark.toml says of a scene in public."""
-    sealed = ["cloud", "cloud_sha256", "truth_accuracy_m"]
+    sealed = ["cloud", "cloud_sha256", "truth_accuracy_m", "warnings"]
     if "matching" not in benchmark.file.tracks:  # whose methods are given the surface model
         sealed += ["dsm", "dsm_sha256", "plane_height_m", "maps"]
     return scene.model_copy(update=dict.fromkeys(sealed))

@@ -18,6 +18,7 @@ from airzoo_bench.datasets.folder import summary_of
 from airzoo_bench.datasets.geometry_checks import scenes_of_benchmark
 from airzoo_bench.datasets.scene_warnings import CHECKS, scene_warnings
 from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
+from airzoo_bench.results.result import read_result
 from tests.datasets.support import LEVEL, NAMES, tag, write_photo
 from tests.support import MAP_SIZE_M, NORTH_WEST, Place, run_main, write_raster
 
@@ -58,6 +59,13 @@ def map_at(size: tuple[int, int], east: float, south: float, place: Place) -> No
     write_raster(place.dom, np.full((3, *size), 9, np.uint8), transform=grid)
 
 
+def camera_to_world(place: Place) -> None:
+    sine, cosine = np.sin(np.radians(4)), np.cos(np.radians(4))
+    for name in NAMES:
+        tag(place, name, GimbalPitchDegree=-86.0)
+        place.change_image(name, R_w2c=[[1, 0, 0], [0, -cosine, sine], [0, -sine, -cosine]])
+
+
 def in_float32(place: Place) -> None:
     for number, (name, image) in enumerate(place.read_poses()["images"].items()):
         x, y, z = (float(np.float32(value + 0.28 + 0.4 * number)) for value in image["center"])
@@ -83,6 +91,7 @@ CASES: dict[str, tuple[str, Change]] = {
     "a tower": ("below-surface", partial(heights, (slice(54, 74), slice(54, 74)), 300.0)),
     "yaw by 178": ("turned-priors", lambda p: tagged(NAMES[1:3], p, GimbalYawDegree=178.0)),
     "yaw by 90": ("turned-priors", lambda place: tagged(NAMES, place, GimbalYawDegree=90.0)),
+    "camera-to-world": ("turned-priors", camera_to_world),
     "map beside": ("map-beside-surface off-map", partial(map_at, (MAP_SIZE_M,) * 2, 180, 0)),
     "cloud beside": ("map-beside-surface", partial(cloud, 300, 400, 100.0)),
     "few tiles": ("trivial", lambda place: {"tile_size": [150]}),
@@ -118,10 +127,14 @@ def test_a_missing_surface_model_is_named(place: Place, tmp_path: Path) -> None:
     assert "--dsm" in summary_of(content, protocols).without_truth["matching"]
 
 
-def test_a_warning_is_printed_with_its_code(place, tmp_path, capsys, monkeypatch) -> None:
+def test_a_warning_is_printed_and_noted_in_results(place, tmp_path, capsys, monkeypatch) -> None:
     assert run_main(*place.arguments(tile_size=32)) == 0
     warned = re.findall(r"^warning: .*\[([a-z0-9-]+)\]$", capsys.readouterr().err, re.MULTILINE)
     assert warned == ["small-tiles"]
+    answers, out = tmp_path / "answers.npz", tmp_path / "out"
+    assert run_main("template", "park-retrieval", "--out", answers) == 0
+    assert run_main("eval", "retrieval", answers, "--out", out) == 0
+    assert any("small-tiles" in note for note in read_result(out / "result.json").notes)
     # A folder of photos does not hide the benchmark of its name in the data root.
     (tmp_path / "beside" / "park").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "beside")

@@ -16,12 +16,7 @@ from airzoo_bench.datasets.metadata import read_prior
 from airzoo_bench.datasets.poses import read_poses
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import ColmapOptions
-from airzoo_bench.datasets.surveys.survey import (
-    Survey,
-    map_crs,
-    posed_scene,
-    stated_crs,
-)
+from airzoo_bench.datasets.surveys.survey import Survey, map_crs, posed_scene, stated_crs
 from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.geometry.crs import from_lonlat
 from airzoo_bench.geometry.poses import check_rotations

@@ -28,7 +28,6 @@ from airzoo_bench.protocol.model import find_protocol, protocol_for
 _LONGEST_NAME = 48  # of which more names are made
 _TRACKS = ("retrieval", "matching", "reconstruction")
 
-
 OptionsT = TypeVar("OptionsT", bound=SceneOptions)
 
 
