@@ -11,6 +11,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.predictions import ReadRequest, find_reader
@@ -44,16 +45,19 @@ def test_folders_name_the_scene_of_their_pairs(named, worlds, tmp_path) -> None:
     asked, left_out = town[:2], town[2:].assign(reason="x")
     crops = world.truth.crops[:2]
     other = replace(world.truth, scene="town", queries=asked, crops=crops, excluded=left_out)
-    scenes = ("hills", "town", "coast")
-    request = ReadRequest(
-        protocol=world.protocol,
-        truths=[world.truth, other],
-        memory_bytes=1 << 26,
-        scenes=scenes,
-    )
+    truths, scenes = [world.truth, other], ("hills", "town", "coast")
+    request = ReadRequest(None, None, None, world.protocol, truths, 1 << 26, scenes=scenes)
     read = READERS.get("loftr").read(home, request)
     assert set(read.predictions.query_ids) == {*world.ids, *asked["id"]}
     assert read.notes == ("8 files of other pictures left out",)
+
+
+def test_matches_have_two_columns_and_equal_lengths(worlds, tmp_path, matched, monkeypatch) -> None:
+    path = worlds.sample("loftr", tmp_path / "f")
+    for given in ((np.ones((4, 2)), np.ones((3, 2))), np.ones((2, 4, 3)), np.ones((2, 4))):
+        monkeypatch.setattr(type(READERS.get("loftr")), "matches", lambda *_, given=given: given)
+        with pytest.raises(PredictionError, match="reader loftr"):
+            matched(path)
 
 
 def test_empty_matches_are_an_answer(worlds, tmp_path, matched) -> None:

@@ -89,12 +89,9 @@ def test_lines_save_features_of_game4loc(worlds, tmp_path, monkeypatch) -> None:
         assert found.overall["recall@1"] == 1.0
 
 
-EXAMPLE = ROOT / "examples" / "reader-package"
-
-
 def test_the_example_reads(worlds, tmp_path, monkeypatch, capsys) -> None:
     assert "ranks-csv" not in READERS.names()
-    add_package(EXAMPLE, tmp_path / "package", monkeypatch)
+    add_package(ROOT / "examples" / "reader-package", tmp_path / "package", monkeypatch)
     home, lines = worlds.home / "retrieval", ["query,tile,similarity"]
     for line in (home / "trec" / "mine.run").read_text().splitlines():
         query, _, tile, _, score, _ = line.split()
