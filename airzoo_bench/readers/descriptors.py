@@ -285,4 +285,3 @@ class _HlocGlobal(DescribedImages):
 
 GAME4LOC, UNIVERSITY1652 = _Game4Loc(), _University1652()
 ANYLOC, HLOC_GLOBAL = _AnyLoc(), _HlocGlobal()
-"""Registered in `core.registry` under their names."""

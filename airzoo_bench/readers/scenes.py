@@ -140,8 +140,7 @@ class SceneReader(Reader):
 
     def __init__(self, title: str, layout: str, methods: tuple[str, ...], *layouts: Layout) -> None:
         self.title, self.layout, self.methods, self.layouts = title, layout, methods, layouts
-        said = (one for layout in layouts for one in layout.said)
-        self.conventions = tuple(dict.fromkeys(said))
+        self.conventions = tuple(dict.fromkeys(one for some in layouts for one in some.said))
 
     def sure(self, place: Path) -> float:
         """Say how sure it is that a file or folder is one scene's output."""
