@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 PROJECT = Path(__file__).parents[1]
-# `sh` is run, unless a comment is above it; the command of `console` prints the lines below it.
-# Of `python`, whole programs are run, which write predictions.
+# `sh`, and `python` with imports, run unless a comment is above; `console` shows what it prints.
 BLOCK = re.compile(r"(?sm)(?<!-->\n)^```(sh|console|csv|python(?=\nimport))\n(.*?)^```")
 SHELL = f"""set -eu
 pip() {{ :; }}
