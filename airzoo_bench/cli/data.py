@@ -37,8 +37,7 @@ def download(
 
     Example: airzoo-bench download NAME --to /data/NAME --scene 01
     """
-    known = {name: one for name in DATASETS.names() if (one := find_about(name)) is not None}
-    published = {name: one for name, one in known.items() if one.is_published}
+    published = {n: one for n in DATASETS.names() if (one := find_about(n)) and one.is_published}
     cli.check_choice("airzoo-bench download", benchmark[:80], list(published))
     about, folder = published[benchmark], to or Path(benchmark)
     if not {*(scene or ())} <= {*about.scene_files}:
@@ -51,15 +50,15 @@ def download(
         cli.say(f"{about.title} is not on Hugging Face: fetch it by hand, {how}")
         cli.say(f"next: unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER")
         return
-    from airzoo_bench.datasets.about import HubDataset, patterns_to_skip
+    from airzoo_bench.datasets.about import fetch_from_hub, patterns_to_skip
 
-    left_out = patterns_to_skip(about.scene_files, scene or [])
-    source = HubDataset(about.repository, left_out, folder)
-    sizes = source.sizes()
+    wanted = (about.repository, patterns_to_skip(about.scene_files, scene or []), folder)
+    files = fetch_from_hub(*wanted, dry_run=True)
+    sizes = [file.file_size for file in files if file.will_download]
     cli.say(f"{counted(len(sizes), 'file')} to fetch, {sum(sizes) / 1e6:,.3g} MB")
     if sizes and sys.stdin.isatty():
         typer.confirm("Go on?", default=True, abort=True, err=True)
-    source.fetch()
+    fetch_from_hub(*wanted, dry_run=False)
     cli.echo(f"{folder}\n")
     cli.say(f"next: airzoo-bench prepare {benchmark} --source {folder}")
 
@@ -131,8 +130,10 @@ def find_about(name: str) -> About | None:
     """Return the description of a dataset of this name, without importing a built-in one."""
     if about_file(name).is_file():
         return load_about(name)
-    found: About | None = DATASETS.get(name).about if name in DATASETS else None
-    return found
+    found: dict[str, About] = {}
+    with DATASETS.warning(name):
+        found = {name: DATASETS.get(name).about} if name in DATASETS else {}
+    return found.get(name)
 
 
 def about_lines(about: About) -> list[str]:

@@ -65,8 +65,8 @@ def _command_of(name: str) -> Any:
     def command(**given: Any) -> None:
         _prepare(name, **given)
 
-    about: Any = find_about(name)
     options, own = OPTIONS.get(name) or DATASETS.get(name).options, []
+    about: Any = find_about(name)
     hints = get_type_hints(options)
     for field in fields(options):
         text, default = about.options[field.name.replace("_", "-")], field.default
@@ -164,9 +164,7 @@ def _print_prepared(about: About, prepared: Prepared) -> None:
             if found.left_out:
                 left_out = counted(found.left_out, "photo")
                 lines.append(f"{'':15} {left_out} left out; excluded.csv says why")
-        for track, why in about.without_truth.items():
-            if track not in summary.tracks:
-                lines.append(f"{track:15} no: {summary.without_truth.get(track, why)}")
+        lines += [f"{track:15} no: {why}" for track, why in summary.without_truth.items()]
         cli.echo("".join(f"  {line}\n" for line in lines))
     for scene, summary in prepared.summaries.items():
         for sentence in (*(f"warning: {one}" for one in summary.warnings), *summary.notes):

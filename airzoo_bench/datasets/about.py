@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from airzoo_bench.core.errors import UsageError, readable
+from airzoo_bench.core.errors import BenchmarkError, UsageError, readable
 from airzoo_bench.core.registry import Option
 from airzoo_bench.core.version import __version__
 
@@ -23,10 +23,9 @@ class About:
     stated, empty for own data; `repository` is an id on Hugging Face, `links` are addresses of
     files. `layout` describes the files that are read. `assumptions` has a sentence for each value
     that the truth rests on and that is not stated, `unverified` for each part of the layout that
-    has not been seen. `without_truth` says why a track may have no truth; `scene_files` are
-    patterns (`fnmatch`) of the paths in the repository that are of one scene alone. `options` are
-    texts of the command's options, with bounds of numbers; those of ``about/options.toml`` need
-    not be repeated.
+    has not been seen. `scene_files` are patterns (`fnmatch`) of the paths in the repository that
+    are of one scene alone. `options` are texts of the command's options, with bounds of numbers;
+    those of ``about/options.toml`` need not be repeated.
     """
 
     title: str
@@ -39,7 +38,6 @@ class About:
     layout: str = ""
     assumptions: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
-    without_truth: Mapping[str, str] = field(default_factory=dict)
     scene_files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     options: Mapping[str, Option] = field(default_factory=dict)
 
@@ -69,7 +67,8 @@ def read_about(path: Path) -> About:
         name: Option(name, **(text if isinstance(text, dict) else {"help": text}))
         for name, text in (shared | values.get("options", {})).items()
     }
-    return About(**{**values, **lists, "scene_files": files, "options": options})
+    with readable(path, "is no about-text", kind=BenchmarkError, expected="see add-a-benchmark.md"):
+        return About(**{**values, **lists, "scene_files": files, "options": options})
 
 
 # --- downloads ---
@@ -84,32 +83,25 @@ def patterns_to_skip(patterns: Mapping[str, Sequence[str]], scenes: Sequence[str
     return sorted(others - wanted)
 
 
-class HubDataset:
-    """A dataset on Hugging Face; patterns leave out some files."""
-
-    def __init__(self, repository: str, left_out: Sequence[str], folder: Path) -> None:
-        try:
-            self._client = importlib.import_module("huggingface_hub")
-        except ImportError as error:
-            raise UsageError(
-                "downloads need huggingface_hub, which is not installed",
-                fix="pip install 'airzoo-bench[download]'",
-            ) from error
-        self.page = f"https://huggingface.co/datasets/{repository}"
-        self._options: dict[str, Any] = {"repo_id": repository, "repo_type": "dataset"}
-        self._options |= {"local_dir": folder, "ignore_patterns": list(left_out)}
-        self._options |= {"library_name": "airzoo-bench", "library_version": __version__}
-
-    def sizes(self) -> list[int]:
-        """Return the sizes in bytes of the files that are to be fetched."""
-        return [file.file_size for file in self._download(dry_run=True) if file.will_download]
-
-    def fetch(self) -> None:
-        """Fetch what is not there, behind what an earlier run fetched."""
-        self._download()
-
-    def _download(self, **options: Any) -> Any:
-        fix = f"visit {self.page}, accept its terms and wait to be let in where they ask for it, "
-        fix += "then: hf auth login; look at the network and the disk, and run this again"
-        with readable(self.page, "cannot be fetched", kind=UsageError, fix=fix):
-            return self._client.snapshot_download(**self._options, **options)
+def fetch_from_hub(repository: str, left_out: Sequence[str], folder: Path, *, dry_run: bool) -> Any:
+    """Fetch the files of a dataset on Hugging Face that are not there; or list all instead."""
+    try:
+        client = importlib.import_module("huggingface_hub")
+    except ImportError as error:
+        raise UsageError(
+            "downloads need huggingface_hub, which is not installed",
+            fix="pip install 'airzoo-bench[download]'",
+        ) from error
+    page = f"https://huggingface.co/datasets/{repository}"
+    fix = f"visit {page}, accept its terms and wait to be let in where they ask for it, then: "
+    fix += "hf auth login; look at the network and the disk, and run this again"
+    with readable(page, "cannot be fetched", kind=UsageError, fix=fix):
+        return client.snapshot_download(
+            repo_id=repository,
+            repo_type="dataset",
+            local_dir=folder,
+            ignore_patterns=list(left_out),
+            library_name="airzoo-bench",
+            library_version=__version__,
+            dry_run=dry_run,
+        )

@@ -34,8 +34,8 @@ from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import angles_to_rotations
 
-Lens = tuple[list[list[float]], tuple[float, ...]]
-"""A camera's matrix in pixels, and k1 k2 p1 p2 k3."""
+Lens = tuple[Any, Sequence[float]]
+"""A camera's matrix in pixels, and the first of k1 k2 p1 p2 k3."""
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 LENS_KEYS = ("fx", "fy", "cx", "cy", *_DISTORTION, "focal_mm", "sensor_mm", "fov_deg")
 """What a camera may be stated by, in a file or in columns of a table."""
@@ -49,18 +49,18 @@ _MOST_RATIO = 1.3  # between two focal lengths of one camera
 
 def read_camera_file(path: Path) -> dict[str, float]:
     """Read a camera from JSON: an object of numbers."""
-    text, known = read_text(path, BenchmarkError, "camera file"), [*LENS_KEYS, "width", "height"]
+    text = read_text(path, BenchmarkError, "camera file")
     with readable(path, "no camera as JSON", kind=BenchmarkError, expected=_EXPECTED):
-        values: dict[str, Any] = json.loads(text)
-        strange = next((key for key in values if key not in known), None)
-        if strange is not None:
-            raise ValueError(f"unknown key {strange[:40]!r}{nearest(strange, known)}")
-        return {key: float(value) for key, value in values.items()}
+        return {str(key): float(value) for key, value in json.loads(text).items()}
 
 
 def lens_of(values: Mapping[str, float], size: tuple[int, int], where: object) -> Lens:
     """Return a camera's matrix and distortion."""
-    width, height = size
+    (width, height), known = size, [*LENS_KEYS, "width", "height"]
+    strange = next((key for key in values if key not in known), None)
+    if strange is not None:
+        what = f"the camera has an unknown key {strange[:40]!r}{nearest(strange, known)}"
+        raise CameraError(what, where=where, expected=_EXPECTED)
     stated = (values.get("width", float(width)), values.get("height", float(height)))
     if stated != (float(width), float(height)):
         what = f"the camera is for photos of {stated[0]:g}x{stated[1]:g} px, not {width}x{height}"
@@ -84,7 +84,10 @@ def cameras_of_lenses(
 ) -> Cameras:
     """Return the cameras of photos, each with its lens."""
     width, height = np.array([sizes[name] for name in names]).T
-    matrices, distortion = (np.array([lens[i] for lens in lenses]) for i in (0, 1))
+    matrices = np.array([matrix for matrix, _ in lenses], np.float64)
+    distortion = np.zeros((len(lenses), len(_DISTORTION)))
+    for row, (_, values) in zip(distortion, lenses, strict=True):
+        row[: len(values)] = values
     return Cameras.from_matrices(matrices, width, height, distortion, names=names)
 
 
@@ -106,7 +109,7 @@ def stated_cameras(
             what = f"fx is {one['fx']:g} px, and the focal length of 35 mm film makes {film:g} px "
             what += f"in a photo of {width}x{height} px, {name}"
             fix = f'scale fx to the photos; if it is right, add "width": {width} and "height": '
-            raise CameraError(what, where=where, fix=f"{fix}{height} to the file of --camera")
+            raise CameraError(what, where=where, fix=f"{fix}{height} to the camera")
     lenses = [lens_of(one, sizes[name], where) for name, one in values.items()]
     return cameras_of_lenses(lenses, list(values), sizes)
 
@@ -136,21 +139,17 @@ def attitudes_to_rotations(
     convention: Convention, angles_deg: ArrayLike, *, convergence_deg: ArrayLike
 ) -> Floats:
     """Turn angles (..., 3) into world-to-camera rotations (..., 3, 3)."""
-    first, second, third = np.moveaxis(np.asarray(angles_deg, dtype=np.float64), -1, 0)
-    if convention == "omega-phi-kappa":
-        return _photogrammetric(first, second, third) @ grid_to_true_north(convergence_deg)
-    ahead = angles_to_rotations(first, second, third, convergence_deg=convergence_deg)
-    return ahead if convention == "gimbal" else _BELOW @ ahead
-
-
-def _photogrammetric(omega_deg: Floats, phi_deg: Floats, kappa_deg: Floats) -> Floats:
-    angles = (np.radians(angle) for angle in (omega_deg, phi_deg, kappa_deg))
-    (so, co), (sp, cp), (sk, ck) = ((np.sin(a), np.cos(a)) for a in angles)
+    angles = np.moveaxis(np.asarray(angles_deg, dtype=np.float64), -1, 0)
+    if convention != "omega-phi-kappa":
+        ahead = angles_to_rotations(*angles, convergence_deg=convergence_deg)
+        return ahead if convention == "gimbal" else _BELOW @ ahead
+    (so, co), (sp, cp), (sk, ck) = ((np.sin(a), np.cos(a)) for a in np.radians(angles))
     right = (cp * ck, co * sk + so * sp * ck, so * sk - co * sp * ck)
     up = (-cp * sk, co * ck - so * sp * sk, so * ck + co * sp * sk)
     backward = (sp, -so * cp, co * cp)
     down, forward = (tuple(-part for part in axis) for axis in (up, backward))
-    return np.moveaxis(np.array((right, down, forward)), (0, 1), (-2, -1))
+    rotations = np.moveaxis(np.array((right, down, forward)), (0, 1), (-2, -1))
+    return rotations @ grid_to_true_north(convergence_deg)
 
 
 def grid_to_true_north(convergence_deg: ArrayLike) -> Floats:

@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import ProtocolError, UsageError
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.about import About
@@ -50,7 +50,12 @@ class Dataset(Generic[OptionsT]):
 
     def benchmark_protocols(self, options: OptionsT, root: Path) -> BenchmarkProtocols:
         """Return the protocols that truth is made for with these options."""
-        return BenchmarkProtocols.find(self.protocols, root)
+        found = BenchmarkProtocols.find(self.protocols, root)
+        for name, one in zip(self.protocols, found.every, strict=True):
+            if one.benchmark != self.name:
+                what = f"key 'benchmark' is {one.benchmark!r}"
+                raise ProtocolError(what, where=name, expected=repr(self.name))
+        return found
 
     def folder_name(self, options: OptionsT, root: Path) -> str:
         """Name the folder, which is another where only some of the scenes are there or wanted."""

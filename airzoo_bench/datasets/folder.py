@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,8 +56,8 @@ def write_benchmark(
     scenes: Sequence[SceneContent], protocols: BenchmarkProtocols, settings: PrepareSettings
 ) -> Prepared:
     """Write the benchmark folder, with each protocol that has truth in every scene."""
-    tracks = {scene.inputs.scene: scene.truths.tracks for scene in scenes}
-    served = served_protocols(protocols, tracks, settings.folder)
+    summaries = {scene.inputs.scene: summary_of(scene, protocols) for scene in scenes}
+    served = served_protocols(protocols, summaries, settings.folder)
     with atomic_folder(settings.folder, replace=settings.replace) as staged:
         entries = [
             write_scene(staged, scene, protocols.titles[scene.inputs.scene], settings)
@@ -65,25 +65,30 @@ def write_benchmark(
         ]
         write = partial(write_folder_files, staged, served, entries)
         with_progress(write, "checksums", settings.progress)
-    summaries = {scene.inputs.scene: summary_of(scene, protocols) for scene in scenes}
     return Prepared(settings.folder, {one.name: one.track for one in served}, summaries)
 
 
 def served_protocols(
-    protocols: BenchmarkProtocols, tracks: Mapping[str, Collection[str]], folder: Path
+    protocols: BenchmarkProtocols, summaries: Mapping[str, SceneSummary], folder: Path
 ) -> list[Protocol]:
     """Return the protocols that have truth in each of their scenes."""
     served = [
         protocol
         for protocol in protocols.every
-        if all(protocol.track in tracks[one.id] for one in protocol.scenes if one.id in tracks)
+        if all(
+            protocol.track in summaries[scene.id].tracks
+            for scene in protocol.scenes
+            if scene.id in summaries
+        )
     ]
     if not served:
-        raise BenchmarkError(
-            "there is no track that every scene has truth for",
-            where=folder,
-            fix="look which scenes lack photos with a prior, a map or a cloud",
-        )
+        why = [
+            f"{scene}, {track}: {text}"
+            for scene, summary in summaries.items()
+            for track, text in summary.without_truth.items()
+        ]
+        what = f"there is no track that every scene has truth for: {first_of(why)}"
+        raise BenchmarkError(what, where=folder, fix="give what is missing")
     return served
 
 
@@ -263,8 +268,8 @@ def summary_of(
         unposed = first_of(map(repr, scene.inputs.unposed))
         said.append(f"photos without a pose, which no track asks: {unposed}")
     lines = () if facts is None else tuple(fact_lines(facts))
-    why = {} if scene.inputs.dsm else {"matching": "there is no surface model (--dsm)"}
-    return SceneSummary(photos, lines, tracks, tuple(warnings), tuple(said), why)
+    missing = scene.truths.missing
+    return SceneSummary(photos, lines, tracks, tuple(warnings), tuple(said), missing)
 
 
 def _tracks(truths: SceneTruths) -> dict[str, TrackSummary]:

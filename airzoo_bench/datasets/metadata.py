@@ -16,6 +16,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.progress import Progress
@@ -139,11 +140,14 @@ def metadata_priors(metadata: Mapping[str, PhotoPrior], crs: str) -> Poses | Non
     whole = {name: prior for name, prior in metadata.items() if prior.is_complete}
     if not whole:
         return None
-    found = priors_to_poses(whole, crs)
-    rows = np.array([prior.is_complete for prior in metadata.values()])
-    rotation = np.full((len(metadata), 3, 3), np.nan)
-    centres = np.full((len(metadata), 3), np.nan)
-    rotation[rows], centres[rows] = found.rotation, found.centres
+    return poses_by_name(priors_to_poses(whole, crs), list(whole), list(metadata))
+
+
+def poses_by_name(poses: Poses, given: Sequence[str], names: Sequence[str]) -> Poses:
+    """Return the poses of names in their order; NaN for those that none is given for."""
+    rows = pd.Index(given).get_indexer(pd.Index(names))  # -1 where there is none: the last
+    rotation = np.concatenate((poses.rotation, np.full((1, 3, 3), np.nan)))[rows]
+    centres = np.concatenate((poses.centres, np.full((1, 3), np.nan)))[rows]
     return Poses(rotation=rotation, centres=centres)
 
 

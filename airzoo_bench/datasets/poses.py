@@ -22,8 +22,8 @@ from airzoo_bench.core.errors import CameraError, counted, first_of, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.optional_imports import load_pycolmap
 from airzoo_bench.core.validation import validation_message
+from airzoo_bench.datasets.cameras import cameras_of_lenses
 from airzoo_bench.datasets.scenes import PosedPhotos, check_centred
-from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses, check_rotations
 
 _JSON_LIMIT_BYTES = 1 << 28
@@ -107,16 +107,16 @@ def _from_json(path: Path, sizes: Sizes) -> PosedPhotos:
         ) from error
     names, absent = _shared(list(file.images), sizes)
     images = [file.images[name] for name in names]
-    matrices = [image.K or file.K for image in images]
-    if None in matrices:
+    lacking = [name for name, image in zip(names, images, strict=True) if not (image.K or file.K)]
+    if lacking:
         raise CameraError(
-            f"no camera matrix for {names[matrices.index(None)]}",
+            f"no camera matrix for {first_of(lacking, len(names))}",
             expected="'K' for the image, or one for all at the top of the file",
         )
-    lenses = [image.distortion or file.distortion or () for image in images]
+    lenses = [(image.K or file.K, image.distortion or file.distortion or ()) for image in images]
     rotations = check_rotations(np.array([image.rotation for image in images]), names)
     poses = Poses.from_centres(rotations, np.array([image.centre for image in images]), names)
-    cameras = _cameras(names, matrices, lenses, sizes)
+    cameras = cameras_of_lenses(lenses, names, sizes)
     return PosedPhotos(tuple(names), cameras, poses, file.crs or "", absent)
 
 
@@ -141,8 +141,8 @@ def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
                 fix="use the photos that the model was made from; undistort other lenses (colmap "
                 "image_undistorter)",
             )
-    lenses = [camera.params[_MODELS[camera.model.name] :] for camera in found]
-    cameras = _cameras(names, [one.calibration_matrix() for one in found], lenses, sizes)
+    lenses = [(one.calibration_matrix(), one.params[_MODELS[one.model.name] :]) for one in found]
+    cameras = cameras_of_lenses(lenses, names, sizes)
     from_world = [images[name].cam_from_world() for name in names]
     poses = Poses.from_translations(
         np.array([pose.rotation.matrix() for pose in from_world]),
@@ -150,17 +150,6 @@ def _from_colmap(path: Path, sizes: Sizes) -> PosedPhotos:
         names,
     )
     return PosedPhotos(tuple(names), cameras, poses, "", absent)
-
-
-def _cameras(
-    names: Sequence[str], matrices: Sequence[Any], lenses: Sequence[Any], sizes: Sizes
-) -> Cameras:
-    distortion = np.zeros((len(names), 5))
-    for row, values in zip(distortion, lenses, strict=True):
-        row[: len(values)] = values
-    width, height = np.array([sizes[name] for name in names]).T
-    matrix = np.array(matrices, np.float64)
-    return Cameras.from_matrices(matrix, width, height, distortion, names=names)
 
 
 def _shared(posed: Sequence[str], sizes: Sizes) -> tuple[list[str], tuple[str, ...]]:

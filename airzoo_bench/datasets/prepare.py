@@ -224,8 +224,8 @@ class Run:
             )
             if folder.name == self.protocols.benchmark:
                 folder = folder.with_name(made.benchmark)
-        tracks = {scene: tuple(record.summary.tracks) for scene, record in records.items()}
-        served = served_protocols(made, tracks, folder)
+        summaries = {scene: record.summary for scene, record in records.items()}
+        served = served_protocols(made, summaries, folder)
 
         def write_scenes() -> None:
             for scene in records:
@@ -235,7 +235,6 @@ class Run:
 
         with atomic_folder(folder, replace=settings.replace) as staged:
             with_progress(write_scenes, "writing the folder", settings.progress)
-        summaries = {scene: record.summary for scene, record in records.items()}
         return Prepared(folder, {one.name: one.track for one in served}, summaries)
 
 
@@ -253,9 +252,8 @@ def _task(run: Run, scene: str) -> Record:
             record = Record(run.keys[scene], entry, summary)
             run.keep(record, temporary, _link_or_copy)
     except UserError as fault:
-        if len(run.scenes) > 1:
-            way_out = "name the scenes to make with --scene"
-            fault.fix = f"{fault.fix}; or {way_out}" if fault.fix else way_out
+        if len(run.scenes) > 1 and not fault.fix:
+            fault.fix = "correct it, or make the other scenes alone with --scene"
         raise
     return record
 

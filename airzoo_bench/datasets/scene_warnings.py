@@ -101,8 +101,7 @@ def _turned(facts: SceneFacts) -> Iterator[str]:
             by += f", and by {priors.transposed_deg:.0f} if these are camera-to-world"
         yield (
             f"the priors are turned from the poses by {priors.rotation_deg:.0f} degrees (median)"
-            f"{by}: look at the gimbal angles in the metadata or --priors, and "
-            "at the angles of the poses (convention, unit, signs, axes)"
+            f"{by}: look at the angles of the priors and of the poses (unit, signs, axes)"
         )
 
 
@@ -135,7 +134,7 @@ def _small_tiles(facts: SceneFacts) -> Iterator[str]:
         if share > _HALF:
             info, wide = facts.inputs.gallery_map, f"{facts.footprint_m:.0f} m"
             width, height = np.multiply((info.width, info.height), gsd_m(info))
-            advice = f"take tiles of {wide}, and --rule iou --iou-above 0.39"
+            advice = f"take tiles of {wide}, and the rule iou above 0.39"
             if min(width, height) < _LEAST_FOOTPRINTS * facts.footprint_m:
                 size = f"{width:.0f} x {height:.0f} m"
                 advice = f"the map, {size}, is small for photos that see {wide}: take a larger one"
@@ -156,7 +155,7 @@ def _no_prior(facts: SceneFacts) -> Iterator[str]:
     if lacking and (facts.has_metadata or len(lacking) < photos):
         yield (
             f"photos have no prior, which matching needs: {first_of(lacking, photos)}: they lack a "
-            "GPS position, an altitude or gimbal angles (--priors FILE gives what is missing)"
+            "GPS position, an altitude or gimbal angles, which a file of priors can give"
         )
 
 

@@ -210,7 +210,7 @@ class TrackSummary:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """Lines that `prepare` prints about a scene; `without_truth` goes before the dataset's own."""
+    """Lines that `prepare` prints about a scene; `without_truth` says why a track has none."""
 
     photos: int
     facts: tuple[str, ...] = ()

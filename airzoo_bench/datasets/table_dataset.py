@@ -1,30 +1,100 @@
-"""Benchmarks that are declared: files of a scene, and columns of a table of poses."""
+"""Benchmarks that are declared: files of a scene, and tables of poses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, get_args
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
-from airzoo_bench.datasets.cameras import (
-    attitudes_to_rotations,
-    cameras_of_lenses,
-    lens_of,
-)
+from airzoo_bench.datasets.cameras import attitudes_to_rotations, stated_cameras
 from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.metadata import metadata_priors, photo_metadata
+from airzoo_bench.datasets.metadata import poses_by_name
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
-from airzoo_bench.datasets.settings import Convention, SourceOptions
-from airzoo_bench.datasets.tables import match_names, read_table
+from airzoo_bench.datasets.settings import Convention, SourceOptions, SurveyOptions
+from airzoo_bench.datasets.surveys.survey import posed_scene
+from airzoo_bench.datasets.tables import match_every_row, match_names, read_table
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
-from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
 from airzoo_bench.protocol.model import find_protocol
+
+_ANGLES, _QUATERNION = ("yaw", "pitch", "roll"), ("qw", "qx", "qy", "qz")
+_ORIENTATIONS: dict[Any, tuple[str, ...]] = {
+    "gimbal": _ANGLES,
+    "airframe": _ANGLES,
+    "omega-phi-kappa": ("omega", "phi", "kappa"),
+    "world-to-camera": _QUATERNION,
+    "camera-to-world": _QUATERNION,
+}
+_LIMITS = {"lon": 180.0, "lat": 90.0, "x": 1e9, "y": 1e9, "height": 1e9}
+_MOST_DEG = 360.0
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """A table with the pose of a photo in each row.
+
+    `path` is relative to the source, with ``{scene}`` for the scene's id. `orientation` says what
+    three angles mean, see `datasets.cameras`, or which way a quaternion turns: its camera has x to
+    the right, y down and z forward, its world the axes of the CRS. `columns` are the table's names
+    of our columns where they differ: ``image``; ``lon`` and ``lat``, or ``x`` and ``y`` where these
+    are named; ``height``; and those of the orientation.
+    """
+
+    path: str
+    orientation: Convention | Literal["world-to-camera", "camera-to-world"]
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse unknown columns and orientations."""
+        known = ("image", *_LIMITS, *_ORIENTATIONS.get(self.orientation, ()))
+        strange = [name for name in self.columns if name not in known]
+        if strange or self.orientation not in _ORIENTATIONS:
+            expected = f"{', '.join(known)}; orientations are {', '.join(_ORIENTATIONS)}"
+            what = f"{self.orientation} poses with the columns {', '.join(strange) or 'named'}"
+            raise ValueError(f"{self.path}: there are no {what}; columns are {expected}")
+
+    def read(
+        self, path: Path, photos: Collection[str], crs: str | None, *, gaps: bool = False
+    ) -> tuple[tuple[str, ...], Poses, str]:
+        """Return photos, their poses, and the CRS of these; where it may have gaps, of some."""
+        place = ("x", "y") if {"x", "y"} & self.columns.keys() else ("lon", "lat")
+        numbers = (*place, "height", *_ORIENTATIONS[self.orientation])
+        named = {ours: (self.columns.get(ours, ours),) for ours in ("image", *numbers)}
+        table = read_table(path, named)
+        table.require_unique("image")
+        listed = table.texts("image")
+        if gaps or "{scene}" not in self.path:  # it may have photos of other scenes
+            found = match_names(listed, photos, path)
+        else:
+            found = match_every_row(table, "image", photos)
+        limits = [(name, _LIMITS.get(name, _MOST_DEG)) for name in numbers]
+        columns = [table.numbers(name, -most, most, empty=gaps) for name, most in limits]
+        values = np.column_stack(columns)
+        whole = np.flatnonzero(np.isfinite(values).all(axis=1)).tolist()
+        rows = [row for row in whole if listed[row] in found]
+        names, values = tuple(found[listed[row]] for row in rows), values[rows]
+        plan, height, turns = values[:, :2], values[:, 2], values[:, 3:]
+        if place == ("lon", "lat"):
+            lonlat, crs = plan, crs or utm_zone(plan)
+            plan = from_lonlat(crs, lonlat)
+        else:
+            crs = crs or ""
+            lonlat = to_lonlat(crs, plan)
+        if self.orientation == "world-to-camera" or self.orientation == "camera-to-world":
+            turned = quaternion_to_matrix(turns, names)
+            turned = turned.transpose(0, 2, 1) if self.orientation[0] == "c" else turned
+        else:
+            is_grid = self.orientation == "omega-phi-kappa"
+            north = 0.0 if is_grid else grid_convergence_deg(crs, lonlat)
+            turned = attitudes_to_rotations(self.orientation, turns, convergence_deg=north)
+        return names, Poses.from_centres(turned, np.column_stack((plan, height)), names), crs
 
 
 class TableDataset(Dataset[SourceOptions]):
@@ -37,99 +107,69 @@ class TableDataset(Dataset[SourceOptions]):
     ----------
     protocols : tuple of str
         Files of its protocols, whose scenes are those of the benchmark.
-    images, table, dom, dsm, cloud : str or None
-        Photos, poses, map, surface model and true cloud.
-    columns : mapping of str to str
-        The table's names of our columns: ``image``; ``lon`` and ``lat``, or ``x`` and ``y``;
-        ``height``; ``first``, ``second`` and ``third`` angle in the order of `angles`.
-    angles : str
-        What the angles mean, see `angles.attitudes_to_rotations`.
+    images, dom, dsm, cloud : str or None
+        Photos, map, surface model and true cloud.
+    poses, priors : PoseTable
+        The true poses, and those that matching starts from; None for the photos' metadata.
     crs : str or None
         Of x and y, and of the poses; None for the UTM zone of lon and lat.
     lens : mapping of str to float
-        The camera of all photos, such as ``{"fov_deg": 70}``; see `lenses.lens_of`.
+        The camera of all photos, such as ``{"fov_deg": 70}``; see `cameras.lens_of`.
     plane_height_m : float or None
         The ground as a plane, where there is no surface model.
     """
 
     images: ClassVar[str] = "{scene}/images"
-    table: ClassVar[str] = "{scene}/poses.csv"
+    poses: ClassVar[PoseTable]
+    priors: ClassVar[PoseTable | None] = None
     dom: ClassVar[str | None] = "{scene}/dom.tif"
     dsm: ClassVar[str | None] = "{scene}/dsm.tif"
     cloud: ClassVar[str | None] = None
-    columns: ClassVar[Mapping[str, str]]
-    angles: ClassVar[Convention] = "gimbal"
     crs: ClassVar[str | None] = None
     lens: ClassVar[Mapping[str, float]]
     plane_height_m: ClassVar[float | None] = None
 
     def __init_subclass__(cls) -> None:
-        """Refuse a declaration that lacks a part, or has unknown angles."""
-        lacking = {"image", "height", "first", "second", "third"} - {*getattr(cls, "columns", ())}
-        if lacking or cls.angles not in get_args(Convention) or not hasattr(cls, "lens"):
-            known = ", ".join(get_args(Convention))
-            parts = f"`columns` with {', '.join(sorted(lacking))}, " if lacking else ""
-            raise TypeError(f"{cls.__name__} needs {parts}`lens`, and `angles` of {known}")
+        """Refuse a declaration that lacks a part."""
+        needed = ("name", "about", "protocols", "poses", "lens")
+        lacking = [name for name in needed if not getattr(cls, name, None)]
+        if lacking:
+            raise TypeError(f"{cls.__name__} lacks {', '.join(lacking)}")
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
         """Return the protocols' scenes that have a table."""
         every = [find_protocol(name, data_root()).scenes for name in self.protocols]
-        ids = dict.fromkeys(scene.id for scenes in every for scene in scenes)
-        found = {one: list(self._files(options, one).values()) for one in ids}
-        there = {one: files for one, files in found.items() if files[1].is_file()}
+        found = {one.id: self._files(options, one.id) for scenes in every for one in scenes}
+        there = {one: [*files.values()] for one, files in found.items() if files["poses"].is_file()}
         if not there:
             raise BenchmarkError(
                 "holds no scene",
                 where=options.source,
-                expected=f"{self.table} of {', '.join(ids)}",
+                expected=f"files such as {first_of(files['poses'] for files in found.values())}",
                 fix="name the folder as it was downloaded and unpacked",
             )
         return there
 
     def _files(self, options: SourceOptions, scene: str) -> dict[str, Path]:
-        names = ("images", "table", "dom", "dsm", "cloud")
-        stated = {name: getattr(self, name) for name in names}
+        stated = {name: getattr(self, name) for name in ("images", "dom", "dsm", "cloud")}
+        stated |= {"poses": self.poses.path, "priors": self.priors and self.priors.path}
         return {
-            name: options.source / str(path).format(scene=scene)
+            name: options.source / path.format(scene=scene)
             for name, path in stated.items()
             if path is not None
         }
 
     def read(self, options: SourceOptions, scene: str, progress: Progress) -> NativeScene:
-        """Read a scene's table, and the priors of its photos' metadata."""
+        """Read a scene's tables, and the metadata of its photos."""
         files = self._files(options, scene)
-        images, path = files["images"], files["table"]
-        table = read_table(path, {ours: (name,) for ours, name in self.columns.items()})
-        table.require_unique("image")
+        images, path = files["images"], files["poses"]
         sizes = photo_sizes(images, progress)
-        found = match_names(table.texts("image"), sizes, path)
-        rows = [row for row, name in enumerate(table.texts("image")) if name in found]
-        names = tuple(found[table.texts("image")[row]] for row in rows)
-        angles = table.columns(("first", "second", "third"), -360.0, 360.0)[rows]
-        if table.has("lon", "lat"):
-            lon, lat = table.numbers("lon", -180.0, 180.0), table.numbers("lat", -90.0, 90.0)
-            lonlat = np.stack((lon, lat), axis=-1)[rows]
-            crs = self.crs or utm_zone(lonlat)
-            plan = from_lonlat(crs, lonlat)
-        else:
-            plan, crs = table.columns(("x", "y"))[rows], self.crs or ""
-            lonlat = to_lonlat(crs, plan)
-        north = 0.0 if self.angles == "omega-phi-kappa" else grid_convergence_deg(crs, lonlat)
-        rotations = attitudes_to_rotations(self.angles, angles, convergence_deg=north)
-        centres = np.column_stack((plan, table.numbers("height")[rows]))
-        metadata = photo_metadata(names, images, None, sizes, progress)
-        lenses = [lens_of(self.lens, sizes[name], path) for name in names]
-        cameras = cameras_of_lenses(lenses, names, sizes)
-        return NativeScene(
-            scene,
-            images,
-            *PosedPhotos(names, cameras, Poses.from_centres(rotations, centres, names), crs),
-            dom=files.get("dom"),
-            dsm=files.get("dsm"),
-            cloud=files.get("cloud"),
-            plane_height_m=self.plane_height_m,
-            priors=metadata_priors(metadata, crs),
-            metadata=metadata,
-            unposed=tuple(sorted(set(sizes) - set(names))),
-            poses_from=path,
-        )
+        names, poses, crs = self.poses.read(path, sizes, self.crs)
+        cameras = stated_cameras(dict.fromkeys(names, self.lens), sizes, images, path)
+        parts: dict[str, Any] = {one: files.get(one) for one in ("dom", "dsm", "cloud")}
+        if self.priors is not None:
+            given, priors, _ = self.priors.read(files["priors"], names, crs, gaps=True)
+            parts["priors"] = poses_by_name(priors, given, names)
+        stated = SurveyOptions(options.source, plane_height=self.plane_height_m)
+        photos = PosedPhotos(names, cameras, poses, crs)
+        return posed_scene(stated, scene, images, sizes, photos, path, progress, **parts)

@@ -205,6 +205,18 @@ def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> d
     return {name: found[name] for name in names if name in found}
 
 
+def match_every_row(table: Table, column: str, photos: Iterable[str]) -> dict[str, str]:
+    """Find the photo of each row, by its name; refuse a table with photos that are not there."""
+    listed = table.texts(column)
+    found = match_names(listed, photos, table.path)
+    absent = [name for name in listed if name not in found]
+    if absent:
+        what = f"photos of it are missing: {first_of(absent, len(listed))}"
+        fix = "download or unpack it again; remove rows only to leave photos out"
+        raise BenchmarkError(what, where=table.path, fix=fix)
+    return found
+
+
 def _form(name: str, form: int) -> str:
     """Return a name as it is, in one case, without its folders, or without its ending too."""
     path = name.replace("\\", "/").casefold()

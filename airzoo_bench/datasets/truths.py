@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from airzoo_bench.benchmark.queries import SceneInputs
+from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.datasets.scenes import ImageScene
 from airzoo_bench.matching.protocol import MatchingProtocol
 from airzoo_bench.matching.truth import MatchingTruth
@@ -95,16 +96,17 @@ def variant_of(base: P, benchmark: str, changes: dict[str, dict[str, Any]]) -> P
 
 @dataclass(frozen=True, eq=False)
 class SceneTruths:
-    """A scene's truth by track; None where a track has none."""
+    """A scene's truth by track, None where a track has none; `missing` says why it has none."""
 
     retrieval: RetrievalTruth | None = None
     matching: MatchingTruth | None = None
     reconstruction: ReconstructionTruth | None = None
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def tracks(self) -> tuple[str, ...]:
         """The tracks that have truth."""
-        return tuple(name for name, truth in vars(self).items() if truth is not None)
+        return tuple(track for track in TRACKS.names() if getattr(self, track, None) is not None)
 
 
 def build_truths(
@@ -114,27 +116,42 @@ def build_truths(
     reconstructed: pd.Series[bool] | None = None,
 ) -> SceneTruths:
     """Make the truth of a scene for every track that has a protocol and the data it needs."""
-    reconstruction = None
-    if protocols.first(ReconstructionProtocol) is not None and cloud is not None:
-        reconstruction = build_reconstruction_truth(inputs, cloud, reconstructed)
-    retrieval, protocol = None, protocols.first(RetrievalProtocol)
-    if protocol is not None:
-        gallery, rules = protocol.map_rules()
-        if rules.rule not in _BY_POSITION or inputs.dom or inputs.gallery:
-            retrieval = build_retrieval_truth(inputs, gallery, rules)
-    matching = _matching_truth(inputs, protocols.first(MatchingProtocol))
-    return SceneTruths(retrieval, matching, reconstruction)
+    made: dict[str, Any] = {}
+    missing: dict[str, str] = {}
+    for protocol in protocols.every:
+        if what := _missing_part(inputs, protocol, cloud):
+            missing[protocol.track] = what
+        elif isinstance(protocol, RetrievalProtocol):
+            made["retrieval"] = build_retrieval_truth(inputs, *protocol.map_rules())
+        elif isinstance(protocol, MatchingProtocol):
+            truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
+            if truth.queries.empty:
+                reasons = "; ".join(truth.excluded["reason"].unique())
+                missing["matching"] = f"no photo has a crop of the map: {reasons}"
+            else:
+                made["matching"] = truth
+        elif cloud is not None:
+            made["reconstruction"] = build_reconstruction_truth(inputs, cloud, reconstructed)
+    return SceneTruths(**made, missing=missing)
 
 
-def _matching_truth(inputs: SceneInputs, protocol: MatchingProtocol | None) -> MatchingTruth | None:
-    if protocol is None:
-        return None
-    has_prior = not protocol.prior.is_measured or "prior_x" in inputs.photos.columns
-    has_map = inputs.maps if protocol.crop is None else inputs.dom and inputs.dsm and has_prior
-    if not has_map:
-        return None
-    truth = build_matching_truth(inputs, protocol.crop, protocol.prior)
-    return None if truth.queries.empty else truth
+def _missing_part(inputs: SceneInputs, protocol: Protocol, cloud: Path | None) -> str:
+    """Say which part of a scene is missing for the truth of a protocol; empty where none is."""
+    there = {"map": inputs.dom is not None, "surface model": inputs.dsm is not None}
+    if isinstance(protocol, ReconstructionProtocol):
+        there = {"true cloud": cloud is not None}
+    elif isinstance(protocol, RetrievalProtocol):
+        by_position = protocol.map_rules()[1].rule in _BY_POSITION
+        there = {"map": not by_position or bool(inputs.dom or inputs.gallery)}
+    elif isinstance(protocol, MatchingProtocol) and protocol.crop is None:
+        there = {"map for each photo": inputs.maps is not None}
+    lacking = [what for what, is_there in there.items() if not is_there]
+    if lacking:
+        return f"there is no {' and no '.join(lacking)}"
+    by_prior = isinstance(protocol, MatchingProtocol) and protocol.prior.is_measured
+    if by_prior and "prior_x" not in inputs.photos.columns:
+        return "no photo has a prior (position, altitude and angles) besides its true pose"
+    return ""
 
 
 def build_stated_truth(scene: ImageScene, rules: StatedRules) -> RetrievalTruth:

@@ -18,11 +18,11 @@ from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import poses_of, read_queries
 from airzoo_bench.cli.prepare import app as prepare_app
 from airzoo_bench.core.files import sha256_of_tree
-from airzoo_bench.core.registry import DATASETS, TRACKS
+from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.about import load_about
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.settings import PrepareSettings
-from airzoo_bench.datasets.table_dataset import TableDataset
+from airzoo_bench.datasets.table_dataset import PoseTable, TableDataset
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import HERE, Engine
 from airzoo_bench.geometry.crs import to_lonlat
@@ -63,7 +63,6 @@ def test_it_says_what_the_command_line_asks(name: Any) -> None:
     for sentence in (*about.assumptions, *about.unverified):
         assert sentence[0].isupper() or sentence[0].isdigit()
         assert sentence.endswith(".")
-    assert set(about.without_truth) <= set(TRACKS.names())
     group = get_command(prepare_app).make_context("prepare", [], resilient_parsing=True)
     words = about.example.split()
     found = group.command.get_command(group, words[0])  # type: ignore[attr-defined]
@@ -171,16 +170,12 @@ def test_the_example_is_short() -> None:
     assert len(MODULE.read_text().splitlines()) <= 40
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [({"columns": {"image": "photo"}}, "first, height"), ({"angles": "opk"}, "omega-phi-kappa")],
-)
-def test_a_declaration_says_what_it_lacks(changes: dict[str, Any], words: str) -> None:
-    columns = {one: one for one in ("image", "x", "y", "height", "first", "second", "third")}
-    whole = {"columns": columns, "lens": {"fov_deg": 70}}
-    type("Whole", (TableDataset,), whole)
-    with pytest.raises(TypeError, match=words):
-        type("Wrong", (TableDataset,), whole | changes)
+def test_a_declaration_says_what_is_wrong_with_it() -> None:
+    for orientation, columns in (("opk", {}), ("gimbal", {"omega": "o"})):
+        with pytest.raises(ValueError, match="omega"):
+            PoseTable("poses.csv", orientation, columns)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="poses, lens"):
+        type("Wrong", (TableDataset,), {"name": "a", "about": load_about("odm"), "protocols": "b"})
 
 
 @pytest.mark.slow

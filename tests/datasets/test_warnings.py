@@ -124,7 +124,7 @@ def test_a_missing_surface_model_is_named(place: Place, tmp_path: Path) -> None:
     chosen = PhotoOptions("park", place.images, place.poses, place.dom, plane_height=100.0)
     protocols = PHOTOS.benchmark_protocols(chosen, tmp_path)
     content = make_content(PHOTOS.read(chosen, "park", silent), protocols)
-    assert "--dsm" in summary_of(content, protocols).without_truth["matching"]
+    assert "surface" in summary_of(content, protocols).without_truth["matching"]
 
 
 def test_a_warning_is_printed_and_noted_in_results(place, tmp_path, capsys, monkeypatch) -> None:

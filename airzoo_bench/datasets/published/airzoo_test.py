@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, UsageError, first_of, readable
+from airzoo_bench.core.errors import BenchmarkError, first_of, readable
 from airzoo_bench.core.files import data_root, fingerprint
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.core.validation import SAFE_NAME
 from airzoo_bench.datasets.about import load_about
+from airzoo_bench.datasets.cameras import stated_cameras
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.depth_maps import find_depths, read_depth
 from airzoo_bench.datasets.mini.renderer import PLACE_COLUMNS
@@ -68,11 +69,6 @@ class _AirZooTest(Dataset[AirZooTestOptions]):
         shipped = _protocol(root)
         if options.name == _NAME:
             return BenchmarkProtocols((shipped,))
-        if not re.fullmatch(SAFE_NAME, options.name):
-            raise UsageError(
-                f"--name {options.name[:80]!r} cannot be the name of a benchmark",
-                expected="letters, digits, '.', '_' and '-', at most 64",
-            )
         scenes = tuple(ProtocolScene(id=name, title=name) for name in self.scenes(options))
         protocol = protocol_for(shipped, options.name, {})
         return BenchmarkProtocols((protocol.model_copy(update={"scenes": scenes}),))
@@ -107,8 +103,14 @@ class _AirZooTest(Dataset[AirZooTestOptions]):
             rows, notes = chosen_photos(range(len(table)), options.every)
             names = tuple(images[row] for row in rows)
             shown = progress(names, scene, len(names))
-            sizes = [photo_size(folder / "images" / name) for name in shown]
-            cameras = _cameras(table, rows, sizes)
+            sizes = {name: photo_size(folder / "images" / name) for name in shown}
+            keys = [key for key in (*_LENS, *_DISTORTION) if table.has(key)]
+            lenses = table.columns(keys)[rows].tolist()
+            values = {
+                name: dict(zip(keys, lens, strict=True))
+                for name, lens in zip(names, lenses, strict=True)
+            }
+            cameras = stated_cameras(values, sizes, folder / "images", table.path)
             poses, place = _local(*_ecef_poses(table), rows, names)
         posed = PosedPhotos(names, cameras, poses, LOCAL_CRS)
         check_centred(posed, table.path)
@@ -137,21 +139,6 @@ def _protocol(root: Path) -> ReconstructionProtocol:
 def _name_order(path: Path) -> list[tuple[str, int]]:
     """Return what sorts names with the numbers in them as numbers: 2 before 10."""
     return [(text, int(n or 0)) for text, n in re.findall(r"([^0-9]*)([0-9]*)", path.name)]
-
-
-def _cameras(table: Table, rows: Sequence[int], sizes: Sequence[tuple[int, int]]) -> Cameras:
-    width, height, fx, fy, cx, cy = (table.numbers(name)[rows] for name in _LENS)
-    names = [table.texts("name")[row] for row in rows]
-    if (np.stack([width, height], axis=1) != sizes).any():
-        raise ValueError("photos of another size than stated")
-    matrices = np.zeros((len(rows), 3, 3))
-    matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = fx, fy, 1.0
-    matrices[:, 0, 2], matrices[:, 1, 2] = cx, cy
-    bent = np.zeros((len(rows), len(_DISTORTION)))
-    for column, name in enumerate(_DISTORTION):
-        if table.has(name):
-            bent[:, column] = table.numbers(name)[rows]
-    return Cameras.from_matrices(matrices, width, height, bent, names=names)
 
 
 def _ecef_poses(table: Table) -> tuple[Floats, Floats]:

@@ -188,7 +188,10 @@ def _read(path: Path, made: Path) -> _Sample | None:
     photo, dop, dsm, scale = map(file.read, ("image_query", "image_dop", "dsm", "scale"))
     if not photo.any():
         return None
-    transform = _transform(dsm, scale)
+    # dsm has the centres of the map's pixels.
+    across, down = scale.astype(np.float64)
+    x, y = dsm[0, 0, :2].astype(np.float64) - (across / 2, down / 2)
+    transform = Affine(across, 0.0, x, 0.0, down, y)
     files = [made / "photos" / f"{path.stem}.png"]
     files += [made / "maps" / f"{path.stem}_{kind}.tif" for kind in ("dom", "dsm")]
     if not all(one.is_file() for one in files):
@@ -201,13 +204,6 @@ def _read(path: Path, made: Path) -> _Sample | None:
         write_geotiff(files[2], dsm[None, ..., 2], nodata=np.nan, **layout)
     matrix, pose = (file.read(name).astype(np.float64) for name in ("intrinsics", "extrinsics"))
     return (photo.shape[1], photo.shape[0]), matrix, pose
-
-
-def _transform(dsm: NDArray[Any], scale: NDArray[Any]) -> Affine:
-    """Return the geotransform of a sample's map; dsm has the centres of its pixels."""
-    step, first = scale.astype(np.float64), dsm[0, 0, :2].astype(np.float64)
-    (x, y), (across, down) = first - step / 2, step
-    return Affine(across, 0.0, x, 0.0, down, y)
 
 
 ORTHOLOC = _OrthoLoc()

@@ -30,6 +30,7 @@ from airzoo_bench.core.errors import BenchmarkError, CameraError, UsageError, fi
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import load_about
+from airzoo_bench.datasets.cameras import cameras_of_lenses, lens_of
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.poses import read_poses
@@ -272,23 +273,21 @@ def _read_mega_nerf(
 ) -> PosedPhotos:
     """Read the cameras and poses of some photos, in metres and the axes of the COLMAP model."""
     origin, scale = _arrays(folder / _COORDINATES, origin_drb=(3,), pose_scale_factor=())
-    matrices, sizes, to_world = [], [], []
+    lenses, sizes, to_world = [], {}, []
     for name in progress(names, folder.name, len(names)):
         stated = _arrays(photos[name], W=(), H=(), intrinsics=(4,), c2w=(3, 4))
-        width, height, (fx, fy, cx, cy), pose = stated
-        size = photo_size(folder / name)
-        if (int(width), int(height)) != size:
-            what = f"its photo is {size[0]}x{size[1]} px, not {width:g}x{height:g}"
-            raise CameraError(what, where=photos[name], fix="use those of copy_images.py")
-        sizes.append(size)
+        width, height, lens, pose = stated
+        sizes[name] = photo_size(folder / name)
+        values = zip(
+            ("width", "height", "fx", "fy", "cx", "cy"), (width, height, *lens), strict=True
+        )
+        lenses.append(lens_of(dict(values), sizes[name], photos[name]))
         to_world.append(pose)
-        matrices.append(((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)))
     axes = np.array(to_world)
     centres: Floats = (axes[:, :, 3] * scale + origin) @ _TO_COLMAP.T
     rotations: Floats = np.swapaxes(_TO_COLMAP @ axes[:, :, :3] * _TO_OPENCV, 1, 2)
     try:
-        width, height = np.array(sizes).T
-        cameras = Cameras.from_matrices(matrices, width, height, names=names)
+        cameras = cameras_of_lenses(lenses, names, sizes)
         posed = PosedPhotos(names, cameras, Poses.from_centres(rotations, centres, names))
     except CameraError as error:
         raise error.inside(folder) from error

@@ -10,22 +10,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from airzoo_bench.benchmark.images import photo_size
-from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of, readable
+from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, readable
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import load_about
-from airzoo_bench.datasets.content import utm_zone
+from airzoo_bench.datasets.content import photo_sizes, utm_zone
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.published.places import find_home, join_maps, missing
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import UavVisLocOptions
-from airzoo_bench.datasets.tables import read_table
+from airzoo_bench.datasets.tables import match_every_row, read_table
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
@@ -61,20 +60,17 @@ class _UavVisLoc(Dataset[UavVisLocOptions]):
         folder = _flights(root)[scene]
         table = _only(folder, rf"0?{int(scene)}\.csv", f"{scene}.csv")
         images = _only(folder, "drone", "drone")
-        names, lonlat, height, heading, notes = _read_rows(table, images, scene)
+        every = photo_sizes(images, progress)
+        names, lonlat, height, heading, notes = _read_rows(table, every, scene)
         plane = _plane_height(height, scene, options, table, notes)
         dom = _flight_map(folder, scene, notes)
         tangents = np.tan(np.radians((options.fov_across / 2, options.fov_along / 2)))
-        shown = progress(names, "photos", len(names))
-        sizes = np.array([photo_size(images / name) for name in shown], dtype=np.int64)
+        sizes = np.array([every[name] for name in names], dtype=np.int64)
         crs = utm_zone(lonlat)
         convergence = grid_convergence_deg(crs, lonlat)
+        focal, bent, (wide, tall) = sizes / (2.0 * tangents), np.zeros((len(names), 5)), sizes.T
         cameras = Cameras(
-            width=sizes[:, 0],
-            height=sizes[:, 1],
-            focal=sizes / (2.0 * tangents),
-            principal_point=sizes / 2.0,
-            distortion=np.zeros((len(names), 5)),
+            width=wide, height=tall, focal=focal, principal_point=sizes / 2.0, distortion=bent
         )
         rotations = angles_to_rotations(heading, -90.0, 0.0, convergence_deg=convergence)
         centres = np.column_stack([from_lonlat(crs, lonlat), height])
@@ -84,7 +80,7 @@ class _UavVisLoc(Dataset[UavVisLocOptions]):
             *PosedPhotos(names, cameras, Poses(rotation=rotations, centres=centres), crs),
             dom=dom,
             plane_height_m=plane,
-            unposed=tuple(sorted(set(_photos(images).values()) - set(names))),
+            unposed=tuple(sorted(set(every) - set(names))),
             notes=tuple(f"flight {scene}: {note}" for note in notes),
             poses_from=table,
         )
@@ -106,28 +102,14 @@ def _only(folder: Path, pattern: str, name: str) -> Path:
     raise missing(what, folder, _LAYOUT)
 
 
-def _photos(images: Path) -> dict[str, str]:
-    """Return the names of a flight's photos by those in lower case."""
-    names = [path.name for path in images.iterdir() if path.is_file()]
-    return {
-        name.casefold(): name for name in names if name.lower().endswith((".jpg", ".jpeg", ".png"))
-    }
-
-
 def _read_rows(
-    path: Path, images: Path, flight: str
+    path: Path, photos: Iterable[str], flight: str
 ) -> tuple[tuple[str, ...], Floats, Floats, Floats, list[str]]:
     """Return names, longitude and latitude, heights, compass headings, and notes."""
     columns = {name: (name,) for name in (*_COLUMNS, _HEADING)}
     table = read_table(path, columns, (_HEADING,) if flight == _WITHOUT_HEADING else ())
     table.require_unique("filename")
-    there = _photos(images)
-    listed = [name.casefold() for name in table.texts("filename")]
-    absent = [name for name in listed if name not in there]
-    if absent:
-        what = f"photos of it are not in the folder drone: {first_of(absent, len(listed))}"
-        fix = "download or unpack the flight again; remove rows only to leave photos out"
-        raise BenchmarkError(what, where=path, fix=fix)
+    found = match_every_row(table, "filename", photos)
     lonlat = np.stack([table.numbers("lon", -180, 180), table.numbers("lat", -80, 84)], axis=1)
     heading, notes = np.full(len(table), np.nan), []
     if table.has(_HEADING):
@@ -138,8 +120,7 @@ def _read_rows(
         heading = np.where(without, value, heading)
         count = f"{int(without.sum()):,} of {counted(len(table), 'photo')} have no heading"
         notes.append(f"{count}; they got {value:g} degrees, Phi of UAV-VisLoc's own table")
-    names = tuple(there[name] for name in listed)
-    return names, lonlat, table.numbers("height", -500, 20_000), heading, notes
+    return tuple(found.values()), lonlat, table.numbers("height", -500, 20_000), heading, notes
 
 
 def _plane_height(

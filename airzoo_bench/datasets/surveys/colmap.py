@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +25,6 @@ from airzoo_bench.reconstruction.alignment import PosedCameras, Similarity
 _INLIER_M, _LEAST_AGREEING = 5.0, 0.5
 _LEAST_POSITIONS = 4  # three are always met
 _TOLERANCE = 1e-4
-
-Places = Mapping[str, Sequence[float]]
 
 
 class _ColmapModels(Survey[ColmapOptions]):
@@ -63,7 +60,7 @@ def _placed(
     if file is not None:
         transform = read_similarity(file)
     elif options.from_exif:
-        transform, notes, left = _fitted(photos, _exif_positions(images, photos, crs), images)
+        transform, notes, left = _fitted(photos, images, crs)
     if transform is not None:
         photos = photos._replace(poses=transform.apply_poses(photos.poses))
     return photos, notes, left
@@ -86,42 +83,38 @@ def read_similarity(path: Path) -> Similarity:
     return Similarity(scale, turn, matrix[:3, 3])
 
 
-def _exif_positions(images: Path, photos: PosedPhotos, crs: CRS) -> Places:
+def _fitted(
+    photos: PosedPhotos, images: Path, crs: CRS
+) -> tuple[Similarity, tuple[str, ...], float | None]:
+    """Fit the model to EXIF positions; return notes too, and what remains (root mean square)."""
     found = {name: read_prior(images / name) for name in photos.names}
     whole = {n: p for n, p in found.items() if p.lon is not None and p.altitude_m is not None}
     rows = [(p.lon, p.lat, p.altitude_m) for p in whole.values()]
     places = np.array(rows, dtype=np.float64).reshape(-1, 3)
     places[:, :2] = from_lonlat(crs, places[:, :2])
-    return dict(zip(whole, places.tolist(), strict=True))
-
-
-def _fitted(
-    photos: PosedPhotos, places: Places, where: Path
-) -> tuple[Similarity, tuple[str, ...], float | None]:
-    """Fit the model to positions; return notes too, and what remains (root mean square)."""
     model = PosedCameras(photos.names, photos.poses.centres, photos.poses.rotation)
-    truth = PosedCameras(tuple(places), np.array(list(places.values())).reshape(-1, 3))
+    truth = PosedCameras(tuple(whole), places)
     fault = BenchmarkError(
         f"{counted(len(places), 'position')} do not place the model to {_INLIER_M:g} m",
-        where=where,
+        where=images,
         expected=f"at least {_LEAST_POSITIONS} that span an area, half of which agree",
         fix="look at the positions, or give a 4 x 4 matrix (--georeference)",
     )
     if len(places) < _LEAST_POSITIONS:
         raise fault
     try:
-        found = alignment.align(model, truth, alignment.shipped_alignment(inlier_below_m=_INLIER_M))
+        fit = alignment.align(model, truth, alignment.shipped_alignment(inlier_below_m=_INLIER_M))
     except alignment.AlignmentError as error:
         raise fault from error
-    left = found.inlier_centres
-    if left is None or not found.robust or found.inliers < _LEAST_AGREEING * found.cameras:
+    left = fit.inlier_centres
+    if left is None or not fit.robust or fit.inliers < _LEAST_AGREEING * fit.cameras:
         raise fault
     note = (
-        f"a similarity of scale {found.transform.scale:.6g} places the model by {found.inliers} "
-        f"of {counted(found.cameras, 'position')}: {left['rms']:.3f} m remain (root mean square), "
+        f"a similarity of scale {fit.transform.scale:.6g} places the model by {fit.inliers} "
+        f"of {counted(fit.cameras, 'position')}: {left['rms']:.3f} m remain (root mean square), "
         f"{left['largest']:.3f} m at most; no truth is better than these positions"
     )
-    return found.transform, (note,), round(left["rms"], 4) or None
+    return fit.transform, (note,), round(left["rms"], 4) or None
 
 
 COLMAP = _ColmapModels()

@@ -38,11 +38,9 @@ from airzoo_bench.datasets.tables import read_native_text
 from airzoo_bench.datasets.truths import BenchmarkProtocols
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.crs import geodesic_distance_m, horizontal_crs
-from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.matching.protocol import MatchingProtocol
 
-_SAME_PRIOR_M = 0.01
 _FIXED = (48, 49, 50)  # RtkFlag of a fixed solution, or its finer kinds
 _SAME_PLACE_M = 5.0  # between a photo's own position and its time stamp's
 _PHOTO_NUMBER = re.compile(r"(?<!\d)(\d{4})(?!\d)")
@@ -67,8 +65,6 @@ class _DjiFolders(Survey[DjiOptions]):
             if isinstance(protocol, MatchingProtocol):
                 scores = protocol.scores.model_copy(update={"orientation_is_trusted": False})
                 protocol = protocol.model_copy(update={"scores": scores})
-                if options.dsm is None:
-                    continue
             kept.append(protocol)
         return BenchmarkProtocols(tuple(kept))
 
@@ -91,7 +87,9 @@ class _DjiFolders(Survey[DjiOptions]):
             plane = _take_off(truth, images, notes)
         priors = None
         if options.priors is not None:
-            priors = _other_priors(options.priors, names, sizes, poses, crs)
+            given = read_prior_file(options.priors, sizes)
+            own = {name: PhotoPrior(**given.get(name, {})) for name in names}
+            priors = metadata_priors(own, crs)
         own_sizes = {name: sizes[name] for name in names}
         fix = "give the camera with --camera"
         cameras, said = photo_cameras(images, own_sizes, tags, options.camera, fix)
@@ -144,24 +142,6 @@ def _take_off(truth: Mapping[str, PhotoPrior], images: Path, notes: list[str]) -
         f"relative altitude, {np.ptp(known):.2f} m apart at most (--dsm for a surface)"
     )
     return height
-
-
-def _other_priors(
-    path: Path, names: Sequence[str], sizes: Mapping[str, tuple[int, int]], poses: Poses, crs: str
-) -> Poses:
-    """Read priors of another source than the truth."""
-    given, away = read_prior_file(path, sizes), 0.0
-    priors = metadata_priors({name: PhotoPrior(**given.get(name, {})) for name in names}, crs)
-    if priors is not None:
-        away = float(np.nanmedian(np.linalg.norm(priors.centres - poses.centres, axis=1)))
-    if priors is None or away < _SAME_PRIOR_M:
-        what = (
-            f"gives no photo a whole prior, or its positions are the truth ({away:.4f} m from it)"
-        )
-        expected = "priors of another source, such as the receiver without RTK"
-        fix = "leave --priors out: retrieval needs none"
-        raise BenchmarkError(what, where=path, expected=expected, fix=fix)
-    return priors
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ def posed_scene(
     named |= {"plane_height_m": options.plane_height, **parts}
     if "metadata" not in parts:
         metadata = photo_metadata(photos.names, images, options.priors, sizes, progress)
-        named |= {"metadata": metadata, "priors": metadata_priors(metadata, crs)}
+        named = {"metadata": metadata, "priors": metadata_priors(metadata, crs), **named}
     named["truth_accuracy_m"] = options.truth_accuracy or parts.get("truth_accuracy_m")
     if photos.absent:
         counts = first_of(photos.absent, len(photos.absent) + len(photos.names))
