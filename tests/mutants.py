@@ -3,7 +3,7 @@
     python -m tests.mutants --count 300 --seed 0 [--only matching --only geometry]
 
 A mutant changes one comparison, operator, constant or condition in a copy of the checkout. It meets
-the test files that name its module, then those of its room, then the goldens. What survives is
+the tests that run the changed line, which a first run of the suite finds by coverage. A survivor is
 printed with its place: it is equivalent, or a test is missing.
 """
 
@@ -21,6 +21,9 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import coverage
+import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "airzoo_bench"
@@ -73,38 +76,87 @@ def all_mutants(rooms: list[str]) -> list[Mutant]:
     return found
 
 
-def tests_of(path: Path) -> list[str]:
-    """Return the test files that name a module, the tests of its room, and the goldens."""
-    module, room = ".".join(path.with_suffix("").parts), path.parts[1]
-    names = (module, f"from {module.rpartition('.')[0]} import {path.stem}")
-    files = sorted((ROOT / "tests").rglob("test_*.py"))
-    near = [file for file in files if any(name in file.read_text("utf-8") for name in names)]
-    home = ROOT / "tests" / room
-    wanted = [*near, *([home] if home.is_dir() else []), ROOT / "tests" / "goldens"]
-    return [file.relative_to(ROOT).as_posix() for file in wanted]
+# --- which tests run a line ---
+
+_running = ""  # the test, as pytest names it
 
 
-def is_killed(mutant: Mutant, copy: Path) -> tuple[bool, str]:
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    global _running
+    _running = item.nodeid
+    _note_lines_as(_running)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: Any, request: Any) -> Iterator[None]:
+    """Note the lines of a fixture that several tests share as the whole file's."""
+    if fixturedef.scope != "function":
+        _note_lines_as(_running.partition("::")[0])
+    result = yield
+    _note_lines_as(_running)
+    return result
+
+
+def _note_lines_as(context: str) -> None:
+    if measured := coverage.Coverage.current():
+        measured.switch_context(context)
+
+
+Lines = dict[int, list[str]]
+"""For each line of a file the tests, or whole test files, that run it."""
+
+
+def read_lines(copy: Path) -> dict[Path, Lines]:
+    """Run the whole suite once and return which tests run each line of the package."""
+    settings = ["source = ['airzoo_bench']", "parallel = true", "patch = ['subprocess']"]
+    (copy / "lines.toml").write_text("\n".join(["[tool.coverage.run]", *settings]), "utf-8")
+    measure = ["coverage", "run", "--rcfile=lines.toml", "-m", "pytest", "-q", "-n2"]
+    combine = ["coverage", "combine", "-q", "--rcfile=lines.toml"]
+    for command in ([*measure, "--dist=loadfile", "-ptests.mutants"], combine):
+        subprocess.run([sys.executable, "-m", *command], cwd=copy, env=env_of(copy), check=False)
+    data = coverage.CoverageData(str(copy / ".coverage"))
+    data.read()
+    home = copy / "airzoo_bench"
+    files = [file for file in data.measured_files() if Path(file).is_relative_to(home)]
+    return {Path(file).relative_to(copy): data.contexts_by_lineno(file) for file in files}
+
+
+def tests_of(path: Path, line: int, lines: dict[Path, Lines]) -> list[str]:
+    """Return the tests that run a line, those of its room first; else all of its room."""
+    room, found = f"tests/{path.parts[1]}/", set(lines.get(path, {}).get(line, ())) - {""}
+    near = [test for test in found if test.partition("::")[0] not in found or "::" not in test]
+    if not near:
+        return [room] if (ROOT / room).is_dir() else ["tests/goldens"]
+    return sorted(near, key=lambda test: (not test.startswith(room), "goldens" in test, test))
+
+
+def env_of(copy: Path) -> dict[str, str]:
+    return os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+# --- mutants ---
+
+
+def is_killed(mutant: Mutant, copy: Path, lines: dict[Path, Lines]) -> tuple[bool, str]:
     """Return whether a test fails on a mutant, and what the changed line was."""
     path, number = mutant
     target, source = copy / path, (ROOT / path).read_text("utf-8")
     tree = ast.parse(source)
     node: Any = list(places(tree))[number]
-    before = ast.unparse(node)
+    before, line = ast.unparse(node), node.lineno
     for name, value in changes_of(node).items():
         setattr(node, name, value)
-    text = f"{path}:{node.lineno}: {before} -> {ast.unparse(node)}"
     target.write_text(ast.unparse(tree), "utf-8")
     options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants"]
-    command = [sys.executable, "-m", "pytest", *options, *tests_of(path)]
-    env = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", *options, *tests_of(path, line, lines)]
     try:
         quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        code = subprocess.run(command, cwd=copy, env=env, timeout=TIMEOUT_S, **quiet).returncode
+        done = subprocess.run(command, cwd=copy, env=env_of(copy), timeout=TIMEOUT_S, **quiet)
+        code = done.returncode
     except subprocess.TimeoutExpired:
         code = 1
     target.write_text(source, "utf-8")
-    return code != 0, text
+    return code != 0, f"{path}:{line}: {before} -> {ast.unparse(node)}"
 
 
 def main() -> None:
@@ -120,8 +172,9 @@ def main() -> None:
         copy = Path(folder) / "checkout"
         ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "site")
         shutil.copytree(ROOT, copy, symlinks=True, ignore=ignored)
+        lines = read_lines(copy)
         for mutant in chosen:
-            dead, text = is_killed(mutant, copy)
+            dead, text = is_killed(mutant, copy, lines)
             killed[mutant[0].parts[1]] += dead
             print("killed  " if dead else "SURVIVED", text, flush=True)  # noqa: T201
     tried = Counter(path.parts[1] for path, _ in chosen)
