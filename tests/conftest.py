@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, Phase, settings
 from typer.testing import CliRunner, Result
 
 from airzoo_bench.cli.main import app
-from airzoo_bench.core.progress import report_progress
+from airzoo_bench.cli.progress import report_progress
 from tests.support import BRIGHTON, MadeScene, made_protocol, write_benchmark
 
 # Tests never assert times: a busy machine is no fault.

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeAlias, TypeVar
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
+from airzoo_bench.cli.progress import report_progress
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import data_location, data_root
-from airzoo_bench.core.progress import report_progress
 from airzoo_bench.storage.urls import local_path, url_of
 
 if TYPE_CHECKING:

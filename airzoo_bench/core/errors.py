@@ -145,9 +145,4 @@ def plural(noun: str) -> str:
 
 def counted(number: int, noun: str, several: str | None = None) -> str:
     """Return ``1 scene``, ``18 queries``, ``12,000 points have``."""
-    return f"{number:,} {agreeing(number, noun, several or plural(noun))}"
-
-
-def agreeing(number: int, one: str, several: str) -> str:
-    """Return the form of a word that agrees with a number, such as ``is`` or ``are``."""
-    return one if number == 1 else several
+    return f"{number:,} {noun if number == 1 else several or plural(noun)}"

@@ -1,4 +1,4 @@
-"""The only imports of Matplotlib, Open3D and pycolmap, each slow or with a will of its own."""
+"""The only imports of Open3D and pycolmap, both slow and with a will of their own."""
 
 from __future__ import annotations
 
@@ -7,26 +7,8 @@ import importlib
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from types import ModuleType
-from typing import Any
-
-
-def load_matplotlib() -> ModuleType:
-    """Import Matplotlib and return the module."""
-    return importlib.import_module("matplotlib")
-
-
-@contextmanager
-def default_style(changes: dict[str, Any] | None = None) -> Iterator[None]:
-    """Draw with Matplotlib's default settings, whatever ``matplotlibrc`` or program has set."""
-    matplotlib = load_matplotlib()
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(changes or {})
-        yield
 
 
 @cache

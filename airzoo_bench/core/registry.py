@@ -63,8 +63,7 @@ class Registry:
             found, base = self._installed()[name].load(), resolve(self.base)
             lacking = [one for one in base.__annotations__ if not hasattr(found, one)]
             if lacking or not isinstance(found, base):
-                what = f"lacks {', '.join(lacking)}" if lacking else "no instance"
-                raise TypeError(f"{what} of {self.base}")
+                raise TypeError(f"no {self.base}: lacks {', '.join(lacking) or 'its methods'}")
             return found
 
     def load_all(self) -> dict[str, Any]:
@@ -83,11 +82,10 @@ class Registry:
         except Exception as error:
             if name in self.places or isinstance(error, (UserError, MemoryError)):
                 raise
-            point, calls = self._installed()[name], traceback.extract_tb(error.__traceback__)
-            own = [one for one in calls if point.module.split(".")[0] in one.filename][-1:]
-            line = "".join(f", line {one.lineno} of {Path(one.filename).name}" for one in own)
-            what, where = f"{type(error).__name__}: {printable(error)}", _describe(self.kind, point)
-            raise UserError(what, where=where + line) from error
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            line = f"line {last.lineno} of {Path(last.filename).name}"
+            what = f"{type(error).__name__}: {printable(error)}, {line}"
+            raise UserError(what, where=_describe(self.kind, self._installed()[name])) from error
 
     @contextmanager
     def warning(self, name: str) -> Iterator[None]:
@@ -115,8 +113,7 @@ def _search(kind: str, _: tuple[str, ...]) -> dict[str, EntryPoint]:
 
 
 def _describe(kind: str, point: EntryPoint) -> str:
-    package = "" if point.dist is None else f" (package {point.dist.name})"
-    return f"{kind.removesuffix('s')} {point.name}{package}"
+    return f"{kind[:-1]} {point.name} (package {getattr(point.dist, 'name', '')})"
 
 
 TRACKS = Registry("tracks", "airzoo_bench.evaluation.info:TrackInfo")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from airzoo_bench.benchmark.queries import poses_of
-from airzoo_bench.core.errors import agreeing, counted, first_of
+from airzoo_bench.core.errors import counted, first_of
 from airzoo_bench.datasets.facts import SceneFacts
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.precision import COARSEST_M, rounding_errors, was_rounded_to
@@ -80,9 +80,9 @@ def _below(facts: SceneFacts) -> Iterator[str]:
     below = int((facts.heights_m <= 0.0).sum())
     if below:
         yield (
-            f"{below} of {counted(len(facts.heights_m), 'camera')} "
-            f"{agreeing(below, 'is', 'are')} below the ground: look at the vertical datum and unit "
-            "of both, and at heights that are none"
+            f"below the ground {'is' if below == 1 else 'are'} {below} of "
+            f"{counted(len(facts.heights_m), 'camera')}: look at the vertical datum and unit of "
+            "both, and at heights that are none"
         )
 
 

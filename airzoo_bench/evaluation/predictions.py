@@ -18,16 +18,8 @@ from numpy.typing import NDArray
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
 from airzoo_bench.benchmark.queries import conditions_of
-from airzoo_bench.core import files
-from airzoo_bench.core.errors import (
-    BenchmarkError,
-    PredictionError,
-    ProtocolError,
-    UnreadableError,
-    UsageError,
-    counted,
-    first_of,
-)
+from airzoo_bench.core import errors, files
+from airzoo_bench.core.errors import PredictionError, UnreadableError, counted, first_of
 from airzoo_bench.core.registry import READERS, TRACKS, load_track
 from airzoo_bench.core.sandbox import call_limited
 from airzoo_bench.core.validation import nearest
@@ -43,9 +35,7 @@ SURE = 0.5
 
 _SURE_OF_TRACK = 0.25  # the same where its track is the one that is asked for
 _SHOWN = 3
-FIX_READER = (
-    "name its reader by --reader NAME (`airzoo-bench readers` lists them), or install its package"
-)
+FIX_READER = "name its reader by --reader NAME, see `airzoo-bench readers`, or install its package"
 
 
 # --- predictions with a row a query, of all scenes in one file ---
@@ -126,7 +116,9 @@ def read_fields(arrays: Arrays, forms: tuple[Fields[C], ...], expected: str) -> 
 def check_npz(out: Path) -> None:
     """Refuse, before any work, an output name that does not end in ``.npz``."""
     if out.suffix != ".npz":
-        raise UsageError("predictions are written as .npz", where=out, fix=f"name it {out}.npz")
+        raise errors.UsageError(
+            "predictions are written as .npz", where=out, fix=f"name it {out}.npz"
+        )
 
 
 def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -212,7 +204,7 @@ def reader_named(name: str) -> Reader:
     names = READERS.names()
     if name not in names:
         what = f"there is no reader {name[:80]!r}{nearest(name[:80], names)}"
-        raise UsageError(what, where="--reader", expected="one of " + ", ".join(names))
+        raise errors.UsageError(what, where="--reader", expected="one of " + ", ".join(names))
     found: Reader = READERS.get(name)
     return found
 
@@ -292,9 +284,8 @@ def _read_native(path: Path, reader: Reader, asked: ReadRequest, data: Path) -> 
             raise UnreadableError(f"a folder, and so not {reader.title}", where=path) from error
         beside = [*read.beside, *([asked.names] if asked.names else [])]
         also = (f"read too: {one.name}, SHA-256 {files.sha256_of(one)}" for one in beside)
-        used: Any = {"reader": asked.reader, "protocol": asked.protocol}
-        found = (*read.conventions, *also)
-        return replace(read, conventions=found, truths=(benchmark, truths), **used)
+        read = replace(read, conventions=(*read.conventions, *also), truths=(benchmark, truths))
+        return replace(read, reader=asked.reader, protocol=asked.protocol)
 
 
 def _list_kinds(track: str | None = None) -> str:
@@ -310,13 +301,13 @@ def _choose_protocol(
         expected = "a field 'protocol', protocol.txt in a folder or archive, or --protocol NAME"
         fix = "add --protocol PROTOCOL: `airzoo-bench protocols` lists them"
         fix += "; for fields of retrieval or matching, save an .npz" * (path.suffix == ".npy")
-        raise ProtocolError(what, where=path, expected=expected, fix=fix)
+        raise errors.ProtocolError(what, where=path, expected=expected, fix=fix)
     try:
         chosen = protocols.find_protocol(named or str(stated), data)
-    except ProtocolError as error:
+    except errors.ProtocolError as error:
         raise error if named else error.inside(f"{path}, field 'protocol'") from None
     own = chosen
-    with suppress(ProtocolError):  # that of the file, whose track --protocol cannot change
+    with suppress(errors.ProtocolError):  # that of the file, whose track --protocol cannot change
         own = protocols.find_protocol(stated or "", data)
     other = track if own.track == chosen.track else own.track
     if other not in (None, chosen.track):
@@ -354,10 +345,10 @@ def read_truth(benchmark: Benchmark, protocol: protocols.Protocol, scene: str) -
     taken = {*track.recorded, *(score.key for score in track.scores(protocol))}
     for name in conditions_of(truth.queries).columns if hasattr(truth, "queries") else ():
         if any(fnmatchcase(name, one) for one in taken):
-            raise BenchmarkError(
-                f"condition {name} has the name of a column of {protocol.track} records",
-                where=benchmark.scene_folder(scene) / "queries.csv",
-                fix="rename the column, then `airzoo-bench manifest FOLDER --force`",
+            what = f"condition {name} has the name of a column of {protocol.track} records"
+            fix = "rename the column, then `airzoo-bench manifest FOLDER --force`"
+            raise errors.BenchmarkError(
+                what, where=benchmark.scene_folder(scene) / "queries.csv", fix=fix
             )
     return truth
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airzoo_bench.core.errors import UsageError, plural
-from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.report.figures import (
     NARROW_IN,
     Sheet,
     axis_label,
+    default_style,
     error_label,
     finish,
     label_text,

@@ -6,7 +6,8 @@ import io
 import re
 import textwrap
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError, counted
 from airzoo_bench.core.files import atomic_write
-from airzoo_bench.core.optional_imports import default_style, load_matplotlib
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
@@ -77,6 +77,17 @@ class Sheet:
     def noting(self, *notes: str) -> Sheet:
         """Return the sheet with more small print; empty notes are none."""
         return replace(self, notes=(*self.notes, *filter(None, notes)))
+
+
+@contextmanager
+def default_style(changes: Any = None) -> Iterator[None]:
+    """Draw with Matplotlib's default settings, whatever ``matplotlibrc`` or program has set."""
+    import matplotlib as mpl
+
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(changes or {})
+        yield
 
 
 @default_style()
@@ -152,11 +163,9 @@ def check_ending(path: Path) -> str:
     """Return the format that a file's suffix names: one of `FORMATS`."""
     form = path.suffix.lower().removeprefix(".")
     if form not in FORMATS:
-        raise UsageError(
-            f"a picture cannot be written as {path.suffix or 'a file without an ending'}",
-            where=path,
-            expected="a file that ends in " + ", ".join(f".{name}" for name in FORMATS),
-        )
+        what = f"a picture cannot be written as {path.suffix or 'a file without an ending'}"
+        expected = "a file that ends in " + ", ".join(f".{name}" for name in FORMATS)
+        raise UsageError(what, where=path, expected=expected)
     return form
 
 
@@ -194,18 +203,20 @@ def error_codes(errors: Floats, limit: float) -> NDArray[np.int64]:
 
 def error_palette() -> NDArray[np.uint8]:
     """Return the 256 colours of errors; the last one is for errors at the limit or beyond."""
-    table = load_matplotlib().colormaps[_PALETTE](np.linspace(0, 1, 255))[:, :3]
-    colours: NDArray[np.uint8] = np.vstack([(table * 255).round(), _BEYOND]).astype(np.uint8)
-    return colours
+    from matplotlib import colormaps
+
+    table = colormaps[_PALETTE](np.linspace(0, 1, 255))[:, :3]
+    return np.asarray(np.vstack([(table * 255).round(), _BEYOND]), np.uint8)
 
 
 def add_error_bar(axes: Axes, limit: float, label: str) -> None:
     """Add the colour bar of `error_colours`."""
+    from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    colours = load_matplotlib().colormaps[_PALETTE]
-    shown = ScalarMappable(Normalize(0, limit), colours.with_extremes(over=np.divide(_BEYOND, 255)))
+    colours = colormaps[_PALETTE]
+    shown = ScalarMappable(Normalize(0, limit), colours.with_extremes(over=COLOURS[1]))
     figure: Any = axes.get_figure(root=True)
     figure.colorbar(shown, ax=axes, label=label, extend="max", shrink=0.85, pad=0.02)
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from airzoo_bench.benchmark.images import read_rgb_photo
 from airzoo_bench.core.errors import counted
-from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Bools, Floats
@@ -23,6 +22,7 @@ from airzoo_bench.report.figures import (
     COLOURS,
     Sheet,
     add_error_bar,
+    default_style,
     error_colours,
     finish,
     new_canvas,

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.formats.clouds.cloud import CloudSource
@@ -21,6 +20,7 @@ from airzoo_bench.report.figures import (
     COLOURS,
     Sheet,
     add_error_bar,
+    default_style,
     error_codes,
     error_colours,
     finish,

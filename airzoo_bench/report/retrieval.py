@@ -10,10 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airzoo_bench.core.errors import UsageError
-from airzoo_bench.core.optional_imports import default_style
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.geometry.rasters import read_rgb
-from airzoo_bench.report.figures import COLOURS, Sheet, finish, new_canvas
+from airzoo_bench.report.figures import COLOURS, Sheet, default_style, finish, new_canvas
 from airzoo_bench.report.sections import Place, Section, draw_ground, true_window
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.track import RANKED_TILE

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from airzoo_bench.core.errors import agreeing, counted, plural
+from airzoo_bench.core.errors import counted, plural
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
     MethodComparison,
@@ -208,7 +208,7 @@ def differences_table(methods: Sequence[Method], score: ScoreColumn, count: int)
         ]
         heads.append(Column("Difference", unit))
         notes.append(f"difference: {methods[1].name} minus {methods[0].name}")
-    differ = agreeing(found, "differs", "differ")
+    differ = "differs" if found == 1 else "differ"
     return Table(
         f"Where the methods differ most on {score.title}",
         tuple(heads),

@@ -13,12 +13,12 @@ from typing import TypeVar
 import matplotlib
 import pytest
 
+from airzoo_bench.cli.progress import report_progress
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.optional_imports import default_style
-from airzoo_bench.core.progress import Headed, report_progress, with_progress
+from airzoo_bench.core.progress import Headed, with_progress
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.core.validation import Strict, nearest, validated
-from airzoo_bench.report.figures import figure_bytes, new_canvas
+from airzoo_bench.report.figures import default_style, figure_bytes, new_canvas
 from tests.support import HANGS_S
 
 T = TypeVar("T")
