@@ -28,6 +28,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "airzoo_bench"
 TIMEOUT_S = 900
+FILES = 12  # that a mutant meets at most: a line that more run is killed by the first
 PAIRS = "Lt LtE, Gt GtE, Eq NotEq, In NotIn, Is IsNot, And Or, Add Sub, Mult Div, USub UAdd"
 SWAPS = {
     getattr(ast, one): getattr(ast, other)
@@ -76,38 +77,17 @@ def all_mutants(rooms: list[str]) -> list[Mutant]:
     return found
 
 
-# --- which tests run a line ---
-
-_running = ""  # the test, as pytest names it
+Lines = dict[int, list[str]]
+"""For each line of a file the test files that run it."""
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    global _running
-    _running = item.nodeid
-    _note_lines_as(_running)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_fixture_setup(fixturedef: Any, request: Any) -> Iterator[None]:
-    """Note the lines of a fixture that several tests share as the whole file's."""
-    if fixturedef.scope != "function":
-        _note_lines_as(_running.partition("::")[0])
-    result = yield
-    _note_lines_as(_running)
-    return result
-
-
-def _note_lines_as(context: str) -> None:
     if measured := coverage.Coverage.current():
-        measured.switch_context(context)
-
-
-Lines = dict[int, list[str]]
-"""For each line of a file the tests, or whole test files, that run it."""
+        measured.switch_context(item.nodeid.partition("::")[0])
 
 
 def read_lines(copy: Path) -> dict[Path, Lines]:
-    """Run the whole suite once and return which tests run each line of the package."""
+    """Run the whole suite once and return which test files run each line of the package."""
     settings = ["source = ['airzoo_bench']", "parallel = true", "patch = ['subprocess']"]
     (copy / "lines.toml").write_text("\n".join(["[tool.coverage.run]", *settings]), "utf-8")
     measure = ["coverage", "run", "--rcfile=lines.toml", "-m", "pytest", "-q", "-n2"]
@@ -122,19 +102,14 @@ def read_lines(copy: Path) -> dict[Path, Lines]:
 
 
 def tests_of(path: Path, line: int, lines: dict[Path, Lines]) -> list[str]:
-    """Return the tests that run a line, those of its room first; else all of its room."""
-    room, found = f"tests/{path.parts[1]}/", set(lines.get(path, {}).get(line, ())) - {""}
-    near = [test for test in found if test.partition("::")[0] not in found or "::" not in test]
-    if not near:
-        return [room] if (ROOT / room).is_dir() else ["tests/goldens"]
-    return sorted(near, key=lambda test: (not test.startswith(room), "goldens" in test, test))
+    """Return the first test files that run a line, those of its room before the goldens."""
+    found, room = set(lines.get(path, {}).get(line, ())) - {""}, f"tests/{path.parts[1]}/"
+    near = sorted(found, key=lambda test: (not test.startswith(room), "goldens" in test, test))
+    return near[:FILES] or [room if (ROOT / room).is_dir() else "tests/goldens"]
 
 
 def env_of(copy: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-
-
-# --- mutants ---
 
 
 def is_killed(mutant: Mutant, copy: Path, lines: dict[Path, Lines]) -> tuple[bool, str]:
