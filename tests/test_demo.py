@@ -23,12 +23,7 @@ from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.datasets.content import SceneContent
 from airzoo_bench.datasets.folder import write_benchmark
 from airzoo_bench.datasets.mini.build import build_world
-from airzoo_bench.datasets.mini.dataset import (
-    SURVEY,
-    mini_photos,
-    scene_inputs,
-    seen_surface,
-)
+from airzoo_bench.datasets.mini.dataset import SURVEY, mini_photos, scene_inputs, seen_surface
 from airzoo_bench.datasets.mini.renderer import FrameList, default_camera, render_frames
 from airzoo_bench.datasets.mini.world import CRS, World, save_world
 from airzoo_bench.datasets.settings import PrepareSettings

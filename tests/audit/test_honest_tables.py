@@ -12,15 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airzoo_bench.audit.audit import Audit
-from tests.audit.support import (
-    METHODS,
-    Manner,
-    Rows,
-    audited,
-    draw_manner,
-    honest,
-    told,
-)
+from tests.audit.support import METHODS, Manner, Rows, audited, draw_manner, honest, told
 
 SCENES = (97, 161, 190, 444)
 

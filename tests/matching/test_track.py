@@ -14,20 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.geometry.cameras import project
-from airzoo_bench.geometry.poses import (
-    Poses,
-    camera_to_world,
-)
+from airzoo_bench.geometry.poses import Poses, camera_to_world
 from airzoo_bench.matching.predictions import PredictedPoses, read_matching
 from tests.geometry.support import looking_down
-from tests.matching.world import (
-    N_MATCHES,
-    N_QUERIES,
-    World,
-    evaluated,
-    matched,
-    noisy,
-)
+from tests.matching.world import N_MATCHES, N_QUERIES, World, evaluated, matched, noisy
 
 GIVEN = {"matches": "matches", "in_crops": "matches", "pairs": "pairs", "poses": "poses"}
 ERRORS = ["error_m", "horizontal_m", "vertical_m", "rotation_deg"]

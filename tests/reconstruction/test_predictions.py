@@ -36,15 +36,7 @@ from airzoo_bench.reconstruction.predictions import ScenePrediction, open_recons
 from airzoo_bench.reconstruction.settings import Fusion
 from tests.formats.cloud_support import LIMIT, SAMPLING, made, points_of, write_ply
 from tests.geometry.support import looking_down
-from tests.reconstruction.world import (
-    MAP_SIZE,
-    UTM,
-    World,
-    notes_of,
-    poses,
-    save,
-    similarity,
-)
+from tests.reconstruction.world import MAP_SIZE, UTM, World, notes_of, poses, save, similarity
 
 WORLD = World(Path())
 VIEWS = WORLD.views("lot") | {"conf": np.random.default_rng(1).random((4, 36, 48), np.float32)}

@@ -389,8 +389,7 @@ def in_shards(folder: Path, points: Array, count: int) -> CloudSource:
 
 
 @pytest.mark.parametrize(
-    "steps",
-    [{"region": "observed", "observed_cell_m": 2.0}, {"crop": "covered", "voxel_m": 0.1}],
+    "steps", [{"region": "observed", "observed_cell_m": 2.0}, {"crop": "covered", "voxel_m": 0.1}]
 )
 def test_shards_score_as_one_cloud_does(
     steps: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from airzoo_bench.core.errors import ResultError, UsageError
-from airzoo_bench.report.numbers import find, notes_by_method, summary_panes
+from airzoo_bench.report.numbers import find, summary_panes
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
@@ -182,6 +182,6 @@ def test_every_face_marks_it_and_says_so() -> None:
     alone, section = scenes_table(poor.result), Section([poor, good])
     assert note in alone.notes
     assert alone.texts()[-2][0] == f"Average {FLOOR_MARK}"
-    assert f"poor: {note}" in notes_by_method(section)
     [summary] = summary_panes(section, find(section))[0].tables
+    assert f"poor: {note}" in summary.notes
     assert [row[0] for row in summary.texts()] == [marked, "good", "Floor"]

@@ -20,11 +20,7 @@ from airzoo_bench.core.errors import BenchmarkError, RasterError
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
 from airzoo_bench.geometry.rasters import open_info
-from airzoo_bench.retrieval.prepare import (
-    build_truth,
-    cut_gallery,
-    tile_starts,
-)
+from airzoo_bench.retrieval.prepare import build_truth, cut_gallery, tile_starts
 from airzoo_bench.retrieval.settings import GeometricRules, MapGallery
 from airzoo_bench.retrieval.truth import BOX_COLUMNS, RetrievalTruth, read_truth, write_truth
 from tests.support import write_raster
