@@ -20,10 +20,10 @@ from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import scoring, sealing
 from airzoo_bench.leaderboard.answers import now
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board, write_starter
+from airzoo_bench.leaderboard.checks import Rules
 from airzoo_bench.leaderboard.comment import Found, comment_on, read_found
 from airzoo_bench.leaderboard.git import DataBranch, RefusedError, Try, read_event
 from airzoo_bench.leaderboard.pages import build_board
-from airzoo_bench.leaderboard.scoring import Rules
 
 app = typer.Typer(help="A board: its files, CI and pages.", no_args_is_help=True)
 

@@ -15,7 +15,7 @@ from airzoo_bench.evaluation.predictions import ReadRequest, open_predictions
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import submitting
 from airzoo_bench.leaderboard.board import BOARD_FILE, board_root, known_submissions, read_board
-from airzoo_bench.leaderboard.checks import FETCHING_S, check_submission
+from airzoo_bench.leaderboard.checks import FETCHING_S, Rules, check_submission
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE
 from airzoo_bench.tables.layouts import scenes_table
 
@@ -23,7 +23,10 @@ _ASKED = ("protocol", "method", "team", "contact", "author", "licence", "trainin
 PANELS = {"Questions": _ASKED, "More": ("more", "url", "reader")}
 PANELS |= {"Board": ("board", "force", "commit")}
 
-app = typer.Typer(help="Check a submission to a board.", no_args_is_help=True)
+# With a callback, `check` is a command of a group.
+app = typer.Typer(
+    help="Check a submission to a board.", no_args_is_help=True, callback=lambda: None
+)
 
 
 def submit(
@@ -84,11 +87,6 @@ def submit(
             echo(f"{step}\n")
 
 
-@app.callback()
-def _group() -> None:
-    """Check a submission to a board."""
-
-
 @app.command(epilog=examples("submission check submissions/airzoo-mini/matching/sift"))
 def check(
     folder: Annotated[Path, typer.Argument(help="The folder with submission.toml.")],
@@ -105,13 +103,12 @@ def check(
 
 def _passes(folder: Path, root: Path, *, fetch: bool) -> bool:
     """Check a submission, score it where that can be done, print, and say whether it passes."""
-    data, rules, run = data_root(), read_board(root / BOARD_FILE), Run(progress=progress)
-    known, seconds = known_submissions(root), FETCHING_S * fetch
-    checked = check_submission(folder, rules, data, known, seconds, run)
+    rules = Rules(read_board(root / BOARD_FILE), root, data_root(), Run(progress=progress))
+    checked = check_submission(folder, rules, known_submissions(root), FETCHING_S * fetch)
     done = "checked"
     if not checked.errors:
         try:
-            show(scenes_table(checked.score(data, run).result), Format.TERMINAL)
+            show(scenes_table(checked.score(rules.data, rules.run).result), Format.TERMINAL)
             done = "checked and scored"
         except BenchmarkError as error:  # the truth is not here, or sealed
             checked.warnings.append(f"not scored: {error.what}")

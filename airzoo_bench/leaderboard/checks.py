@@ -14,7 +14,7 @@ from airzoo_bench.core.validation import nearest
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.predictions import ReadRequest
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard import submission as rules
+from airzoo_bench.leaderboard import submission
 from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
@@ -27,6 +27,17 @@ FETCHING_S = 3600.0
 
 _DEPTH = 8  # parts of a path in the folder
 _NEAR_PRIOR = 0.01
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The rules of a board, and the means to check and score by them."""
+
+    board: Board
+    root: Path  # a checkout of the board's own branch
+    data: Path  # the folder of benchmark folders
+    run: Run
+    truths: dict[str, str] = field(default_factory=dict)  # fingerprints that were read, by protocol
 
 
 @dataclass(eq=False)
@@ -60,29 +71,32 @@ class CheckedSubmission:
 
 
 def check_submission(
-    folder: Path,
-    board: Board,
-    data: Path,
-    known: Mapping[Place, Submission],
-    seconds: float,
-    run: Run,
+    folder: Path, rules: Rules, known: Mapping[Place, Submission], seconds: float = 0.0
 ) -> CheckedSubmission:
     """Find all errors of a submission that can be found without scoring it.
 
     Predictions at an address are fetched within `seconds`, and not where these are 0.
     """
     found, place = CheckedSubmission(folder), Place.from_folder(folder)
+    board, data = rules.board, rules.data
     try:
         refuse_files(folder, board.limits)
         found.submission = given = read_submission(folder / SUBMISSION_FILE)
         claims = [*_check_claims(given, place, known)]
         found.warnings += [one for one in claims if isinstance(one, str)]
         found.errors += [one for one in claims if isinstance(one, UserError)]
-        _check_place(place, given, board, data)
+        benchmarks = {one.name: one.protocols for one in board.benchmarks}
+        protocols = (find_protocol(name, data) for name in benchmarks.get(place.benchmark, ()))
+        fitting = [one.name for one in protocols if one.track == place.track and place.is_plain]
+        if given.protocol not in fitting:
+            what = f"key 'protocol' is {given.protocol!r}, which does not score {place.path}"
+            fix = f"one of {', '.join(fitting or board.protocols)}, in submissions/BENCHMARK/TRACK"
+            raise _wrong(f"{what}{nearest(given.protocol, fitting)}", fix)
         found.predictions = _find_predictions(folder, given, board.limits, data, seconds)
         if (path := found.predictions) is not None:
             request = ReadRequest(given.predictions.reader)
-            checked = check(path, data=data, protocol=given.protocol, run=run, request=request)
+            names: Any = {"data": data, "protocol": given.protocol}
+            checked = check(path, **names, run=rules.run, request=request)
             found.errors += checked.errors
             found.warnings += checked.notes
     except BenchmarkError as error:
@@ -147,7 +161,7 @@ def _check_claims(
     given: Submission, place: Place, known: Mapping[Place, Submission]
 ) -> Iterator[UserError | str]:
     """Yield names that readers would take for another's, and notes on claims for the reviewer."""
-    ignored = (key for key in rules.EARLIER_KEYS if key in given.model_fields_set)
+    ignored = (key for key in submission.EARLIER_KEYS if key in given.model_fields_set)
     yield from (f"key '{key}' is ignored" for key in ignored)
     if given.account is None:
         yield "key 'account' is missing: CI takes this from maintainers only; write account = ID"
@@ -160,7 +174,7 @@ def _check_claims(
             if name != other and name.casefold() == other.casefold():
                 what = f"{key} {name!r} differs from {other!r} only in case"
                 yield _wrong(what, f"write {other!r} if it is the same, else another name")
-            elif name != other and rules.skeleton(name) == rules.skeleton(other):
+            elif name != other and submission.skeleton(name) == submission.skeleton(other):
                 yield f"{key} {name!r} looks like {other!r} {whose}"
         if is_rival and one.method == given.method:
             yield f"{one.method!r} is on this board already, {whose}"
@@ -172,17 +186,6 @@ def _check_claims(
         yield f"team {given.team!r} is on the board already, by another account"
     if "official" in given.method.casefold() and {o.team for o in others.values()} - {given.team}:
         yield f"method {given.method!r} says that it is official: see whether it is"
-
-
-def _check_place(place: Place, given: Submission, board: Board, data: Path) -> None:
-    """Refuse a protocol by which the board does not score at the folder's place."""
-    benchmarks = {one.name: one.protocols for one in board.benchmarks}
-    protocols = (find_protocol(name, data) for name in benchmarks.get(place.benchmark, ()))
-    fitting = [one.name for one in protocols if one.track == place.track and place.is_plain]
-    if given.protocol not in fitting:
-        what = f"key 'protocol' is {given.protocol!r}, which does not score {place.path}"
-        fix = f"one of {', '.join(fitting or board.protocols)}, in submissions/BENCHMARK/TRACK/NAME"
-        raise _wrong(f"{what}{nearest(given.protocol, fitting)}", fix)
 
 
 # --- predictions ---

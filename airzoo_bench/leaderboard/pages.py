@@ -30,6 +30,7 @@ from airzoo_bench.leaderboard.pictures import read_pictures
 from airzoo_bench.leaderboard.tables import make_table
 from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.report.packing import content_policy, page_json
+from airzoo_bench.report.page import TEMPLATES
 from airzoo_bench.tables.model import show_number
 
 Json = Mapping[str, Any]
@@ -131,16 +132,9 @@ def render_pages(board: Json, scored: Path) -> dict[str, str]:
     """
     found, rooms = {}, ("airzoo_bench.leaderboard", "airzoo_bench.report")
     loader = jinja2.ChoiceLoader([jinja2.PackageLoader(room, "html") for room in rooms])
-    env = jinja2.Environment(
-        loader=loader,
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=_show_visible,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    env.filters["number"] = float  # infinite ones are texts in board.json
-    env.globals |= {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
+    env = TEMPLATES.overlay(loader=loader, finalize=_show_visible)
+    own = {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
+    env.globals = env.globals | own  # a dictionary that the overlay does not share
     read = lru_cache(lambda name: loader.get_source(env, name)[0])
 
     def page(path: str, template: str, script: str = "", data: Any = None, **values: Any) -> None:

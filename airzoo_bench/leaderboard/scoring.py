@@ -8,8 +8,8 @@ import socket
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,17 @@ from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.evaluate import save, truth_fingerprint
 from airzoo_bench.evaluation.predictions import read_truths
-from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard import answers, checks, git
+from airzoo_bench.leaderboard import answers, git
 from airzoo_bench.leaderboard.answers import Answer, run_folders
-from airzoo_bench.leaderboard.board import Board, Place, known_submissions
-from airzoo_bench.leaderboard.checks import FETCHED, FETCHING_S, CheckedSubmission
+from airzoo_bench.leaderboard.board import Place, known_submissions
+from airzoo_bench.leaderboard.checks import (
+    FETCHED,
+    FETCHING_S,
+    CheckedSubmission,
+    Rules,
+    check_submission,
+    refuse_files,
+)
 from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.git import DataBranch
 from airzoo_bench.leaderboard.pictures import draw_pictures
@@ -34,47 +40,34 @@ from airzoo_bench.protocol.model import find_protocol
 
 # No submitter can put these right.
 _OF_BOARD = (git.BoardError, errors.BenchmarkError, errors.ProtocolError)
+# The parts of a submission that its scores depend on.
+_INPUTS = attrgetter("protocol", "predictions.sha256", "predictions.reader", "pipeline")
 _SAME = 0.99  # of all records: few methods agree in so many
 
 
-@dataclass(frozen=True)
-class Rules:
-    """The rules and the means of a board's CI."""
+def _is_current(head: answers.Head, rules: Rules) -> bool:
+    """Whether an answer is by the present protocol and truth."""
+    protocol = find_protocol(head.protocol, rules.data)
+    is_sealed = head.benchmark in rules.board.archives
+    stated = (head.protocol_version, head.protocol_fingerprint, head.sealed)
+    if stated != (protocol.version, protocol.fingerprint, is_sealed):
+        return False
+    if head.protocol not in rules.truths:
+        rules.truths[head.protocol] = (
+            commitment_of(find_benchmark(head.benchmark, rules.data, sealed=True))
+            if is_sealed
+            else truth_fingerprint(read_truths(protocol, rules.data)[1])
+        )
+    return head.truth == rules.truths[head.protocol]
 
-    board: Board
-    root: Path  # a checkout of the board's own branch
-    data: Path  # the folder of benchmark folders
-    run: Run
-    truths: dict[str, str] = field(default_factory=dict)
 
-    def is_current(self, head: answers.Head) -> bool:
-        """Whether an answer is by the present protocol and truth."""
-        protocol = find_protocol(head.protocol, self.data)
-        is_sealed = head.benchmark in self.board.archives
-        stated = (head.protocol_version, head.protocol_fingerprint, head.sealed)
-        if stated != (protocol.version, protocol.fingerprint, is_sealed):
-            return False
-        if head.protocol not in self.truths:
-            self.truths[head.protocol] = (
-                commitment_of(find_benchmark(head.benchmark, self.data, sealed=True))
-                if is_sealed
-                else truth_fingerprint(read_truths(protocol, self.data)[1])
-            )
-        return head.truth == self.truths[head.protocol]
-
-    def check(
-        self, folder: Path, known: Mapping[Place, Submission], seconds: float = 0.0
-    ) -> CheckedSubmission:
-        """Check a submission as the command line does."""
-        return checks.check_submission(folder, self.board, self.data, known, seconds, self.run)
-
-    def score(self, checked: CheckedSubmission, tree: str, run: Path) -> Answer:
-        """Score a sound submission into the folder of a run."""
-        scored = checked.score(self.data, self.run)
-        save(scored, run, partial(draw_pictures, scored, self.run))
-        answer = answers.measure(run, tree)
-        answers.write_run(run, checked.sound, answer)
-        return answer
+def _score_into(run: Path, checked: CheckedSubmission, tree: str, rules: Rules) -> Answer:
+    """Score a sound submission into the folder of a run."""
+    scored = checked.score(rules.data, rules.run)
+    save(scored, run, partial(draw_pictures, scored, rules.run))
+    answer = answers.measure(run, tree)
+    answers.write_run(run, checked.sound, answer)
+    return answer
 
 
 # --- a pull request ---
@@ -111,7 +104,7 @@ def _score_written(
 ) -> dict[str, Any]:
     """Check and score the one submission that a pull request changes; return its findings."""
     known, folder = known_submissions(rules.root), work / place.path
-    checked = rules.check(folder, known, FETCHING_S)
+    checked = check_submission(folder, rules, known, FETCHING_S)
     given, predictions = checked.submission, checked.predictions
     own = given.account if given else pull.account
     if pull.account not in (own, *rules.board.maintainers):
@@ -132,7 +125,7 @@ def _score_written(
     home = work / "board"
     branch.copy_runs({place, *known}, home)
     run = answers.next_run(home / place.runs)  # among the runs of the others, as after a merge
-    answer = rules.score(checked, tree, run)
+    answer = _score_into(run, checked, tree, rules)
     entries = answers.read_entries(home / "runs", home / "none")
     table = make_table(find_protocol(given.protocol, rules.data), "", entries, work / "cache")
     row = next(row for row in table.rows if row.id == place.folder)
@@ -174,7 +167,7 @@ def score_against_truth(found: Found, work: Path, rules: Rules) -> Found:
         raise SubmissionError("the truth of this benchmark is not sealed")
     if (work / FETCHED).is_dir():
         shutil.copytree(work / FETCHED, rules.data / FETCHED, dirs_exist_ok=True)
-    checked = rules.check(work / place.path, {})
+    checked = check_submission(work / place.path, rules, {})
     if sha256_of_tree(checked.folder) != found.tree:
         raise SubmissionError("not the files that the first job has checked", where=place.path)
     try:
@@ -222,20 +215,20 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     before = None
     with suppress(UserError):  # an answer that cannot be read does not count
         before = None if last is None else answers.read_answer(last / answers.RUN_FILE)
-    checks.refuse_files(folder, rules.board.limits)  # or a hash would follow its links
+    refuse_files(folder, rules.board.limits)  # or a hash would follow its links
     tree, sealed = sha256_of_tree(folder), place.benchmark in rules.board.archives
-    counts = before is not None and rules.is_current(before.head)
+    counts = before is not None and _is_current(before.head, rules)
     if before is not None and before.tree == tree and (sealed or counts):
         return "" if counts else "not scored again by another truth: commit it again to try"
     # Which of two alike came first: the one that has a run.
     every = known_submissions(rules.root).items()
     known = {at: one for at, one in every if at == place or run_folders(out / at.runs)}
-    checked, run = rules.check(folder, known), answers.next_run(out / place.runs)
+    checked, run = check_submission(folder, rules, known), answers.next_run(out / place.runs)
     given = checked.sound
     if sealed:
         path = branch.answer_path(tree)
         answer = answers.read_answer(path) if path.is_file() else None
-        if answer is None or not rules.is_current(answer.head):
+        if answer is None or not _is_current(answer.head, rules):
             what = "these files were not scored against the sealed truth before they were merged"
             fix = "revert the merge, and merge as the comment says once it has the scores"
             raise SubmissionError(what, where=place.path, fix=fix)
@@ -244,17 +237,12 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
         last
         and before
         and counts
-        and _inputs_of(given) == _inputs_of(read_submission(last / SUBMISSION_FILE, public=True))
+        and _INPUTS(given) == _INPUTS(read_submission(last / SUBMISSION_FILE, public=True))
     ):
         answers.write_run(last, given, before.model_copy(update={"tree": tree}))
         return "new words, the same scores"
     else:
         if checked.predictions is None:
-            checked = rules.check(folder, known, FETCHING_S)
-        rules.score(checked, tree, run)
+            checked = check_submission(folder, rules, known, FETCHING_S)
+        _score_into(run, checked, tree, rules)
     return "scored" if before is None or counts else "scored again: another protocol or truth"
-
-
-def _inputs_of(given: Submission) -> tuple[Any, ...]:
-    """Return what the scores of a submission depend on."""
-    return given.protocol, given.predictions.sha256, given.predictions.reader, given.pipeline

@@ -97,24 +97,23 @@ def load_pyrage() -> Any:
 
 
 def read_key() -> Any:
-    """Read the key that opens an archive from the environment; no message repeats it."""
-    pyrage = load_pyrage()
-    try:
-        [line] = re.findall(rf"(?m)^{_SECRET}.*$", os.environ.get(KEY_VARIABLE, ""))
-        return pyrage.x25519.Identity.from_str(line.strip())
-    except (ValueError, pyrage.IdentityError):
-        expected = f"one line that begins with {_SECRET}, as age-keygen writes it"
-        raise UsageError("holds no key", where=f"${KEY_VARIABLE}", expected=expected) from None
+    """Read the key that opens an archive from the environment."""
+    lines = re.findall(rf"(?m)^{_SECRET}.*$", os.environ.get(KEY_VARIABLE, ""))
+    return _parse_key("Identity", "\n".join(lines), f"${KEY_VARIABLE}", f"one line, {_SECRET}...")
 
 
 def recipient(text: str) -> Any:
     """Return the public key that an archive is sealed to."""
+    return _parse_key("Recipient", text, "--to", "the public key, age1...")
+
+
+def _parse_key(kind: str, text: str, where: str, expected: str) -> Any:
+    """Return a key of pyrage; no message repeats the text, which may be the secret one."""
     pyrage = load_pyrage()
     try:
-        return pyrage.x25519.Recipient.from_str(text.strip())
-    except pyrage.RecipientError:  # the text may be the secret key
-        expected = "a public key as age-keygen prints it, which begins with age1"
-        raise UsageError("no public key", where="--to", expected=expected) from None
+        return getattr(pyrage.x25519, kind).from_str(text.strip())
+    except (pyrage.IdentityError, pyrage.RecipientError):
+        raise UsageError("holds no key", where=where, expected=expected) from None
 
 
 # --- sealing ---

@@ -95,7 +95,7 @@ def make_table(
         rows=_with_ids(rows),
         pairs={key: one for key, one in pairs.items() if one},
         about_intervals=first.about_intervals if first else "",
-        notes=(f"scored by airzoo-bench {versions}",) if versions else (),
+        notes=(f"Scored by airzoo-bench {versions}",) if versions else (),
         data=(load_about(name).page or None) if about_file(name).is_file() else None,
         paper=next((one.url for one in papers if name in one.benchmarks.values()), None),
     )

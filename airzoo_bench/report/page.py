@@ -160,27 +160,22 @@ def _read(name: str) -> str:
     return (resources.files("airzoo_bench.report") / "html" / name).read_text(encoding="utf-8")
 
 
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FunctionLoader(_read),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+TEMPLATES.filters |= {"zip": zip, "numbered": enumerate}
+
+
 def _render(parts: list[dict[str, Any]], blobs: Blobs) -> str:
     style = "\n".join(map(_read, _STYLES))
     code = "\n".join(map(_read, _SCRIPTS))
     script = f'(function () {{\n"use strict";\n{code}}})();\n'
-    env = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_read),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    env.filters |= {"zip": zip, "numbered": enumerate}
     shown = [part["data"] for part in parts]
     data = {"parts": shown, "pictures": blobs.pictures, "palette": error_palette()}
-    return env.get_template("report.html").render(
-        version=__version__,
-        policy=content_policy(script, style),
-        style=style,
-        script=script,
-        parts=parts,
-        data=page_json(data),
-        blobs=blobs.texts,
-        tied=TIED,
-    )
+    values = {"parts": parts, "blobs": blobs.texts, "tied": TIED, "version": __version__}
+    values |= {"style": style, "script": script, "policy": content_policy(script, style)}
+    return TEMPLATES.get_template("report.html").render(values, data=page_json(data))

@@ -26,7 +26,7 @@ from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import answers
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
-from airzoo_bench.leaderboard.checks import CheckedSubmission, check_submission
+from airzoo_bench.leaderboard.checks import CheckedSubmission, Rules, check_submission
 from airzoo_bench.leaderboard.pages import build_board
 from airzoo_bench.leaderboard.submission import Submission, submission_text
 from airzoo_bench.results.records import Method
@@ -103,8 +103,8 @@ def write_submission(
 def checked(folder: Path, data: Path, seconds: float = 0.0) -> CheckedSubmission:
     """Check a folder as the command line does."""
     root = folder.parents[3]
-    board = read_board(root / BOARD_FILE)
-    return check_submission(folder, board, data, known_submissions(root), seconds, Run())
+    rules = Rules(read_board(root / BOARD_FILE), root, data, Run())
+    return check_submission(folder, rules, known_submissions(root), seconds)
 
 
 # --- a benchmark of every track ---

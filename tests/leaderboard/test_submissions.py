@@ -259,11 +259,11 @@ def test_poses_that_are_the_prior_belong_to_its_class() -> None:
 
 def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> None:
     """Those on AirZoo-Mini are scored where it is made: tests/datasets/mini/test_prepare.py."""
-    board, known = read_board(CHECKOUT / BOARD_FILE), known_submissions(CHECKOUT)
+    rules = checks.Rules(read_board(CHECKOUT / BOARD_FILE), CHECKOUT, tmp_path, Run())
+    known = known_submissions(CHECKOUT)
     assert {place.benchmark for place in known} >= {"airzoo-demo", "airzoo-mini"}
     for place in known:
-        at = CHECKOUT / place.path
-        assert not checks.check_submission(at, board, tmp_path, known, 0.0, Run()).errors
+        assert not checks.check_submission(CHECKOUT / place.path, rules, known).errors
     assert checks.size_of_tree(CHECKOUT / "submissions") < 1_500_000
 
 
