@@ -52,10 +52,9 @@ def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: st
     hosted.pull(1, pulled or head)
     repository = board_git.Repository(folder / "pull", str(hosted.folder))
     pull = board_git.PullRequest(1, head, "main", account)
-    owners = {"gone": BOB}
     try:
         found = board_git.fetch_changed(
-            repository, pull, RULES, lambda place: owners.get(place.folder)
+            repository, pull, RULES, lambda place: {"gone": BOB}.get(place.folder)
         )
         assert found is not None
         if found[1]:
@@ -67,9 +66,8 @@ def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: st
 
 # What a pull request does beside a sound submission or alone, and what is said.
 ANOTHER, OTHERS, TWO = "another account", "changes other files", "more than one folder"
-NO_FOLDER, A_LINK = "not the folder of a submission", "a link, a submodule"
-CASE, NOT_PLAIN = "only in case", "not plain"
-MANY, UNSOUND = "2,000 files", "git refuses its objects"
+NO_FOLDER, A_LINK, CASE = "not the folder of a submission", "a link, a submodule", "only in case"
+NOT_PLAIN, MANY, UNSOUND = "not plain", "2,000 files", "git refuses its objects"
 _OTHER_FILES = ".github/workflows/x.yml .github/CODEOWNERS .ci/requirements.txt leaderboard.toml "
 _OTHER_FILES += ".gitattributes .gitmodules README.md Submissions/made/retrieval/x/submission.toml"
 BESIDE: list[tuple[str, str, File]] = [
@@ -171,12 +169,14 @@ def merge_across(hosted: Hosted) -> str:
     return hosted.commit_tree(mine, own, newer)
 
 
+FLAT = [f"100644 {n:06}" for n in range(300_000)]
 TREES: list[tuple[str, Callable[[Hosted], str]]] = [
     (UNSOUND, lambda hosted: graft(hosted, {"40000 ..": hosted.resolve(f"main:{THEIRS}")})),
     (UNSOUND, lambda hosted: graft(hosted, {"40000 .git": hosted.resolve(f"main:{THEIRS}")})),
     (UNSOUND, lambda hosted: graft(hosted, {"40000 a/b": hosted.resolve(f"main:{THEIRS}")})),
     (MANY, lambda hosted: graft_bomb(hosted, {"100644 x": hosted.resolve("main:README.md")})),
     (MANY, lambda hosted: graft_bomb(hosted, {})),
+    (MANY, lambda hosted: graft(hosted, dict.fromkeys(FLAT, hosted.resolve("main:README.md")))),
     (ANOTHER, graft_empty_folder),
     ("has 2 merge bases", merge_across),
 ]
