@@ -6,7 +6,7 @@ import tempfile
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import partial
@@ -253,21 +253,22 @@ def open_predictions(
     if path.suffix == ".npz":  # other fields may be a method's own, which its reader opens
         stated = protocol_name(NpzFile(path, run.memory_bytes, fields - {"protocol"}))
     if protocol is not None or stated is not None:
-        chosen = _choose_protocol(path, protocol, stated, track, data)
+        own = [name for name in TRACKS.names() if fields & {*TRACKS.get(name).fields}][:1]
+        chosen = _choose_protocol(path, protocol, stated, [*own, track], data)
         track = chosen.track
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
     name = request.reader or (None if is_own else find_reader(path, track))
     if name is None:
         track = _track_by_kind(path, fields, track)
         predictions = load_track(track).open(path, run.memory_bytes)
-        chosen = chosen or _choose_protocol(path, None, predictions.protocol, track, data)
+        chosen = chosen or _choose_protocol(path, None, predictions.protocol, [track], data)
         return PredictionFile(predictions, protocol=chosen)
     reader = reader_named(name)
     if track not in (None, reader.track):
         what = f"read by {name} ({reader.title}) it is of the {reader.track} track, not of {track}"
         fix = f"airzoo-bench eval {reader.track} {path} --reader {name} --protocol PROTOCOL"
         raise UnreadableError(what, where=path, fix=fix)
-    chosen = chosen or _choose_protocol(path, None, None, reader.track, data)
+    chosen = chosen or _choose_protocol(path, None, None, [reader.track], data)
     asked = replace(request, reader=name, protocol=chosen, memory_bytes=run.memory_bytes)
     return _read_native(path, reader, asked, data)
 
@@ -293,7 +294,7 @@ def _list_kinds(track: str | None = None) -> str:
 
 
 def _choose_protocol(
-    path: Path, named: str | None, stated: str | None, track: str | None, data: Path
+    path: Path, named: str | None, stated: str | None, tracks: Sequence[str | None], data: Path
 ) -> protocols.Protocol:
     """Return the protocol that was named, else the one that predictions state."""
     if named is None and stated is None:
@@ -306,13 +307,13 @@ def _choose_protocol(
         chosen = protocols.find_protocol(named or str(stated), data)
     except errors.ProtocolError as error:
         raise error if named else error.inside(f"{path}, field 'protocol'") from None
-    own = chosen
-    with suppress(errors.ProtocolError):  # that of the file, whose track --protocol cannot change
-        own = protocols.find_protocol(stated or "", data)
-    other = track if own.track == chosen.track else own.track
-    if other not in (None, chosen.track):
+    for other in (one for one in tracks if one not in (None, chosen.track)):
         what = f"protocol {chosen.name} is of the {chosen.track} track, not of the {other} track"
-        raise PredictionError(what, where=path, fix=f"airzoo-bench eval {own.track} {path}")
+        wanted = tracks[0] if len(tracks) > 1 else chosen.track
+        fix = f"airzoo-bench eval {wanted} {path}"
+        raise PredictionError(
+            what, where=path, fix=fix + " --protocol NAME" * (wanted != chosen.track)
+        )
     return chosen
 
 

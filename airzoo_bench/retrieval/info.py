@@ -23,6 +23,7 @@ INFO = TrackInfo(
     argument="An .npz or .parquet prediction file.",
     kinds=".npz or .parquet",
     suffixes=(".npz", ".parquet"),
+    fields=("ranked_ids", "query_descriptors"),
     jobs=1,
     baseline=Baseline(
         method="SIFT and VLAD",
