@@ -148,7 +148,7 @@ class Run:
                 "the folder exists already, made from other scenes, options or files, or by "
                 "another version of this suite",
                 where=folder,
-                fix="name another folder with --out, or replace this one with --force",
+                fix="choose another --name or --out, or replace this one with --force",
             )
         if not records or not all(record.is_whole(folder) for record in records.values()):
             return False

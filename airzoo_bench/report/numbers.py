@@ -123,8 +123,11 @@ def _scores_table(section: Section, found: Findings, scope: str, title: str) -> 
         floors = [_by_scope(one)[scope].get(score.key) for one in references.values()]
         columns.append([*cells, *(score_cell(score, value) for value in floors)])
     rows = [Row(cells, floor=n >= count) for n, cells in enumerate(zip(*columns, strict=True))]
-    heads = (Column("Method"), *map(score_column, section.scores))
-    return Table(title, heads, tuple(rows), tuple(share_notes(p for p in no_better if p[1])))
+    # Doubts about the truth stand with the numbers that they concern.
+    notes = [(m.name, note) for m in section.methods for note in m.result.notes]
+    doubts = [pair for pair in notes if re.search("all alike|prepare warned", pair[1])]
+    said = tuple(share_notes([*(pair for pair in no_better if pair[1]), *doubts]))
+    return Table(title, (Column("Method"), *map(score_column, section.scores)), tuple(rows), said)
 
 
 def scene_panes(section: Section, summary: Sequence[Pane]) -> list[Pane]:
