@@ -154,7 +154,7 @@ class TableDataset(Dataset[SourceOptions]):
         stated = {name: getattr(self, name) for name in ("images", "dom", "dsm", "cloud")}
         stated |= {"poses": self.poses.path, "priors": self.priors and self.priors.path}
         return {
-            name: options.source / path.format(scene=scene)
+            name: options.source / path.replace("{scene}", scene)
             for name, path in stated.items()
             if path is not None
         }

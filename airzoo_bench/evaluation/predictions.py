@@ -310,10 +310,8 @@ def _choose_protocol(
     for other in (one for one in tracks if one not in (None, chosen.track)):
         what = f"protocol {chosen.name} is of the {chosen.track} track, not of the {other} track"
         wanted = tracks[0] if len(tracks) > 1 else chosen.track
-        fix = f"airzoo-bench eval {wanted} {path}"
-        raise PredictionError(
-            what, where=path, fix=fix + " --protocol NAME" * (wanted != chosen.track)
-        )
+        more = " --protocol NAME" * (wanted != chosen.track)
+        raise PredictionError(what, where=path, fix=f"airzoo-bench eval {wanted} {path}{more}")
     return chosen
 
 
