@@ -37,9 +37,7 @@ if TYPE_CHECKING:  # records need pandas, which tables of results do without
 FLOOR_MARK = "‡"  # behind the name of a method that is no better than chance or its prior
 _NO_BETTER = "no better than {} on {}"
 _UNSURE = f"{_NO_BETTER}: its 95 % interval reaches that"
-_WORSE = (
-    "worse than {} on {}: a weak method, or ranks that are reversed (distances as similarities)?"
-)
+_WORSE = "worse than {} on {}: a weak method, or reversed ranks (distances as similarities)?"
 _BEST = "best"
 _SAME_FOLDER = "score all predictions again with the same benchmark folder"
 # How the columns of scores begin that say of a query whether it is answered well enough.
