@@ -61,13 +61,13 @@ class Registry:
             return resolve(self.places[name])
         with self.blaming(name):
             found, base = self._installed()[name].load(), resolve(self.base)
-            lacking = [one for one in base.__annotations__ if not hasattr(found, one)]
+            lacking = ", ".join(one for one in base.__annotations__ if not hasattr(found, one))
             if lacking or not isinstance(found, base):
-                raise TypeError(f"no {self.base}: lacks {', '.join(lacking) or 'its methods'}")
+                raise TypeError(f"no instance of {self.base}, lacks {lacking or 'its methods'}")
             return found
 
     def load_all(self) -> dict[str, Any]:
-        """Import the objects of all names, and warn of those of other packages that fail."""
+        """Import the objects of all names; one of another package that fails is left out."""
         found = {}
         for name in self.names():
             with self.warning(name):
@@ -82,10 +82,11 @@ class Registry:
         except Exception as error:
             if name in self.places or isinstance(error, (UserError, MemoryError)):
                 raise
-            last = traceback.extract_tb(error.__traceback__)[-1]
-            line = f"line {last.lineno} of {Path(last.filename).name}"
-            what = f"{type(error).__name__}: {printable(error)}, {line}"
-            raise UserError(what, where=_describe(self.kind, self._installed()[name])) from error
+            point, calls = self._installed()[name], traceback.extract_tb(error.__traceback__)
+            own = [one for one in calls if point.module.split(".")[0] in one.filename][-1:]
+            line = "".join(f", line {one.lineno} of {Path(one.filename).name}" for one in own)
+            what = f"{type(error).__name__}: {printable(error)}{line}"
+            raise UserError(what, where=_describe(self.kind, point)) from error
 
     @contextmanager
     def warning(self, name: str) -> Iterator[None]:

@@ -143,7 +143,7 @@ class Renderer:
     def render(
         self, camera: Cameras, pose: Poses, weather: str, time: str, seed: int
     ) -> tuple[NDArray[np.uint8], Singles]:
-        """Take a photo (H, W, 3) with one camera at one pose; return the depth (H, W) beside it.
+        """Take a photo (H, W, 3) with one camera at one pose; return its depth (H, W), too.
 
         Depth is along the optical axis, in metres, 0 where there is no surface.
         """
