@@ -233,7 +233,7 @@ class _Country(Plan):
     def _grid(
         self, polygon: Polygon, gaps: Point, percent: int, jitter: float = 0.25
     ) -> Iterator[Point]:
-        """Yield `percent` of the points of a grid in a polygon, along its axes, each moved a little."""
+        """Yield a share of the points of a grid along a polygon's axes, inside it and moved."""
         dice = self.dice
         places = polygon.frame.to_local(*np.array(polygon.points).T)
         spans = ((float(p.min()), float(p.max()), gap) for p, gap in zip(places, gaps, strict=True))
