@@ -104,7 +104,7 @@ def protocols(
         path = Path(name) if name.endswith(".toml") else protocol_files(folder)[name]
         # Comments, so that the whole is still a protocol file.
         if about := find_about(protocol.benchmark.removesuffix("-partial")):
-            lines = [f"{about.title}: {about.page}", *about_lines(about)]
+            lines = [f"{about.title}: {about.page}".removesuffix(": "), *about_lines(about)]
             cli.echo("".join(f"# {line}\n" for line in lines))
         cli.echo(path.read_text(encoding="utf-8"))
         return

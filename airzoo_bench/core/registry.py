@@ -75,8 +75,8 @@ class Registry:
         return found
 
     @contextmanager
-    def blaming(self, name: str) -> Iterator[None]:
-        """Turn a fault of another package into an error that names it, and the line."""
+    def blaming(self, name: str, task: str = "") -> Iterator[None]:
+        """Turn a fault of another package, at a task, into an error that names it and the line."""
         try:
             yield
         except Exception as error:
@@ -85,7 +85,7 @@ class Registry:
             point, calls = self._installed()[name], traceback.extract_tb(error.__traceback__)
             own = [one for one in calls if point.module.split(".")[0] in one.filename][-1:]
             line = "".join(f", line {one.lineno} of {Path(one.filename).name}" for one in own)
-            what = f"{type(error).__name__}: {printable(error)}{line}"
+            what = f"{type(error).__name__}: {printable(error)}{line}{printable(task)}"
             raise UserError(what, where=_describe(self.kind, point)) from error
 
     @contextmanager
@@ -105,11 +105,11 @@ class Registry:
 def _search(kind: str, _: tuple[str, ...]) -> dict[str, EntryPoint]:
     """Return what other packages add, searched once for each search path."""
     found: dict[str, EntryPoint] = {}
-    for point in entry_points(group=f"airzoo_bench.{kind}"):
-        if point.name in _BUILT_IN[kind] or point.name in found:
-            _LOG.warning("airzoo-bench: left out: %s: its name is taken", _describe(kind, point))
+    for one in entry_points(group=f"airzoo_bench.{kind}"):
+        if one.name in _BUILT_IN[kind] or one.name in found:
+            _LOG.warning("airzoo-bench: left out: %s: name taken, rename it", _describe(kind, one))
         else:
-            found[point.name] = point
+            found[one.name] = one
     return found
 
 

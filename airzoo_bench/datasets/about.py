@@ -59,15 +59,16 @@ def load_about(name: str) -> About:
 
 def read_about(path: Path) -> About:
     """Read a TOML file that has the attributes of `About` as its keys."""
-    values = tomllib.loads(path.read_text(encoding="utf-8"))
-    lists = {key: tuple(value) for key, value in values.items() if isinstance(value, list)}
-    files = {scene: tuple(found) for scene, found in values.get("scene_files", {}).items()}
-    shared = tomllib.loads(about_file("options").read_text(encoding="utf-8"))
-    options = {
-        name: Option(name, **(text if isinstance(text, dict) else {"help": text}))
-        for name, text in (shared | values.get("options", {})).items()
-    }
-    with readable(path, "is no about-text", kind=BenchmarkError, expected="see add-a-benchmark.md"):
+    keys = f"the keys {', '.join(About.__dataclass_fields__)}"
+    with readable(path, "is no about-text", kind=BenchmarkError, expected=keys, fix="correct it"):
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        lists = {key: tuple(value) for key, value in values.items() if isinstance(value, list)}
+        files = {scene: tuple(found) for scene, found in values.get("scene_files", {}).items()}
+        shared = tomllib.loads(about_file("options").read_text(encoding="utf-8"))
+        options = {
+            name: Option(name, **(text if isinstance(text, dict) else {"help": text}))
+            for name, text in (shared | values.get("options", {})).items()
+        }
         return About(**{**values, **lists, "scene_files": files, "options": options})
 
 

@@ -95,7 +95,7 @@ def stated_cameras(
     values: Mapping[str, Mapping[str, float]],
     sizes: Mapping[str, tuple[int, int]],
     images: Path,
-    where: Path,
+    where: object,
 ) -> Cameras:
     """Return the cameras of photos by their stated values; fx is compared with EXIF.
 

@@ -115,7 +115,7 @@ class PosedPhotos(NamedTuple):
         return self._replace(names=names, cameras=cameras, poses=poses)
 
 
-def check_centred(photos: PosedPhotos, path: Path) -> None:
+def check_centred(photos: PosedPhotos, path: object) -> None:
     """Refuse cameras with a principal point far from the middle of the photo."""
     size = np.stack([photos.cameras.width, photos.cameras.height], axis=1)
     off = np.abs(photos.cameras.principal_point / size - 0.5)

@@ -13,12 +13,12 @@ from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.cameras import attitudes_to_rotations, stated_cameras
-from airzoo_bench.datasets.content import photo_sizes, utm_zone
+from airzoo_bench.datasets.content import metric_crs, photo_sizes, utm_zone
 from airzoo_bench.datasets.dataset import Dataset
 from airzoo_bench.datasets.metadata import poses_by_name
-from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
+from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos, check_centred
 from airzoo_bench.datasets.settings import Convention, SourceOptions, SurveyOptions
-from airzoo_bench.datasets.surveys.survey import posed_scene
+from airzoo_bench.datasets.surveys.survey import map_crs, posed_scene
 from airzoo_bench.datasets.tables import match_every_row, match_names, read_table
 from airzoo_bench.geometry.crs import from_lonlat, grid_convergence_deg, to_lonlat
 from airzoo_bench.geometry.poses import Poses, quaternion_to_matrix
@@ -38,7 +38,7 @@ _MOST_DEG = 360.0
 
 @dataclass(frozen=True)
 class PoseTable:
-    """A table with the pose of a photo in each row.
+    """A table with the pose of a photo in each row, separated by comma, semicolon, tab or blanks.
 
     `path` is relative to the source, with ``{scene}`` for the scene's id. `orientation` says what
     three angles mean, see `datasets.cameras`, or which way a quaternion turns: its camera has x to
@@ -60,14 +60,19 @@ class PoseTable:
             what = f"{self.orientation} poses with the columns {', '.join(strange) or 'named'}"
             raise ValueError(f"{self.path}: there are no {what}; columns are {expected}")
 
+    @property
+    def is_plane(self) -> bool:
+        """Whether it has x and y."""
+        return bool({"x", "y"} & self.columns.keys())
+
     def read(
         self, path: Path, photos: Collection[str], crs: str | None, *, gaps: bool = False
     ) -> tuple[tuple[str, ...], Poses, str]:
         """Return photos, their poses, and the CRS of these; where it may have gaps, of some."""
-        place = ("x", "y") if {"x", "y"} & self.columns.keys() else ("lon", "lat")
+        place = ("x", "y") if self.is_plane else ("lon", "lat")
         numbers = (*place, "height", *_ORIENTATIONS[self.orientation])
         named = {ours: (self.columns.get(ours, ours),) for ours in ("image", *numbers)}
-        table = read_table(path, named)
+        table = read_table(path, named, blanks=True)
         table.require_unique("image")
         listed = table.texts("image")
         if gaps or "{scene}" not in self.path:  # it may have photos of other scenes
@@ -81,7 +86,7 @@ class PoseTable:
         rows = [row for row in whole if listed[row] in found]
         names, values = tuple(found[listed[row]] for row in rows), values[rows]
         plan, height, turns = values[:, :2], values[:, 2], values[:, 3:]
-        if place == ("lon", "lat"):
+        if not self.is_plane:
             lonlat, crs = plan, crs or utm_zone(plan)
             plan = from_lonlat(crs, lonlat)
         else:
@@ -112,11 +117,14 @@ class TableDataset(Dataset[SourceOptions]):
     poses, priors : PoseTable
         The true poses, and those that matching starts from; None for the photos' metadata.
     crs : str or None
-        Of x and y, and of the poses; None for the UTM zone of lon and lat.
+        Of x and y, and of the poses; None for that of the scene's surface model or map where poses
+        have x and y, else the UTM zone.
     lens : mapping of str to float
         The camera of all photos, such as ``{"fov_deg": 70}``; see `cameras.lens_of`.
     plane_height_m : float or None
         The ground as a plane, where there is no surface model.
+
+    The last three may be mappings by scene instead.
     """
 
     images: ClassVar[str] = "{scene}/images"
@@ -125,16 +133,16 @@ class TableDataset(Dataset[SourceOptions]):
     dom: ClassVar[str | None] = "{scene}/dom.tif"
     dsm: ClassVar[str | None] = "{scene}/dsm.tif"
     cloud: ClassVar[str | None] = None
-    crs: ClassVar[str | None] = None
-    lens: ClassVar[Mapping[str, float]]
-    plane_height_m: ClassVar[float | None] = None
+    crs: ClassVar[str | Mapping[str, str] | None] = None
+    lens: ClassVar[Mapping[str, Any]]
+    plane_height_m: ClassVar[float | Mapping[str, float] | None] = None
 
-    def __init_subclass__(cls) -> None:
-        """Refuse a declaration that lacks a part."""
+    def __init__(self) -> None:
+        """Refuse a declaration that lacks a part; a class that is only extended may."""
         needed = ("name", "about", "protocols", "poses", "lens")
-        lacking = [name for name in needed if not getattr(cls, name, None)]
+        lacking = [name for name in needed if not getattr(self, name, None)]
         if lacking:
-            raise TypeError(f"{cls.__name__} lacks {', '.join(lacking)}")
+            raise TypeError(f"{type(self).__name__} lacks {', '.join(lacking)}")
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
         """Return the protocols' scenes that have a table."""
@@ -161,15 +169,29 @@ class TableDataset(Dataset[SourceOptions]):
 
     def read(self, options: SourceOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a scene's tables, and the metadata of its photos."""
-        files = self._files(options, scene)
+        files, by = self._files(options, scene), f"class {type(self).__name__}"
         images, path = files["images"], files["poses"]
-        sizes = photo_sizes(images, progress)
-        names, poses, crs = self.poses.read(path, sizes, self.crs)
-        cameras = stated_cameras(dict.fromkeys(names, self.lens), sizes, images, path)
         parts: dict[str, Any] = {one: files.get(one) for one in ("dom", "dsm", "cloud")}
+        crs, plane = (_of_scene(one, scene) for one in (self.crs, self.plane_height_m))
+        surface = parts["dsm"] or parts["dom"]
+        crs_from = f"{by}, crs" if crs or self.poses.is_plane else ""
+        if self.poses.is_plane and surface and not crs:
+            crs, crs_from = map_crs(surface, None).to_string(), str(surface)
+        if crs_from:
+            metric_crs(crs or "", crs_from)
+        sizes = photo_sizes(images, progress)
+        names, poses, crs = self.poses.read(path, sizes, crs)
+        lens = self.lens.get(scene, self.lens)
+        cameras = stated_cameras(dict.fromkeys(names, lens), sizes, images, f"{by}, lens")
+        photos = PosedPhotos(names, cameras, poses, crs)
+        check_centred(photos, f"{by}, lens")
         if self.priors is not None:
             given, priors, _ = self.priors.read(files["priors"], names, crs, gaps=True)
             parts["priors"] = poses_by_name(priors, given, names)
-        stated = SurveyOptions(options.source, plane_height=self.plane_height_m)
-        photos = PosedPhotos(names, cameras, poses, crs)
-        return posed_scene(stated, scene, images, sizes, photos, path, progress, **parts)
+        stated = SurveyOptions(options.source, plane_height=plane)
+        where = scene, images, sizes, photos, path, progress
+        return posed_scene(stated, *where, crs_from=crs_from, **parts)
+
+
+def _of_scene(value: Any, scene: str) -> Any:
+    return value.get(scene) if isinstance(value, Mapping) else value

@@ -195,10 +195,8 @@ def match_names(given: Iterable[str], photos: Iterable[str], where: object) -> d
         found |= {name: known[_form(name, form)] for name in names if _form(name, form) in known}
     twice = [photo for photo, count in Counter(found.values()).items() if count > 1]
     if twice or not found:
-        what = (
-            f"none of its {counted(len(names), 'name')} is among {counted(len(there), 'photo')}: "
-        )
-        what += f"it has names such as {first_of(names, shown=1)}"
+        what = f"none of its {counted(len(names), 'name')} is among {counted(len(there), 'photo')}"
+        what += f": it has names such as {first_of(names, shown=1)}"
         what = f"more than one name means {first_of(twice, len(there))}" if twice else what
         expected = f"names such as {min(there, default='')!r}, each photo once"
         raise BenchmarkError(what, where=where, expected=expected)

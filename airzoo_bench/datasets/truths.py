@@ -22,12 +22,7 @@ from airzoo_bench.reconstruction.truth import ReconstructionTruth
 from airzoo_bench.reconstruction.truth import build_truth as build_reconstruction_truth
 from airzoo_bench.retrieval.prepare import build_truth as build_retrieval_truth
 from airzoo_bench.retrieval.settings import RetrievalProtocol, StatedRules
-from airzoo_bench.retrieval.truth import (
-    Positives,
-    RetrievalTruth,
-    offsets_of,
-    position_columns,
-)
+from airzoo_bench.retrieval.truth import Positives, RetrievalTruth, offsets_of, position_columns
 
 P = TypeVar("P", bound=Protocol)
 

@@ -278,7 +278,7 @@ def _read_native(path: Path, reader: Reader, asked: ReadRequest, data: Path) -> 
     benchmark, truths = read_truths(asked.protocol, data, sealed=True)
     scenes = tuple(scene.id for scene in benchmark.file.scenes)
     request = replace(asked, truths=truths, folders=benchmark.image_folders, scenes=scenes)
-    with READERS.blaming(str(asked.reader)):
+    with READERS.blaming(str(asked.reader), f", reading {path}"):
         try:
             read = reader.read(path, request)
         except IsADirectoryError as error:

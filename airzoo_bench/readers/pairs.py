@@ -12,6 +12,7 @@ import numpy as np
 
 from airzoo_bench.core.errors import PredictionError, UsageError, counted
 from airzoo_bench.core.files import first_bytes, npz_fields
+from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.predictions import PredictionFile, Reader, ReadRequest
 from airzoo_bench.formats.arrays import Arrays, numbers
 from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers, read_header
@@ -83,14 +84,13 @@ class PairFiles(Reader):
                 if pair is None:
                     left.append(name)
                 else:
-                    rows.add(pair, self.matches(one, pair, request), name)
+                    with READERS.blaming(str(request.reader), f", reading {one}"):
+                        rows.add(pair, self.matches(one, pair, request), name)
             except PredictionError as error:
                 raise error if str(one) in str(error.where) else error.inside(one) from error
-        predictions = rows.predictions(left, pictures)
-        notes = (f"{counted(len(left), 'file')} of other pictures left out",) if left else ()
-        size = request.image_size
-        said = () if size is None else (f"pictures were {size} px: --image-size",)
-        return PredictionFile(predictions, (*self.conventions, *said), notes)
+        notes = (f"{counted(len(left), 'file')} of other pictures left out",) * bool(left)
+        said = (f"pictures were {request.image_size} px: --image-size",) * bool(request.image_size)
+        return PredictionFile(rows.predictions(left, pictures), (*self.conventions, *said), notes)
 
 
 def _files(path: Path, suffix: str) -> Iterator[Path]:

@@ -164,7 +164,7 @@ class SceneReader(Reader):
         outputs, others = find_outputs(path, request, lambda one: self.layout_of(one) is not None)
 
         def open_scene(output: SceneOutput, memory: int, _: object) -> Any:
-            with READERS.blaming(str(request.reader)):
+            with READERS.blaming(str(request.reader), f", reading {output.place}"):
                 return nullcontext(self.layout_of(output.place).read(output, memory))
 
         entries = {output.scene: partial(open_scene, output) for output in outputs.values()}

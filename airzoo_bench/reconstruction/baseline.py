@@ -53,17 +53,19 @@ def predict(
     """Reconstruct every scene, and write a cloud and cameras of each."""
     check_output_folder(out, ("protocol.txt",))
     out.parent.mkdir(parents=True, exist_ok=True)
+    models: dict[str, Model] = {}
     for scene in protocol.scenes:
         photos = read_truth(benchmark, scene.id).photos
         images = benchmark.resolve(benchmark.scene(scene.id).images)
         with temporary_folder(out.parent, out.name) as scratch:
-            model = sparse_reconstruction(images, photos, settings, scratch, run)
-        posed, points = len(model.names), len(model.points)
-        note(f"{scene.id}: {posed} of {len(photos)} photos, {points:,} points")
-        write_ply(out / f"{scene.id}.ply", Cloud(model.points))
-        with atomic_write(out / f"{scene.id}.cameras.npz") as stream:
-            arrays = {"image_names": np.array(model.names, str), "extrinsics": model.extrinsics}
-            write_npz(stream, arrays)
+            models[scene.id] = one = sparse_reconstruction(images, photos, settings, scratch, run)
+        note(f"{scene.id}: {len(one.names)} of {len(photos)} photos, {len(one.points):,} points")
+    if not any(model.names for model in models.values()):
+        raise UsageError("no photo found its pose", fix="take photos that overlap by half")
+    for name, model in models.items():
+        write_ply(out / f"{name}.ply", Cloud(model.points))
+        arrays = {"image_names": np.array(model.names, str), "extrinsics": model.extrinsics}
+        write_npz(out / f"{name}.cameras.npz", arrays)
     with atomic_write(out / "protocol.txt", "w") as text:
         text.write(protocol.name + "\n")
 
@@ -127,17 +129,15 @@ def _import_photos(
     pycolmap: Any, database_path: Path, images: Path, names: list[str], lenses: Cameras
 ) -> None:
     """Write photos and their lenses, k1 k2 p1 p2 k3 and a denominator of 1, into a database."""
-    size = np.stack((lenses.width, lenses.height), axis=1)
-    rows = np.hstack((lenses.focal, lenses.principal_point, lenses.distortion, size)).tolist()
+    parts = (lenses.focal, lenses.principal_point, lenses.distortion, lenses.width, lenses.height)
     groups: dict[tuple[float, ...], list[str]] = {}
-    for name, row in zip(names, rows, strict=True):
+    for name, row in zip(names, np.column_stack(parts).tolist(), strict=True):
         groups.setdefault(tuple(row), []).append(name)
     pycolmap.Database.open(database_path).close()
-    one_camera = pycolmap.CameraMode.SINGLE
     for row, group in groups.items():
         params = ", ".join(map(repr, (*row[:9], 0.0, 0.0, 0.0)))
         lens = pycolmap.ImageReaderOptions(camera_model="FULL_OPENCV", camera_params=params)
-        pycolmap.import_images(database_path, images, one_camera, group, lens)
+        pycolmap.import_images(database_path, images, pycolmap.CameraMode.SINGLE, group, lens)
 
 
 def _match_photos(

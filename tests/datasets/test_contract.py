@@ -17,11 +17,13 @@ from typer.main import get_command
 from airzoo_bench.benchmark.folder import Benchmark
 from airzoo_bench.benchmark.queries import poses_of, read_queries
 from airzoo_bench.cli.prepare import app as prepare_app
+from airzoo_bench.core.errors import UserError
 from airzoo_bench.core.files import sha256_of_tree
+from airzoo_bench.core.progress import silent
 from airzoo_bench.core.registry import DATASETS
-from airzoo_bench.datasets.about import load_about
+from airzoo_bench.datasets.about import load_about, read_about
 from airzoo_bench.datasets.dataset import Dataset
-from airzoo_bench.datasets.settings import PrepareSettings
+from airzoo_bench.datasets.settings import PrepareSettings, SourceOptions
 from airzoo_bench.datasets.table_dataset import PoseTable, TableDataset
 from airzoo_bench.engines.dask import local_cluster
 from airzoo_bench.engines.engine import HERE, Engine
@@ -38,6 +40,7 @@ from tests.support import (
     listed_when_installed,
     make_place,
     run_main,
+    write_raster,
 )
 
 SHARED = {"out", "tiles", "crops", "copy", "force", "jobs", "engine"}
@@ -149,6 +152,7 @@ def test_scenes_are_pure_tasks(name, workers, tmp_path, tree) -> None:
 # --- benchmarks of other packages ---
 
 EXAMPLE = ROOT / "examples" / "benchmark-package"
+OTHER_CRS = "EPSG:32634"
 MODULE = EXAMPLE / "src" / "airzoo_bench_hills" / "__init__.py"
 
 
@@ -170,12 +174,50 @@ def test_the_example_is_short() -> None:
     assert len(MODULE.read_text().splitlines()) <= 40
 
 
-def test_a_declaration_says_what_is_wrong_with_it() -> None:
+PLANE = "photo east north height yaw pitch roll\na.jpg 500064 5199936 200 0 -90 0\n"
+OWN = {"name": "a", "about": load_about("odm"), "protocols": "b", "images": "{scene}/photos"}
+OWN |= {
+    "poses": PoseTable("{scene}/plane", "gimbal", {"image": "photo", "x": "east", "y": "north"})
+}
+OWN |= {"dsm": "{scene}/surface.tif", "lens": {"fx": 64.0}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        (
+            {"plane_height_m": {"south": 9.0}, "lens": {"south": {"fx": 64.0}, "north": {"fx": 9}}},
+            "",
+        ),
+        ({"crs": "EPSG:9"}, "class Own, crs"),
+        ({"crs": {"north": PLACE_CRS}, "dom": None, "dsm": None}, "class Own, crs"),
+        ({"lens": {"fy": 3.0}}, "class Own, lens"),
+        ({"lens": {"fx": 64.0, "cx": 3.0}}, "class Own, lens"),
+    ],
+)
+def test_scenes_differ_and_a_fault_of_a_class_is_found_there(changes, fault, tmp_path) -> None:
+    options, own = SourceOptions(tmp_path), type("Own", (TableDataset,), OWN | changes)()
+    make_place(tmp_path / "south")
+    (tmp_path / "south" / "plane").write_text(PLANE)
+    write_raster(tmp_path / "south" / "surface.tif", np.ones((1, 9, 9), np.float32), crs=OTHER_CRS)
+    if fault:
+        with pytest.raises(UserError, match=f"^{fault}"):
+            own.read(options, "south", silent)
+    else:
+        read = own.read(options, "south", silent)
+        assert (read.crs, read.plane_height_m, read.cameras.focal[0, 0]) == (OTHER_CRS, 9.0, 64.0)
+
+
+def test_a_declaration_says_what_is_wrong_with_it(tmp_path) -> None:
+    (tmp_path / "about.toml").write_text("titel = 'Hills'")
+    with pytest.raises(UserError, match=r"about\.toml.*titel\D*title, summary"):
+        read_about(tmp_path / "about.toml")
     for orientation, columns in (("opk", {}), ("gimbal", {"omega": "o"})):
         with pytest.raises(ValueError, match="omega"):
             PoseTable("poses.csv", orientation, columns)  # type: ignore[arg-type]
+    parent = type("Parent", (TableDataset,), {"name": "a", "about": 1, "protocols": "b"})
     with pytest.raises(TypeError, match="poses, lens"):
-        type("Wrong", (TableDataset,), {"name": "a", "about": load_about("odm"), "protocols": "b"})
+        parent()
 
 
 @pytest.mark.slow

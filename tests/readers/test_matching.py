@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from typing import Any
 
 import h5py
@@ -11,7 +12,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from airzoo_bench.core.errors import PredictionError
+from airzoo_bench.core.errors import PredictionError, UserError
 from airzoo_bench.core.files import sha256_of
 from airzoo_bench.core.registry import READERS
 from airzoo_bench.evaluation.predictions import ReadRequest, find_reader
@@ -58,6 +59,12 @@ def test_matches_have_two_columns_and_equal_lengths(worlds, tmp_path, matched, m
         monkeypatch.setattr(type(READERS.get("loftr")), "matches", lambda *_, given=given: given)
         with pytest.raises(PredictionError, match="reader loftr"):
             matched(path)
+    point = EntryPoint("loftr", READERS.places["loftr"], "")
+    monkeypatch.setattr(READERS, "_installed", lambda: {"loftr": point})
+    monkeypatch.setattr(type(READERS.get("loftr")), "matches", lambda *_: {}["kpts0"])
+    monkeypatch.delitem(READERS.places, "loftr")  # as of another package
+    with pytest.raises(UserError, match=r"kpts0.*q0\.npz"):
+        matched(path)
 
 
 def test_empty_matches_are_an_answer(worlds, tmp_path, matched) -> None:

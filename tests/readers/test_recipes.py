@@ -102,3 +102,6 @@ def test_the_example_reads(worlds, tmp_path, monkeypatch, capsys) -> None:
     said = capsys.readouterr()
     assert "read by reader ranks-csv" in said.out + said.err
     assert "100.0" in said.out
+    monkeypatch.setattr(READERS.get("ranks-csv"), "ranked", lambda _: {}["tile"])
+    assert run_main(*command, "--data", home / "data") == 2
+    assert "ranks.csv" in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -12,9 +13,11 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from airzoo_bench.benchmark.queries import photo_table
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.cameras import Cameras, back_project
 from airzoo_bench.geometry.poses import Poses, rays_to_world
+from airzoo_bench.reconstruction import baseline
 from airzoo_bench.reconstruction.alignment import PosedCameras, align
 from airzoo_bench.reconstruction.baseline import Model, sparse_reconstruction
 from airzoo_bench.reconstruction.info import SfmSettings
@@ -100,10 +103,17 @@ def test_jobs_change_no_byte(flight: Flight, made: Model, tmp_path: Path) -> Non
     assert again.extrinsics.tobytes() == made.extrinsics.tobytes()
 
 
-def test_photos_that_do_not_fit_give_an_empty_result(flight: Flight, tmp_path: Path) -> None:
+def test_photos_that_do_not_fit_give_an_empty_result(flight, tmp_path, monkeypatch) -> None:
     rng, photos = np.random.default_rng(1), flight.photos[:3].drop(columns="prior_qw")
     for name in photos["image"]:
         noise = gaussian_filter(rng.normal(128, 60, (240, 320, 3)), (2, 2, 0))
         Image.fromarray(noise.astype(np.uint8)).save(tmp_path / name)
     found: Any = sparse_reconstruction(tmp_path, photos, SETTINGS, tmp_path, Run())
     assert [len(part) for part in found] == [0, 0, 0]
+    # A baseline without a pose at all is none.
+    monkeypatch.setattr(baseline, "sparse_reconstruction", lambda *_: found)
+    monkeypatch.setattr(baseline, "read_truth", lambda *_: flight)
+    one, out = mock.Mock(id="s"), tmp_path / "out"
+    with pytest.raises(UsageError):
+        baseline.predict(mock.Mock(scenes=[one]), mock.Mock(), SETTINGS, out, Run(), print)
+    assert not out.exists()

@@ -21,13 +21,7 @@ from pyproj import CRS
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from airzoo_bench.core.errors import (
-    BenchmarkError,
-    CameraError,
-    UserError,
-    counted,
-    readable,
-)
+from airzoo_bench.core.errors import BenchmarkError, CameraError, UserError, counted, readable
 from airzoo_bench.core.files import read_text
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import load_about

@@ -13,20 +13,11 @@ from pyproj import CRS
 from airzoo_bench.core.errors import BenchmarkError, UsageError, counted, first_of
 from airzoo_bench.core.progress import Progress
 from airzoo_bench.datasets.about import load_about
-from airzoo_bench.datasets.cameras import (
-    attitudes_to_rotations,
-    read_camera_file,
-    stated_cameras,
-)
+from airzoo_bench.datasets.cameras import attitudes_to_rotations, read_camera_file, stated_cameras
 from airzoo_bench.datasets.content import photo_sizes
 from airzoo_bench.datasets.scenes import NativeScene, PosedPhotos
 from airzoo_bench.datasets.settings import Convention, PoseTableOptions
-from airzoo_bench.datasets.surveys.survey import (
-    Survey,
-    map_crs,
-    posed_scene,
-    stated_crs,
-)
+from airzoo_bench.datasets.surveys.survey import Survey, map_crs, posed_scene, stated_crs
 from airzoo_bench.datasets.tables import Table, match_names, plain, read_native_text, read_table
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.crs import describe_crs, from_lonlat, grid_convergence_deg, to_lonlat
@@ -211,10 +202,8 @@ def _check_down(table: Table, rotations: Floats, pitch: float, convention: str) 
     """
     away = -rotations[:, 2, 2] < math.cos(math.radians(_MOST_OFF_NADIR_DEG))
     if away.mean() > 0.5 or (convention == "airframe" and pitch < _OBLIQUE_DEG):
-        what = (
-            f"read as {convention}, {int(away.sum())} of {counted(len(away), 'camera')} look away "
-        )
-        what += f"from the ground; pitch is {pitch:.6g}"
+        what = f"read as {convention}, {int(away.sum())} of {counted(len(away), 'camera')} look "
+        what += f"away from the ground; pitch is {pitch:.6g}"
         expected = "gimbal pitch is -90 straight down, airframe pitch 0"
         fix = "name the convention with --angles gimbal, airframe or omega-phi-kappa"
         raise UsageError(what, where=table.path, expected=expected, fix=fix)

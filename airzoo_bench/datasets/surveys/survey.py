@@ -94,7 +94,7 @@ def map_crs(dsm: Path | None, dom: Path | None) -> CRS:
     crs = horizontal_crs(open_info(path).crs)
     if not crs.is_projected:
         what = f"is in {describe_crs(crs)}, in which poses have no metres"
-        raise CameraError(what, where=path, fix="give --crs, such as the UTM zone")
+        raise CameraError(what, where=path, fix="give the UTM zone: --crs, or the class's crs")
     return crs
 
 
