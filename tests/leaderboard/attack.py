@@ -24,14 +24,12 @@ def attack(truths: list[Any], tries: int, seed: int, *, rounded: bool) -> float:
     guesses = [random.integers(len(of.tiles), size=len(of.queries)) for of in truths]
     best, kept = -1.0, 0.0
     for number in range(tries + 1):
-        others = [guess.copy() for guess in guesses]
+        others, hits = [guess.copy() for guess in guesses], []
         for of, guess in zip(truths, others, strict=True):
             if number:
                 guess[random.integers(len(guess))] = random.integers(len(of.tiles))
-        hits = [
-            of.positives.holds(np.arange(len(one)), one, len(of.tiles)).astype(float)
-            for of, one in zip(truths, others, strict=True)
-        ]
+            found = of.positives.holds(np.arange(len(guess)), guess, len(of.tiles))
+            hits.append(found.astype(float))
         true = float(np.mean([one.mean() for one in hits]))
         told = round_score(true, hits, HIT)[0] if rounded else true
         if told > best:

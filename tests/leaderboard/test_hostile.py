@@ -49,13 +49,11 @@ THEIRS_GONE: dict[str, File] = dict.fromkeys([*ON_MAIN][1:3])
 
 def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: str = "") -> str:
     """Return what is wrong with a pull request; a sound one lies in `folder` / out then."""
-    hosted.pull(1, pulled or head)
+    hosted.move("pull/1/head", pulled or head)
     repository = board_git.Repository(folder / "pull", str(hosted.folder))
-    pull = board_git.PullRequest(1, head, "main", account)
+    pull, gone = board_git.PullRequest(1, head, "main", account), {"gone": BOB}
     try:
-        found = board_git.fetch_changed(
-            repository, pull, RULES, lambda place: {"gone": BOB}.get(place.folder)
-        )
+        found = board_git.fetch_changed(repository, pull, RULES, lambda at: gone.get(at.folder))
         assert found is not None
         if found[1]:
             board_git.write_files(repository, head, found[0], RULES, folder / "out")
@@ -64,7 +62,7 @@ def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: st
     return ""
 
 
-# What a pull request does beside a sound submission or alone, and what is said.
+# What a pull request changes beside a sound submission or alone, and what is said.
 ANOTHER, OTHERS, TWO = "another account", "changes other files", "more than one folder"
 NO_FOLDER, A_LINK, CASE = "not the folder of a submission", "a link, a submodule", "only in case"
 NOT_PLAIN, MANY, UNSOUND = "not plain", "2,000 files", "git refuses its objects"
@@ -78,7 +76,7 @@ BESIDE: list[tuple[str, str, File]] = [
     ("more than 8 folders", f"{MINE}/{'a/' * 20}x", b"x"),
     (A_LINK, f"{MINE}/link", ("120000", b"/etc/passwd")),
     (A_LINK, f"{MINE}/p2.npz", ("120000", b"../theirs/p.npz")),
-    (A_LINK, f"{MINE}/sub", ("160000", b"a" * 40)),
+    (A_LINK, f"{MINE}/sub", ("160000", "a" * 40)),
     (A_LINK, f"{MINE}/submission.toml", ("120000", b"../theirs/submission.toml")),
     ("executable", f"{MINE}/run", ("100755", b"#!/bin/sh\n")),
     ("1,000,000 bytes", f"{MINE}/p.npz", b"x" * 1_000_001),
@@ -90,16 +88,25 @@ BESIDE: list[tuple[str, str, File]] = [
         )
     ),
 ]
+
+
+def bomb(*, of: dict[str, File]) -> dict[str, File]:
+    """Return a folder of 300 to the power of five copies of a folder, in five trees."""
+    for _ in range(5):
+        of = dict.fromkeys(map("{:03}".format, range(300)), of)
+    return of
+
+
 ALONE: list[tuple[str, dict[str, File]]] = [
     *((ANOTHER, files) for files in (MINE_NOW, THEIRS_GONE, only("theirs/p.npz", None))),
     *((ANOTHER, only(f"{n}/submission.toml", toml(method="Theirs"))) for n in ("theirs", "gone")),
     (ANOTHER, only("theirs/more.npz")),
+    (ANOTHER, only("theirs/empty", {})),  # a merge would add a folder, and no file
     (TWO, SOUND | MINE_NOW),
     (TWO, SOUND | THEIRS_GONE),  # renamed to one's own
     (OTHERS, only("mine/submission.toml") | {".github/workflows/board.yml": b"x"}),
     *((NO_FOLDER, {f"{at}/x.toml": b"x"}) for at in ("submissions", "submissions/made", HOME)),
-    (NO_FOLDER, only("mine", ("120000", b"theirs"))),
-    (NO_FOLDER, only("mine", ("160000", b"a" * 40))),
+    *((NO_FOLDER, only("mine", of)) for of in (("120000", b"theirs"), ("160000", "a" * 40))),
     *((NO_FOLDER, only(f"{n}/submission.toml")) for n in ("--help", ".hidden", "a\x07b", "aux")),
     (CASE, SOUND | only("mine/a/x") | only("mine/A/y")),
     ("1,000,000 bytes", SOUND | {f"{MINE}/{n}": bytes([n]) * 600_000 for n in range(2)}),
@@ -107,6 +114,10 @@ ALONE: list[tuple[str, dict[str, File]]] = [
     (MANY, SOUND | {f"{MINE}/f{n}/x": b"x" for n in range(2_100)}),
     (TWO, {f"{HOME}/m{n}/submission.toml": b"x" for n in range(200)}),
     (TWO, {f"submissions/m{n}/a/b/x": b"x" for n in range(300)}),
+    # Trees that no program would make.
+    *((UNSOUND, only("mine", {name: {"x": b"x"}})) for name in ("..", ".git", "a/b", ".")),
+    *((MANY, only("mine", bomb(of=of))) for of in ({"x": b"x"}, {})),
+    (MANY, only("mine", dict.fromkeys(map("{:06}".format, range(300_000)), b"x"))),
 ]
 HOSTILE = [*ALONE, *((said, SOUND | {path: file}) for said, path, file in BESIDE)]
 
@@ -123,90 +134,33 @@ def hosted(tmp_path_factory: pytest.TempPathFactory) -> Hosted:
 def test_a_hostile_pull_request_is_refused(
     hosted: Hosted, tmp_path: Path, said: str, files: dict[str, File]
 ) -> None:
-    message = look(hosted, tmp_path, hosted.commit(hosted.resolve(), files))
+    message = look(hosted, tmp_path, hosted.commit(files, hosted.resolve()))
     assert said in message
     assert "\x1b" not in message
     assert not [path for path in tmp_path.glob("out/**/*") if path.is_file()]
 
 
-def graft(hosted: Hosted, made: dict[str, str], name: str = "mine") -> str:
-    """Return a commit on main in whose folder of submissions a tree of entries has this name."""
-    tree = hosted.store_tree(made)
-    for above in (HOME, *map(str, Path(HOME).parents[:-1]), ""):
-        listed = world.git(hosted.folder, "ls-tree", "-z", f"main:{above}").split("\0")[:-1]
-        entries = {path: head.split() for head, path in (line.split("\t") for line in listed)}
-        entries[name] = ["040000", "tree", tree]
-        kept = sorted(entries.items())
-        tree = hosted.store_tree({f"{e[0].lstrip('0')} {path}": e[2] for path, e in kept})
-        name = Path(above).name
-    return hosted.commit_tree(tree, "main")
-
-
-def graft_bomb(hosted: Hosted, entries: dict[str, str]) -> str:
-    """Return a commit of 300 to the power of five files, or empty folders, in five trees."""
-    for _ in range(5):
-        tree = hosted.store_tree(entries)
-        entries = {f"40000 {n:03}": tree for n in range(300)}
-    return graft(hosted, entries)
-
-
-def graft_empty_folder(hosted: Hosted) -> str:
-    """Return a commit whose merge would add an empty folder to another's, and no file."""
-    entries = {"40000 empty": hosted.store_tree({})}
-    for name in ("p.npz", "submission.toml"):
-        entries[f"100644 {name}"] = hosted.resolve(f"main:{THEIRS}/{name}")
-    return graft(hosted, entries, "theirs")
-
-
-def merge_across(hosted: Hosted) -> str:
-    """Return a merge across: against the later of two bases another's folder looks untouched."""
-    first = hosted.resolve()
-    newer = hosted.commit(first, {f"{THEIRS}/p.npz": b"theirs, better"})
-    own = hosted.commit(first, {"README.md": b"older\n"})
-    tree = hosted.resolve(f"{hosted.commit(newer, {'README.md': b'older'})}^{{tree}}")
-    hosted.move("refs/heads/main", hosted.commit_tree(tree, newer, own))
-    mine = hosted.resolve(f"{hosted.commit(own, SOUND)}^{{tree}}")
-    return hosted.commit_tree(mine, own, newer)
-
-
-FLAT = [f"100644 {n:06}" for n in range(300_000)]
-TREES: list[tuple[str, Callable[[Hosted], str]]] = [
-    (UNSOUND, lambda hosted: graft(hosted, {"40000 ..": hosted.resolve(f"main:{THEIRS}")})),
-    (UNSOUND, lambda hosted: graft(hosted, {"40000 .git": hosted.resolve(f"main:{THEIRS}")})),
-    (UNSOUND, lambda hosted: graft(hosted, {"40000 a/b": hosted.resolve(f"main:{THEIRS}")})),
-    (MANY, lambda hosted: graft_bomb(hosted, {"100644 x": hosted.resolve("main:README.md")})),
-    (MANY, lambda hosted: graft_bomb(hosted, {})),
-    (MANY, lambda hosted: graft(hosted, dict.fromkeys(FLAT, hosted.resolve("main:README.md")))),
-    (ANOTHER, graft_empty_folder),
-    ("has 2 merge bases", merge_across),
-]
-
-
-def test_trees_that_only_plumbing_makes_are_refused(tmp_path: Path) -> None:
-    for number, (said, make) in enumerate(TREES):
-        hosted, ci = Hosted(tmp_path / f"{number}.git", ON_MAIN), tmp_path / f"ci{number}"
-        assert said in look(hosted, ci, make(hosted))
-        assert not (ci / "out").exists()
-
-
 def test_sound_pull_requests_and_what_main_has_meanwhile(tmp_path: Path) -> None:
     hosted = Hosted(tmp_path / "hosted.git", ON_MAIN)
+    first = hosted.resolve()
     sound, stale, theirs = (
-        hosted.commit(hosted.resolve(), files)
-        for files in (SOUND, only("old/p.npz", b"newer"), MINE_NOW)
+        hosted.commit(files, first) for files in (SOUND, only("old/p.npz", b"newer"), MINE_NOW)
     )
     assert look(hosted, tmp_path / "m", theirs, world.MAINTAINER) == ""  # may change every folder
-    newer = hosted.commit(hosted.resolve(), only("x/1", b"") | only("old/p.npz", b"newest"))
-    hosted.move("refs/heads/main", newer)
+    newer = hosted.commit(only("x/1", b"") | only("old/p.npz", b"newest"), first)
+    hosted.move("heads/main", newer)
     assert "has changed on the board since" in look(hosted, tmp_path / "b", stale)
     # The commit of the event is scored, and no later one.
-    later = hosted.commit(sound, MINE_NOW)
+    later = hosted.commit(MINE_NOW, sound)
     assert look(hosted, tmp_path / "a", sound, pulled=later) == ""
     written = tmp_path / "a/out" / MINE
     assert {f"{MINE}/{path.name}": path.read_bytes() for path in written.iterdir()} == SOUND
+    # Merged across: against the later of two bases another's folder looks untouched.
+    better, own = (hosted.commit(f, first) for f in (MINE_NOW, {"README.md": b"older\n"}))
+    hosted.move("heads/main", hosted.commit({"README.md": b"older\n"}, better, own))
+    across = hosted.commit(SOUND, own, better)
+    assert "has 2 merge bases" in look(hosted, tmp_path / "c", across)
 
-
-# --- what reaches the benchmark: predictions ---
 
 IDS = [f"{scene}/q{n:05d}" for scene, count in (("east", 6), ("west", 4)) for n in range(count)]
 NANS = np.full((10, 4), np.nan, np.float32)
@@ -225,12 +179,11 @@ def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_run
     for write in FILES:
         write(file := board.home / "p.npz")
         given = {"file": "p.npz", "sha256": sha256_of_tree(file), "bytes": file.stat().st_size}
-        hostile.append(SOUND | {f"{MINE}/submission.toml": toml(predictions=given)})
+        hostile.append({f"{MINE}/submission.toml": toml(predictions=given)})
         hostile[-1][f"{MINE}/p.npz"] = file.read_bytes()
     for number, files in enumerate(hostile, 1):
-        head = board.hosted.commit(board.hosted.resolve(), files)
-        work = board.score(number, board.hosted.pull(number, head), code=1)
-        comment = board.comment(work / "found-score.json")
+        head = board.hosted.commit(files, board.hosted.resolve())
+        comment = board.ci(number, board.hosted.move(f"pull/{number}/head", head), code=1)
         assert "is refused" in comment
         assert not [text for text in ("Traceback", str(board.home)) if text in comment]
         assert "set-output" not in outside_code(comment)
@@ -238,8 +191,6 @@ def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_run
         assert all(line.startswith("| ") for line in board.log.stderr.splitlines())
         assert "\x1b" not in board.log.stderr
 
-
-# --- the comment ---
 
 TEXTS = [
     "@everyone #1 GH-1 a@b.example 0123456789abcdef0123456789abcdef01234567",
@@ -270,25 +221,24 @@ def outside_code(text: str) -> str:
     return "\n".join(kept)
 
 
-@pytest.mark.parametrize("text", TEXTS, ids=lambda text: ascii(text)[:30])
-def test_a_comment_renders_nothing_that_was_submitted(text: str) -> None:
-    interval = (0.5, 0.25, 0.75)
+def test_a_comment_renders_nothing_that_was_submitted() -> None:
     scores = {HIT.key: {"value": 0.5, "low": 0.25, "high": 0.75, "rank": (2, 5)}}
-    scenes = {f"s{n}": {HIT.key: interval} for n in range(300)}
-    row: dict[str, Any] = {"scores": scores, "scenes": scenes, "notes": (text,)}
-    answer = world.made_answer([text] * 300, kind="re-scored", **row)
-    pull = Found(pull_request=5, account=7, head="a" * 40, place=Place("made", "retrieval", "mine"))
-    facts = {"kind": "scored", "method": text or "x", "team": text, "warnings": (text,) * 9}
-    scored = comment_on(pull.model_copy(update=facts | {"answer": answer}))
-    problem = str(SubmissionError(text, where=text, expected=text, fix=text))
-    facts = {"kind": "refused", "problems": (problem,) * 500, "warnings": (text,)}
-    refused = comment_on(pull.model_copy(update=facts))
-    assert refused.startswith(f"{MARK}\n")
-    for made in (scored, refused):
-        assert all(c.isprintable() or c == "\n" for c in made)
-        assert len(made) < 65_536
-        assert outside_code(made).count("<!--") == 1
-        assert not [part for part in BAD if part in outside_code(made)]
-        assert "This is about commit aaaaaaaaaaaa" in outside_code(made)
-    tables = [line for line in scored.split("\n") if line.startswith("| ")]
-    assert len({line.count("|") for line in tables[:3]}) == 1
+    scenes = {f"s{n}": {HIT.key: (0.5, 0.25, 0.75)} for n in range(300)}
+    place = Place("made", "retrieval", "mine")
+    pull: dict[str, Any] = {"pull_request": 5, "account": 7, "head": "a" * 40, "place": place}
+    for text in TEXTS:
+        row: dict[str, Any] = {"scores": scores, "scenes": scenes, "notes": (text,)}
+        answer = world.made_answer([text] * 300, kind="re-scored", **row)
+        names: dict[str, Any] = {"method": text or "x", "team": text, "warnings": (text,) * 9}
+        scored = comment_on(Found(kind="scored", answer=answer, **names, **pull))
+        problems = (str(SubmissionError(text, where=text, expected=text, fix=text)),) * 500
+        refused = comment_on(Found(kind="refused", problems=problems, warnings=(text,), **pull))
+        assert refused.startswith(f"{MARK}\n")
+        for made in (scored, refused):
+            assert all(c.isprintable() or c == "\n" for c in made)
+            assert len(made) < 65_536
+            assert outside_code(made).count("<!--") == 1
+            assert not [part for part in BAD if part in outside_code(made)]
+            assert "This is about commit aaaaaaaaaaaa" in outside_code(made)
+        tables = [line for line in scored.split("\n") if line.startswith("| ")]
+        assert len({line.count("|") for line in tables[:3]}) == 1

@@ -11,6 +11,7 @@ import tarfile
 from contextlib import nullcontext, suppress
 from fnmatch import fnmatchcase
 from io import BytesIO
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -29,7 +30,6 @@ from airzoo_bench.leaderboard.board import Limits
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from airzoo_bench.leaderboard.git import DataBranch, RefusedError, Try, check_tries
 from airzoo_bench.leaderboard.sealing import opened_truth, round_score, score_sealed, seal
-from airzoo_bench.results.result import ScoreColumn
 from tests.api.place import NAME
 from tests.leaderboard import conftest as world
 from tests.leaderboard.conftest import SCENE, Board, Hosted
@@ -46,15 +46,9 @@ def public(host: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the public folder of the host's; the archive of its truth lies beside it."""
     found = tmp_path_factory.mktemp("sealed") / NAME
     with mock.patch("secrets.token_hex", return_value=SALT):
-        seal(host, found, KEY.to_public())
+        assert run_main("seal", host, "--out", found, "--to", KEY.to_public()) == 0
     return found
 
-
-def archive_of(public: Path) -> Path:
-    return public.with_name(f"{public.name}.age")
-
-
-# --- the public folder ---
 
 # Where each file is: in public as it was ("same") or cut, or only in the archive. A file that is
 # not in the table fails: another track's files are sealed until somebody thinks about them.
@@ -65,11 +59,11 @@ SAME += "scenes/*/retrieval/dropped_tiles.csv scenes/*/matching/crops.csv "
 SAME += "scenes/*/matching/map.json scenes/*/matching/crops/*"
 SEALED = "prepared.json scenes/*/retrieval/positives.npz scenes/*/retrieval/overlaps.npz "
 SEALED += "scenes/*/retrieval/footprints.csv scenes/*/*/excluded.csv data/*/cloud.ply"
-TABLE = {
-    pattern: what
+TABLE = [
+    (pattern, what)
     for what, patterns in {"cut": CUT, "same": SAME, "sealed": SEALED}.items()
     for pattern in patterns.split()
-}
+]
 
 
 def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_truth(
@@ -77,9 +71,8 @@ def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_trut
 ) -> None:
     prepared, shown, hidden = world.files_of(host), world.files_of(public), []
     for name, content in prepared.items():
-        expected = next(what for pattern, what in TABLE.items() if fnmatchcase(name, pattern))
         there = "same" if shown.get(name) == content else "cut" if name in shown else "sealed"
-        assert there == expected, name
+        assert there == next(what for pattern, what in TABLE if fnmatchcase(name, pattern)), name
         hidden += [] if there == "same" else [hashlib.sha256(content).hexdigest()]
     assert shown.keys() <= prepared.keys()
     before, after = (pd.read_csv(of / SCENE / "queries.csv", dtype=str) for of in (host, public))
@@ -111,29 +104,26 @@ def test_truth_that_methods_are_given_and_data_outside_are_not_sealed(
             seal(folder, tmp_path / "public", KEY.to_public())
 
 
-# --- keys and archives ---
-
-
-def opened(public: Path, key: Any = KEY, archive: Path | None = None) -> dict[str, bytes]:
-    with opened_truth(public, archive or archive_of(public), key) as truth:
-        assert truth.stat().st_mode & 0o077 == 0
-        Benchmark.open(truth)
-        return world.files_of(truth)
+def opened(public: Path, key: Any = KEY, archive: Path | None = None) -> Any:
+    return opened_truth(public, archive or public.with_suffix(".age"), key)
 
 
 def test_opened_is_what_was_sealed_and_goes(host: Path, public: Path) -> None:
-    whole, found = world.files_of(host), opened(public)
+    whole = world.files_of(host)
+    for error in (UserError("x"), KeyboardInterrupt(), SystemExit(143)):
+        with suppress(type(error)), opened(public) as truth:
+            assert truth.stat().st_mode & 0o077 == 0
+            Benchmark.open(truth)
+            found = world.files_of(truth)
+            raise error
+        assert not truth.exists()
     assert whole.keys() == found.keys()
     other = {name for name in whole if found[name] != whole[name]}
     assert other == {f"data/{NAME}/images/a.png"}  # it had metadata
-    for error in (UserError("x"), KeyboardInterrupt(), SystemExit(143)):
-        with suppress(type(error)), opened_truth(public, archive_of(public), KEY) as truth:
-            raise error
-        assert not truth.exists()
 
 
 def test_other_archives_open_nothing(public: Path, tmp_path: Path) -> None:
-    path, content, plain = tmp_path / "x.age", archive_of(public).read_bytes(), BytesIO()
+    path, plain, content = tmp_path / "x.age", BytesIO(), public.with_suffix(".age").read_bytes()
     with tarfile.open(fileobj=plain, mode="w") as tar:  # anybody has the public key
         tar.addfile(tarfile.TarInfo("../../x"))
     forged = sealing.load_pyrage().encrypt(plain.getvalue(), [KEY.to_public()])
@@ -141,10 +131,10 @@ def test_other_archives_open_nothing(public: Path, tmp_path: Path) -> None:
     for data, key in [*cases, (content[:-1], KEY), (content, NEW_KEY()), (forged, KEY)]:
         path.write_bytes(data)
         with pytest.raises(BenchmarkError, match="is damaged, or not of this"):
-            opened(public, key, path)
+            opened(public, key, path).__enter__()
 
 
-def test_faults_of_keys_repeat_no_key_and_the_command_replaces_nothing(
+def test_faults_of_keys_repeat_no_key_and_nothing_is_replaced(
     host: Path, public: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(sealing.KEY_VARIABLE, f"# a comment\n{KEY}\n")
@@ -155,17 +145,13 @@ def test_faults_of_keys_repeat_no_key_and_the_command_replaces_nothing(
             with pytest.raises(UsageError) as caught:
                 read()
             assert str(KEY)[20:40] not in str(caught.value)
-    call = ("seal", host, "--out", tmp_path / "m", "--to", KEY.to_public())
-    assert run_main(*call) == 0
-    assert opened(tmp_path / "m")
-    shutil.rmtree(tmp_path / "m")
-    assert run_main(*call) == 2
+    (archive := tmp_path / "m.age").touch()
+    for out in (public, archive.with_suffix("")):
+        assert run_main("seal", host, "--out", out, "--to", KEY.to_public()) == 2
+    assert not archive.read_bytes()
 
 
-# --- the answer ---
-
-MEAN = ERROR.model_copy(update={"average": "mean"})
-COLUMNS = {"share": HIT, "median": ERROR, "mean": MEAN}
+COLUMNS = {"share": HIT, "median": ERROR, "mean": ERROR.model_copy(update={"average": "mean"})}
 
 
 @pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
@@ -174,7 +160,8 @@ def test_only_rounded_overall_scores_are_told(
 ) -> None:
     path = world.write_template(track, public, tmp_path)
     checked = CheckedSubmission(path.parent, world.submission(protocol=f"{NAME}-{track}"), path)
-    answer = score_sealed(checked, "7" * 64, archive_of(public), KEY, public.parent, Run())
+    archive = public.with_suffix(".age")
+    answer = score_sealed(checked, "7" * 64, archive, KEY, public.parent, Run())
     whole = evaluate(path, data=host, method="M")
     shown = [column for column in whole.result.columns if column.headline]
     assert set(answer.row.scores) == {column.key for column in shown}
@@ -189,18 +176,27 @@ def test_only_rounded_overall_scores_are_told(
     assert not {*answer.row.notes, *answer.row.scenes, *answer.row.conditions, *answer.floors}
 
 
-@pytest.mark.parametrize("kind", COLUMNS)
-@pytest.mark.parametrize("count", [20, 300])
-def test_errors_are_those_of_repeated_samples(kind: str, count: int) -> None:
-    column, draws = COLUMNS[kind], np.random.default_rng(1).random((1000, 2, count))
+@pytest.mark.parametrize(("kind", "count"), [*product(COLUMNS, (20, 60, 300))])
+def test_errors_are_those_of_repeated_samples_and_one_query_mostly_changes_nothing(
+    kind: str, count: int
+) -> None:
+    column, random = COLUMNS[kind], np.random.default_rng(1)
+    draws = random.random((1000, 2, count))
     values = (draws < 0.4).astype(float) if column is HIT else -np.log1p(-draws)
-    means = (np.median if column is ERROR else np.mean)(values, axis=2).mean(axis=1)
-    found = [
-        round_score(float(mean), [*row], column) for mean, row in zip(means, values, strict=True)
-    ]
+    means = np.median if column is ERROR else np.mean
+    found = [round_score(float(means(v, axis=1).mean()), [*v], column) for v in values]
     stated = np.array([error for _, error, _ in found], float)
     # Order statistics of few queries are careful, and digits are rounded upward.
-    assert 0.9 < np.sqrt(np.mean(stated**2)) / np.std(means) < 2
+    assert 0.9 < np.sqrt(np.mean(stated**2)) / np.std(means(values, axis=2).mean(axis=1)) < 2
+    values[:, 0, 0] = 1 - values[:, 0, 0] if column is HIT else random.exponential(1.0, 1000)
+    others = [round_score(float(means(v, axis=1).mean()), [*v], column) for v in values]
+    assert sum(one == other for one, other in zip(found, others, strict=True)) > 700
+
+
+def test_a_scene_of_one_query_cannot_be_read_off_the_mean() -> None:
+    others = [(np.random.default_rng(n).random(200) < 0.5).astype(float) for n in range(10)]
+    both = [[*others, np.array([hit])] for hit in (0.0, 1.0)]
+    assert len({round_score(float(np.mean([*map(np.mean, s)])), s, HIT)[0] for s in both}) == 1
 
 
 def test_steps_by_hand() -> None:
@@ -221,26 +217,6 @@ def test_steps_by_hand() -> None:
     value, error, step = round_score(float(np.median(some)), [some], ERROR)
     assert math.isfinite(value)
     assert (error, step > 0) == (None, True)
-
-
-@pytest.mark.parametrize("column", [HIT, ERROR], ids=["share", "median"])
-def test_one_query_mostly_changes_nothing(column: ScoreColumn) -> None:
-    random, same, average = np.random.default_rng(3), 0, np.median if column is ERROR else np.mean
-    for _ in range(400):
-        rate, values = random.uniform(0.1, 0.9), random.exponential(1.0, 60)
-        values = (random.random(60) < rate).astype(float) if column is HIT else values
-        other, place = values.copy(), random.integers(60)
-        other[place] = 1.0 - other[place] if column is HIT else random.exponential(1.0)
-        one, two = (round_score(float(average(v)), [v], column) for v in (values, other))
-        same += one == two
-    assert same >= 400 * 0.7
-    # Nor can a scene of one query be read off the mean.
-    others = [(random.random(200) < 0.5).astype(float) for _ in range(10)]
-    both = [[*others, np.array([hit])] for hit in (0.0, 1.0)]
-    assert len({round_score(float(np.mean([*map(np.mean, s)])), s, HIT)[0] for s in both}) == 1
-
-
-# --- tries ---
 
 
 def line(text: str, account: int = 7) -> Try:
@@ -274,103 +250,90 @@ def test_a_try_beyond_the_limit_is_refused(tmp_path: Path) -> None:
     assert [one.head for one in DataBranch(tmp_path / "c", str(hosted.folder)).tries()] == [*"ab"]
 
 
-# --- the steps of CI ---
-
-
 @pytest.fixture
 def sealed_board(board: Board, data: Path, monkeypatch: pytest.MonkeyPatch) -> Board:
-    """Return a board of the made benchmark whose truth is sealed; an account has one try."""
+    """Return a board of the made benchmark whose truth is sealed; an account has two tries."""
     public = board.home / "public"
     write_raster(data / "made/dom.tif", np.full((3, 64, 64), 90, np.uint8))
     archive, _ = seal(data / "made", public / "made", KEY.to_public())
     archive.replace(board.main / "made.age")
-    limits = world.BOARD.replace("[[", "[limits]\ntries = 1\ndays = 30\n[[", 1)
+    limits = world.BOARD.replace("[[", "[limits]\ntries = 2\ndays = 30\n[[", 1)
     (board.main / "leaderboard.toml").write_text(f'{limits}sealed = "made.age"\n')
-    board.push_main("A sealed board")
+    board.push(board.main)
     monkeypatch.setenv(sealing.KEY_VARIABLE, str(KEY))
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(public))
     monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo")])
     return board
 
 
-def propose(board: Board, arrays: Any, *more: str) -> Path:
-    """Submit, and play the job that checks it; return the folder of its files."""
-    fork = board.home / "ada"
-    board.submit(fork if fork.exists() else board.clone("ada"), arrays, "Salad", *more)
-    work = board.score(1, board.propose(fork, 1))
-    assert json.loads((work / "found-score.json").read_text())["kind"] == "sealed"
-    return work
+def start(board: Board, found: Path, code: int = 0) -> Path:
+    """Take a try, and return the findings."""
+    out = found.with_name("found-try.json")
+    board.step("keep", found, "--started", "--out", out, code=code)
+    return out
 
 
-def open_sealed(board: Board, work: Path, code: int = 0) -> str:
-    files = ("--work", work / "work", "--out", work / "found-sealed.json")
-    call = ("leaderboard", "score", "--sealed", work / "found-score.json", *files)
-    return str(world.run(*call, "--root", board.main, code=code).exception)
+def open_sealed(board: Board, found: Path, code: int = 0, said: str = "") -> Path:
+    """Score against the truth, and return the findings."""
+    out = found.with_name("found-sealed.json")
+    call = ("leaderboard", "score", "--sealed", found, "--out", out, "--root", board.main)
+    done = world.run(*call, "--work", found.with_name("work"), code=code)
+    assert said in str(done.exception)
+    return out
 
 
-def test_a_sealed_submission_from_pull_request_to_board(sealed_board: Board, perfect: Any) -> None:
-    board, work = sealed_board, propose(sealed_board, perfect)
-    head = world.git(fork := board.home / "ada", "rev-parse", "HEAD")
-    artifacts = [work / name for name in ("found-score.json", "try.json", "found-sealed.json")]
-    board.step("keep", artifacts[0], "--started", "--out", artifacts[1])
-    open_sealed(board, work)
-    board.step("keep", artifacts[2])
-    assert "| `average` | 10 |" in board.comment(*artifacts)
-    assert "records_sha256" not in artifacts[2].read_text()
-
-    # One try within 30 days: the next commit has none, and its truth is not opened.
-    other, refused = propose(board, perfect, "--force", "--set", "summary=Other."), work / "r.json"
-    board.step("keep", other / "found-score.json", "--started", "--out", refused, code=1)
-    assert "has had 1 try on made within 30 days" in board.comment(refused)
-
-    # What was pushed after the scoring is not what is merged: the board says so.
-    board.merge(1, world.git(fork, "rev-parse", "HEAD"))
-    board.rescore(code=1, said="were not scored against the sealed truth before they were merged")
-    world.git(board.main, "revert", "--no-edit", "HEAD")
-    world.git(board.main, "push", "--quiet", "origin", "HEAD:main")
-
-    # The commit that was scored gets its answer on the board, without the key.
-    board.hosted.pull(1, head)
-    board.merge(1, head)
-    files = board.rescore() / "runs/made/retrieval/salad/1"
-    assert sorted(path.name for path in files.iterdir()) == ["run.json", "submission.toml"]
-
-    # It does not count where the truth is sealed anew.
-    public = board.home / "public/made/benchmark.toml"
-    truth = json.loads((files / "run.json").read_text())["head"]["truth"]
-    public.write_text(public.read_text().replace(truth, "0" * 64))
-    board.rescore(code=1, said="were not scored against the sealed truth")
-
-
-def test_what_only_the_truth_shows_is_a_try_and_a_failed_job_is_none(
+def test_a_sealed_submission_from_pull_request_to_board(
     sealed_board: Board, perfect: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Were it given back, whoever finds such a fault could ask the truth without end."""
-    board, work = sealed_board, propose(sealed_board, perfect)
-    found, opened = work / "found-score.json", work / "found-sealed.json"
-    for started in (["--started"], [], ["--started"], []):  # the job failed: it comes back
-        board.step("keep", found, *started)
+    board, fork = sealed_board, sealed_board.clone("ada")
+    world.write_submission(fork, perfect)
+    found = board.score(1, first := board.push(fork, "pull/1/head"))
+    for _ in range(2):  # a job that fails gives the try back
+        start(board, found)
+        board.step("keep", found)
     assert "This does not count as a try" in board.comment(found)
+    board.step("keep", opened := open_sealed(board, found))
+    assert "| `average` | 10 |" in board.comment(found, start(board, found), opened)
+    assert "records_sha256" not in opened.read_text()
 
-    def fail(*_: Any, **__: Any) -> None:
-        raise PredictionError("45.1 degrees off the truth")
-
-    board.step("keep", found, "--started")
-    with monkeypatch.context() as patched:
-        patched.setattr(checks, "evaluate", fail)
-        open_sealed(board, work, code=1)
-    comment = board.comment(opened)
-    assert "The truth was opened" in comment
+    # A fault that only the truth shows is a try, or whoever finds one could ask without end.
+    world.write_submission(fork, perfect, summary="Other.")
+    start(board, found := board.score(1, last := board.push(fork, "pull/1/head")))
+    fault = mock.Mock(side_effect=PredictionError("45.1 degrees off the truth"))
+    with mock.patch.object(checks, "evaluate", fault):
+        board.step("keep", opened := open_sealed(board, found, code=1), code=1)
+    assert "The truth was opened" in (comment := board.comment(opened))
     assert "45.1" not in comment
-    board.step("keep", opened, code=1)
     assert ",scored," in board.data_file("tries.csv").splitlines()[-1]
 
-    # Changed files and a network keep the truth closed.
-    monkeypatch.setattr("airzoo_bench.leaderboard.scoring.score_sealed", None)
-    opened.unlink()
-    [toml] = (work / "work").rglob("submission.toml")
+    # Two tries within 30 days: the next commit has none. Changed files and a network keep the
+    # truth closed.
+    world.write_submission(fork, perfect, summary="One more.")
+    found = board.score(1, board.push(fork, "pull/1/head"))
+    comment = board.comment(start(board, found, code=1))
+    assert "has had 2 tries on made within 30 days" in comment
+    [toml] = found.with_name("work").rglob("submission.toml")
     toml.write_text(toml.read_text().replace("CC-BY-4.0", "MIT"))
-    assert "not the files" in open_sealed(board, work, code=1)
-    monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth0")])
-    assert "while there is a network (eth0)" in open_sealed(board, work, code=1)
+    with monkeypatch.context() as patched:
+        patched.setattr("airzoo_bench.leaderboard.scoring.score_sealed", None)
+        opened = open_sealed(board, found, code=1, said="not the files")
+        patched.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth0")])
+        open_sealed(board, found, code=1, said="while there is a network (eth0)")
     assert not opened.exists()
+
+    # What was pushed after the scoring is not what is merged: the board says so.
+    unscored = "were not scored against the sealed truth"
+    board.merge(1, last)
+    board.rescore(code=1, said=unscored)
+    world.git(board.main, "revert", "--no-edit", "HEAD")
+
+    # The commit that was scored gets its answer on the board, without the key.
+    board.merge(1, board.hosted.move("pull/1/head", first))
+    run = board.rescore() / "runs/made/retrieval/salad/1"
+    assert sorted(path.name for path in run.iterdir()) == ["run.json", "submission.toml"]
+
+    # It does not count where the truth is sealed anew.
+    stated = board.home / "public/made/benchmark.toml"
+    truth = json.loads((run / "run.json").read_text())["head"]["truth"]
+    stated.write_text(stated.read_text().replace(truth, "0" * 64))
+    board.rescore(code=1, said=unscored)

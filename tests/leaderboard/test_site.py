@@ -10,6 +10,7 @@ import json
 import os
 import re
 import shutil
+import tomllib
 import zlib
 from functools import partial
 from itertools import product
@@ -23,34 +24,120 @@ import pytest
 from airzoo_bench.evaluation.evaluate import evaluate, save
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import answers
-from airzoo_bench.leaderboard.pages import bibtex, render_pages, table_csv
+from airzoo_bench.leaderboard.answers import run_folders
+from airzoo_bench.leaderboard.board import Board
+from airzoo_bench.leaderboard.pages import bibtex, build_board, table_csv
 from airzoo_bench.leaderboard.pictures import draw_pictures, read_pictures
 from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_methods
 from airzoo_bench.statistics.samples import ResamplingConfig
 from tests.leaderboard import conftest as world
-from tests.leaderboard.conftest import HOME, PROTOCOL, RUNS
 from tests.report.browser import NEEDS_CHROMIUM, Opened
-from tests.statistics.support import ERROR, HIT, SOFT, made_method
+from tests.statistics.support import ERROR, HIT, SOFT, made_method, write_method
 
-# --- board.json ---
+FIVE = HIT.model_copy(update={"key": "recall@5", "title": "R@5"})
+COLUMNS, SIZES = (HIT, FIVE, ERROR, SOFT), {"east": 30, "west": 20}
+PLACE, PROTOCOL = "uav-visloc/retrieval", "uav-visloc-retrieval"  # of which papers print numbers
+RUNS, TABLE = f"runs/{PLACE}", f"tables/{PROTOCOL}"
+OTHER = {"name": "denseuav", "title": "None", "protocols": ["denseuav-drone-to-satellite"]}
+NAMES = ("SALAD", "Net & Co", "MegaLoc 龍", "a" * 64, "R&D 100 % (3")
+TEAMS = ('The "best" team', "O'Neil & {{ 7 * 7 }}", "W" * 64, "Team ${x}", "Größe")
+EVIL = "</script><script>window.caught = 1</script> =1+1 `x` {{ 7919 * 7907 }} "
+PICTURE = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA="
+MAP = {"title": EVIL, "picture": PICTURE, "width": 40, "height": 30, "paths": {"hit": "M1 1z"}}
+MAP |= {"hits": 3, "queries": 4, "score": "R@1", "factor": 2}
+HARDEST = {"query": EVIL, "pictures": [{"title": EVIL, "src": PICTURE}], "values": []}
+PICTURES = {"clouds": [["East", PICTURE]], "maps": [MAP], "hardest": [HARDEST]}
+
+
+def write_run(
+    root: Path, folder: str, rate: float, number: int = 1, truth: str = "t", **facts: Any
+) -> None:
+    """Write a run of some skill, whose easy queries are those of the others too; 0: all fail."""
+    shared, own = np.random.default_rng(7), np.random.default_rng([0, *folder.encode()])
+    scenes = {}
+    for scene, size in SIZES.items():
+        ease = 0.7 * shared.random(size) + 0.3 * own.random(size)
+        made = {c.key: ease < rate + 0.2 * (c is FIVE and rate > 0) for c in COLUMNS}
+        made["error_m"] = np.where((ease > 0.95) | (rate == 0), np.inf, ease * 30 * (1.5 - rate))
+        scenes[scene] = {key: one.astype(float).tolist() for key, one in made.items()}
+    given = world.submission(**({"method": folder, "protocol": PROTOCOL} | facts))
+    method = made_method(scenes, COLUMNS, given.method, truth=truth * 64)
+    method.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
+    write_method(run := root / RUNS / folder / str(number), method)
+    found = answers.measure(run, "d" * 64)
+    floor = answers.make_row({HIT.key: 0.1}, {}, kind="floor", method="chance")
+    changes = {"scored": f"2026-04-{round(30 - 28 * rate):02}T12:00:00Z", "floors": (floor,)}
+    changes |= {"head": found.head.model_copy(update={"benchmark": "uav-visloc"})}
+    answers.write_run(run, given, found.model_copy(update=changes))
+
+
+def build(root: Path) -> tuple[Path, list[str]]:
+    """Build the board of a folder with runs and submissions; return the site and the notes."""
+    values = tomllib.loads(world.BOARD)
+    board = Board.model_validate(values | {"benchmarks": [values["benchmarks"][0], OTHER]})
+    return root / "site", build_board(root, root / "submissions", board, root, root / "site")
+
+
+def table_of(root: Path) -> tuple[Any, dict[str, Any]]:
+    """Return the table of a built board, and its rows by id."""
+    text = (root / "site/board.json").read_text(encoding="utf-8")
+    assert "NaN" not in text
+    table = json.loads(text)["tables"][PROTOCOL]
+    return table, {row["id"]: row for row in table["rows"]}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the runs of twelve methods and of what cannot be shown, and the site."""
+    root = tmp_path_factory.mktemp("board")
+    links = {"code": "https://example.org/code", "paper": "https://example.org/p?a=1&b=2"}
+    for n in range(12):
+        facts: dict[str, Any] = {"team": TEAMS[n % 5], "summary": EVIL + "x" * 200}
+        facts["method"] = NAMES[n] if n < len(NAMES) else f"Method {n}"
+        facts["training_data"] = ((), ("airzoo", "gta-uav"), ("university-1652",))[n % 3]
+        stages, uses = ("single-stage", "re-ranked")[n % 2], ["prior"][: n % 2]
+        facts |= {"pipeline": {"stages": stages, "uses": uses}} | (links if n % 2 else {})
+        for number in (1, 2) if n == 2 else (1,):
+            write_run(root, f"method-{n}", (0.9 - n / 20) * (n < 11), number, **facts)
+    write_run(root, "early", 1.0, truth="e")
+    for path in ("method-2/3/run.json", "answer/1/run.json", "stated/1/submission.toml"):
+        shutil.copytree(root / RUNS / "method-3/1", (root / RUNS / path).parent)
+        (root / RUNS / path).write_text("{")
+    for path, text in {
+        "late/fault.txt": f"p.npz is too late {EVIL}\x1b[31m",
+        "method-2/2/figures/pictures.json": json.dumps(PICTURES),
+        "a b/1/run.json": "",
+    }.items():
+        (root / RUNS / path).parent.mkdir(parents=True)
+        (root / RUNS / path).write_text(text)
+    (waits := root / "submissions" / PLACE / "waits").mkdir(parents=True)
+    (waits / "submission.toml").touch()
+    (root / "notes.txt").write_text("\n".join(build(root)[1]))
+    return root
 
 
 def test_rows_their_facts_numbers_and_history(root: Path) -> None:
-    rows = world.rows_of(root / "site")
-    assert list(rows) == ["m3", "m2", "m1", "m0"]  # the best first
-    [scored] = read_methods([root / RUNS / "m2/1"])
-    score, row = rows["m2"]["scores"]["recall@1"], rows["m0"]
-    assert score["value"] == value_of(scored, scored.result.columns[0])
+    table, rows = table_of(root)
+    ranked = [row["scores"] for row in table["rows"] if row["kind"] == "re-scored"]
+    values = [scores["recall@1"]["value"] for scores in ranked]
+    assert (len(values), values) == (12, sorted(values, reverse=True))  # the best first
+    [scored] = read_methods([root / RUNS / "method-2/2"])
+    row, score = rows["method-2"], rows["method-2"]["scores"]["recall@1"]
+    assert score["value"] == value_of(scored, HIT)
     assert 0 < score["low"] < score["value"] < score["high"] < 1
-    east = rows["m2"]["scenes"]["east"]["recall@1"]
-    assert east[0] == scored.result.scenes["east"]["recall@1"]
+    assert row["scenes"]["east"]["recall@1"][0] == scored.result.scenes["east"]["recall@1"]
     facts = ("kind", "version", "team", "date", "rescored")
-    assert [row[key] for key in facts] == ["re-scored", 2, "Team", "2026-03-01", "2026-04-01"]
-    assert [one["files"] for one in row["history"]] == [f"{RUNS}/m0/2", f"{RUNS}/m0/1"]
+    assert [row[key] for key in facts] == ["re-scored", 2, TEAMS[2], "2026-03-01", "2026-04-08"]
+    assert [one["files"] for one in row["history"]] == [f"{RUNS}/method-2/{n}" for n in (2, 1)]
+    fails = rows["method-11"]["scores"]["error_m"]
+    assert [fails[key] for key in ("value", "rank", "near_best")] == ["Infinity", [12, 12], False]
+    [condition] = table["conditions"]
+    assert (condition["labels"], condition["counts"]) == (["fog", "sun"], [12, 38])
+    fog = scored.records["recall@1"].to_numpy()[:12].mean()
+    assert row["conditions"]["weather"]["recall@1"][0] == pytest.approx(fog)
     # Numbers of papers are there from the first day.
-    reported = world.rows_of(root / "site", "uav-visloc-retrieval")
-    salad = next(row for row in reported.values() if row["method"] == "SALAD")
+    [salad] = [row for row in table["rows"] if row["method"] == "SALAD" and row["source"]]
     assert (salad["kind"], salad["scores"]["recall@1"]["rank"]) == ("reported", None)
     assert "airzoo-paper" in salad["source"]
 
@@ -63,151 +150,64 @@ def unpack_pair(pairs: Any, first: int, second: int) -> list[float]:
 
 
 def test_any_two_as_compare_prints_them(root: Path) -> None:
-    scored = read_methods([root / RUNS / f"m{n}/{1 + (n == 0)}" for n in range(4)])
-    for column in world.COLUMNS:
-        pairs = world.board_of(root / "site")["tables"][PROTOCOL]["pairs"][column.key]
-        low, high, p, holm = unpack_pair(pairs, 0, 2)
-        first, other = (scored[int(pairs["ids"][n][1:])] for n in (0, 2))
+    for column, places in product((HIT, FIVE, ERROR), ((0, 2), (3, 5))):
+        pairs = table_of(root)[0]["pairs"][column.key]
+        folders = [root / RUNS / pairs["ids"][n] for n in places]
+        first, other = read_methods([run_folders(folder)[-1] for folder in folders])
         options: Any = {"reference": other.name, "resampling": ResamplingConfig()}
         [pair] = compare([other, first], [column], **options).pairs
+        low, high, p, holm = unpack_pair(pairs, *places)
         assert [low, high] == pytest.approx([pair.interval.low, pair.interval.high], rel=1e-5)
-        if pair.test.p_value > 0.01:
-            assert p == pytest.approx(pair.test.p_value, rel=1e-5)
+        assert pair.test.p_value < 0.01 or p == pytest.approx(pair.test.p_value, rel=1e-5)
         assert holm >= p - 1e-6
 
 
-def test_others_do_not_move_who_cannot_be_told_from_the_best(tmp_path: Path) -> None:
-    rates = {"a": 0.6, "b": 0.57, "c": 0.1}
-    for more in ({}, {f"x{n}": 0.2 + n / 100 for n in range(12)}):
-        for name, rate in (rates | more).items():
-            world.write_run(tmp_path, name, 1, world.method(name.upper(), rate))
-        rows = world.rows_of(world.built(tmp_path)[0])
-        near = [rows[name]["scores"]["recall@1"]["near_best"] for name in rates]
-        assert near == [True, True, False]
-
-
-def test_infinite_medians_conditions_and_an_earlier_truth(tmp_path: Path) -> None:
-    columns, later = (ERROR, HIT), {"truth": "u" * 64}
-    world.write_run(tmp_path, "early", 1, world.method("Early", 0.9, columns))
-    failing = {"error_m": [np.inf] * 25, "recall@1": [0.0] * 25}
-    none = made_method({"east": failing, "west": failing}, columns, "None", **later)
-    world.write_run(tmp_path, "none", 1, none, day=20)
-    for n in range(3):
-        made = world.method(f"Net {n}", 0.2 + n / 3, columns, **later)
-        made.records["weather"] = np.where(np.arange(50) % 2, "fog", "sun")
-        world.write_run(tmp_path, f"n{n}", 1, made, day=20)
-    site, _ = world.built(tmp_path)
-    rows, text = world.rows_of(site), (site / "board.json").read_text(encoding="utf-8")
-    assert list(rows) == ["n2", "n1", "n0", "none", "early"]
-    assert (rows["early"]["kind"], rows["n2"]["kind"]) == ("failed", "re-scored")
-    score = rows["none"]["scores"]["error_m"]
-    assert (score["value"], score["rank"], score["near_best"]) == ("Infinity", [4, 4], False)
-    assert "NaN" not in text
-    [condition] = json.loads(text)["tables"][PROTOCOL]["conditions"]
-    assert (condition["labels"], condition["counts"]) == (["fog", "sun"], [25, 25])
-    expected = made.records["recall@1"].to_numpy()[1::2].mean()
-    assert rows["n2"]["conditions"]["weather"]["recall@1"][0] == pytest.approx(expected)
-
-
-def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(tmp_path: Path) -> None:
-    world.write_runs(tmp_path, 5)
-    runs, reasons = tmp_path / RUNS, {"m1": "run.json", "m2": "submission.toml", "m3": "too late"}
-    for name in ("m1/1/run.json", "m2/1/submission.toml", "m0/2/run.json"):
-        (runs / name).write_text("{")
-    shutil.rmtree(runs / "m3/1")
-    (runs / "m3/fault.txt").write_text("p.npz is too late")
-    for waiting in ("m4", "waits"):
-        (tmp_path / HOME / waiting).mkdir(parents=True)
-        (tmp_path / HOME / waiting / "submission.toml").touch()
-    (runs / "a b/1").mkdir(parents=True)
-    site, notes = world.built(tmp_path)
-    rows = world.rows_of(site)
-    failed = {one for one, row in rows.items() if row["kind"] == "failed"}
-    assert (failed, rows.keys() - failed) == ({*reasons, "waits"}, {"m0", "m4"})
+def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(root: Path) -> None:
+    rows, notes = table_of(root)[1], (root / "notes.txt").read_text()
+    reasons = {"answer": "run.json", "stated": "submission.toml", "late": "too late"}
+    reasons |= {"waits": "submission.toml", "early": "another protocol or truth"}
+    assert {one for one, row in rows.items() if row["kind"] == "failed"} == {*reasons}
     for name, said in reasons.items():
         assert said in rows[name]["reason"]
-        assert any(rows[name]["reason"] in note for note in notes)
-    assert rows["m0"]["version"] == 1  # its earlier version is shown
-    assert "run.json" in rows["m0"]["notes"][0]
+        assert rows[name]["reason"] in notes
+    assert "run.json" in rows["method-2"]["notes"][-1]  # its earlier version is shown
+
+
+def test_others_move_no_one_near_the_best_and_a_cache_changes_no_byte(
+    root: Path, tmp_path: Path
+) -> None:
+    few = ("method-0", "method-1", "method-9")
+    for name in few:
+        shutil.copytree(root / RUNS / name, tmp_path / RUNS / name)
+    write_run(tmp_path, "gone", 0.5)
+    build(tmp_path)
+    for rows in (table_of(at)[1] for at in (root, tmp_path)):
+        near = [rows[name]["scores"]["recall@1"]["near_best"] for name in few]
+        assert near == [True, True, False]
+    shutil.rmtree(tmp_path / RUNS / "gone")
+    for part in ("runs", "submissions"):
+        shutil.copytree(root / part, tmp_path / part, dirs_exist_ok=True)
+    assert world.files_of(build(tmp_path)[0]) == world.files_of(root / "site")
 
 
 def test_sealed_answers_have_conservative_ranges_and_no_pairs(tmp_path: Path) -> None:
     for unsure, expected in ((0.02, [[1, 2], [1, 2], [3, 3]]), (None, [[1, 2], [1, 3], [2, 3]])):
         for folder, value, error in (("a", 0.9, 0.02), ("b", 0.86, unsure), ("c", 0.4, 0.03)):
             scores = {"recall@1": {"value": value, "standard_error": error}}
-            answer, run = world.made_answer(["A"], sealed=True, kind="sealed", scores=scores), "1"
-            given = world.submission(method=folder.upper())
-            answers.write_run(tmp_path / RUNS / folder / run, given, answer)
-        table = world.board_of(world.built(tmp_path)[0])["tables"][PROTOCOL]
+            answer = world.made_answer(["A"], sealed=True, kind="sealed", scores=scores)
+            given = world.submission(method=folder.upper(), protocol=PROTOCOL)
+            answers.write_run(tmp_path / RUNS / folder / "1", given, answer)
+        build(tmp_path)
+        table, rows = table_of(tmp_path)
         assert (table["sealed"], table["pairs"]) == (True, {})
-        assert [row["scores"]["recall@1"]["rank"] for row in table["rows"]] == expected
-
-
-def test_the_same_bytes_from_nothing_and_from_a_cache(root: Path, tmp_path: Path) -> None:
-    shutil.copytree(root / "runs", tmp_path / "runs")
-    world.write_run(tmp_path, "m1", 2, world.method("Method 1", 0.9))
-    world.built(tmp_path)  # fills the cache, with a method that is not there later
-    shutil.rmtree(tmp_path / RUNS / "m1/2")
-    assert world.files_of(world.built(tmp_path)[0]) == world.files_of(root / "site")
-
-
-# --- pages ---
-
-TABLE = f"tables/{PROTOCOL}/"
-NAMES = ("SALAD", "Net & Co", "MegaLoc 龍", "a" * 64, "R&D 100 % (3")
-TEAMS = ('The "best" team', "O'Neil & {{ 7 * 7 }}", "W" * 64, "Team ${x}", "Größe")
-EVIL = "<script>window.caught = 1</script> =1+1 `x` {{ 7919 * 7907 }} "
-PICTURE = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA="
-PICTURES = {
-    "clouds": [["East", PICTURE]],
-    "maps": [
-        {"title": EVIL, "picture": PICTURE, "width": 40, "height": 30, "paths": {"hit": "M1 1z"}}
-        | {"hits": 3, "queries": 4, "score": "R@1", "factor": 2}
-    ],
-    "hardest": [{"query": EVIL, "pictures": [{"title": EVIL, "src": PICTURE}], "values": []}],
-}
-
-
-@pytest.fixture(scope="module")
-def scored(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of runs of twelve methods; the third one has pictures."""
-    root = tmp_path_factory.mktemp("sample")
-    links = {"code": "https://example.org/code", "paper": "https://example.org/p?a=1&b=2"}
-    for n in range(12):
-        name = NAMES[n] if n < len(NAMES) else f"Method {n}"
-        made = world.method(name, 0.9 - 0.6 * n / 12, columns=(*world.COLUMNS, SOFT))
-        made.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
-        stages, uses = ("single-stage", "re-ranked")[n % 2], ["prior"][: n % 2]
-        facts: dict[str, Any] = {"team": TEAMS[n % 5], "summary": EVIL + "x" * 200}
-        facts["training_data"] = ((), ("airzoo", "gta-uav"), ("university-1652",))[n % 3]
-        facts |= {"pipeline": {"stages": stages, "uses": uses}} | (links if n % 2 else {})
-        world.write_run(root, f"method-{n}", 1 + (n == 2), made, day=n + 1, **facts)
-    place = root / RUNS / "method-2/2/figures/pictures.json"
-    place.parent.mkdir()
-    place.write_text(json.dumps(PICTURES))
-    return root
-
-
-@pytest.fixture(scope="module")
-def sample(scored: Path) -> dict[str, Any]:
-    """Return a board with scored, reported, failed rows, a floor, and numbers of every kind."""
-    board: dict[str, Any] = world.board_of(world.built(scored)[0])
-    rows = board["tables"][PROTOCOL]["rows"]
-    reason = "p.npz: not a prediction file <img src=x onerror=window.caught=1>\x1b[31m"
-    failed = {"id": "failed", "kind": "failed", "scores": {}, "reason": reason, "history": []}
-    floor = {"id": "floor-chance", "kind": "floor", "team": ""}
-    rows += [*board["tables"]["uav-visloc-retrieval"]["rows"][:2], rows[-1] | floor]
-    rows += [rows[-2] | failed]
-    rows[3]["scores"]["recall@5"] |= {"value": "Infinity"}
-    rows[5]["scores"]["recall@5"] |= {"value": None, "low": None, "high": None}
-    rows[1] |= {"source": "=cmd()", "notes": ["2 </script><script>window.caught = 1</script>"]}
-    return board
+        assert [row["scores"]["recall@1"]["rank"] for row in rows.values()] == expected
 
 
 def test_links_lead_to_pages_and_places_and_no_page_loads_or_runs_what_is_not_its_own(
-    sample: dict[str, Any], scored: Path
+    root: Path,
 ) -> None:
-    links, texts = 0, render_pages(sample, scored)
+    links, site = 0, root / "site"
+    texts = {p.relative_to(site).as_posix(): p.read_text("utf-8") for p in site.rglob("*.html")}
     for path, text in texts.items():
         for address in re.findall(r'href="([^"]*)"', text):
             target, fragment = urldefrag(address)
@@ -229,18 +229,17 @@ def test_links_lead_to_pages_and_places_and_no_page_loads_or_runs_what_is_not_it
         hashes = [base64.b64encode(hashlib.sha256(c.encode()).digest()).decode() for c in own]
         assert re.findall(r"&#39;sha256-(\S+?)&#39;", policy) == hashes, path
     assert links > 100
-    empty = {"rows": [], "pairs": {}, "truth": ""}  # as every board begins
-    tables = {name: table | empty for name, table in sample["tables"].items()}
-    assert render_pages(sample | {"tables": tables}, Path()).keys() < texts.keys()
+    assert "No entry yet" in texts[f"tables/{OTHER['protocols'][0]}/index.html"]
 
 
-def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(sample: Any) -> None:
-    table = sample["tables"][PROTOCOL]
-    first, *others = csv.DictReader(io.StringIO(table_csv(table)))
+def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(root: Path) -> None:
+    table = table_of(root)[0]
     score = table["rows"][0]["scores"]["recall@1"]
+    table["rows"][1]["source"] = "=cmd()"
+    first, second, *_ = csv.DictReader(io.StringIO(table_csv(table)))
     assert float(first["recall@1 value"]) == score["value"]
     assert int(first["recall@1 rank_last"]) == score["rank"][1]
-    assert others[0]["source"] == "'=cmd()"
+    assert second["source"] == "'=cmd()"
     for text in (r"}, \input{/etc/passwd}", "a} @misc{b", "100 % & $x_1^2$ #~ \\", "@string{x}"):
         facts = {"id": "m", "method": text, "team": text, "authors": [text], "date": "2026-01-01"}
         entry = bibtex(facts | {"paper": None, "code": None, "source": ""}, text)
@@ -253,48 +252,50 @@ def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(sample
 def test_a_run_keeps_maps_and_the_hardest_queries_or_clouds(
     track: str, host: Path, tmp_path: Path
 ) -> None:
-    found = evaluate(
-        world.write_template(track, host, tmp_path), data=host, run=(run := Run(keep=True))
-    )
-    save(found, tmp_path / "run", partial(draw_pictures, found, run))
+    path, kept = world.write_template(track, host, tmp_path), Run(keep=True)
+    found = evaluate(path, data=host, run=kept)
+    save(found, tmp_path / "run", partial(draw_pictures, found, kept))
     shown = read_pictures(tmp_path, [{"files": "run"}, {"files": "earlier"}])
-    assert bool(shown["clouds"]) == (track == "reconstruction")
+    by_query = track != "reconstruction"
+    assert (len(shown["maps"]), bool(shown["clouds"])) == (by_query, not by_query)
     for one in shown["maps"]:
         assert 0 <= one["hits"] <= one["queries"] == 5
         dots = [one["paths"][f"{name} dot"].count("M") for name in ("hit", "miss")]
         assert dots == [one["hits"], 5 - one["hits"]]
-    assert len(shown["maps"]) == (track != "reconstruction")
     assert [bool(card["pictures"]) for card in shown["hardest"]] == [True] * len(shown["hardest"])
     assert read_pictures(tmp_path, []) == {}
 
 
-# --- in a browser ---
-
-PAGES = ["index.html", "about.html", f"{TABLE}method-2.html", f"{TABLE}failed.html"]
-PAGES += [f"{TABLE}index.html{mark}" for mark in ("", "#part=scenes%2F%2Feast&more=yes")]
-PAGES += [f"{TABLE}compare.html#a=method-1&b=method-3"]
+SCREENS = [(390, "dark", ""), (320, "light", ""), (1440, "light", ""), (703, "light", "print")]
+PAGES = ["index.html", "about.html", f"{TABLE}/method-2.html", f"{TABLE}/late.html"]
+PAGES += [f"{TABLE}/index.html{mark}" for mark in ("", "#part=scenes%2F%2Feast&more=yes")]
+PAGES += [f"{TABLE}/compare.html#a=method-1&b=method-3"]
 
 
 @pytest.fixture(scope="module")
-def site(sample: Any, scored: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("site")
-    for path, text in render_pages(sample, scored).items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_text(text, encoding="utf-8", newline="")
-    return folder
+def page(root: Path) -> Path:
+    """Return the first page of the site, which `opened` opens."""
+    return root / "site/index.html"
 
 
-def visit(page: Opened, folder: Path, name: str) -> None:
+def visit(opened: Opened, page: Path, name: str, screen: Any = (1280, "light", "")) -> None:
+    """Open another page of the site on a screen of a width, a colour scheme and a medium."""
+    width, scheme, media = screen
+    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500}
+    opened.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    setting = {"media": media, "features": features}
+    opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", setting)
     path, mark, fragment = name.partition("#")
-    page.driver.get("about:blank")  # the same file with another fragment is not opened anew
-    page.driver.get((folder / path).as_uri() + mark + fragment)
+    opened.driver.get("about:blank")  # the same file with another fragment is not opened anew
+    opened.driver.get((page.parent / path).as_uri() + mark + fragment)
     if path.endswith("compare.html"):
-        page.until(lambda: page.all("#overall tbody tr"))
+        opened.until(lambda: opened.all("#overall tbody tr"))
 
 
-def column(page: Opened, name: str) -> dict[str, str]:
+def column(opened: Opened, name: str) -> dict[str, str]:
     """Return what the cells of a column are sorted by, by the row's method, in their order."""
-    found: list[list[str]] = page.driver.execute_script(
+    found: list[list[str]] = opened.driver.execute_script(
         "const heads = [...document.querySelectorAll('#results thead th')];"
         "const at = heads.findIndex((h) => h.dataset.name === arguments[0]);"
         "return [...document.querySelectorAll('#results tbody:first-of-type tr')]"
@@ -306,22 +307,23 @@ def column(page: Opened, name: str) -> dict[str, str]:
 
 @NEEDS_CHROMIUM
 def test_columns_are_sorted_and_filters_hide_rows_or_show_a_part_instead_of_the_average(
-    opened: Opened, site: Path, sample: dict[str, Any]
+    opened: Opened, page: Path, root: Path
 ) -> None:
-    visit(opened, site, f"{TABLE}index.html")
-    for way in ("descending", "ascending"):
-        opened.button('th[data-name="R@5"]', "").click()
-        assert opened.one('th[data-name="R@5"]').get_attribute("aria-sort") == way
-        *numbers, infinite, missing = column(opened, "R@5").values()
-        assert (infinite, missing) == ("inf", "")  # last both ways
-        assert numbers == sorted(numbers, key=float, reverse=way == "descending")
+    table, rows = table_of(root)
+    reported = sum(row["kind"] == "reported" for row in table["rows"])
+    visit(opened, page, f"{TABLE}/index.html")
+    for way in ("ascending", "descending"):
+        opened.button('th[data-name="Median"]', "").click()
+        assert opened.one('th[data-name="Median"]').get_attribute("aria-sort") == way
+        shown = [*column(opened, "Median").values()]
+        numbers = sorted(shown[:11], key=float, reverse=way == "descending")
+        assert shown == [*numbers, "inf", *[""] * reported]  # last both ways
     average = column(opened, "R@1")
     opened.choose("#filters", "Rows", "reported, not re-scored")
-    assert len(column(opened, "R@1")) == 2
+    assert len(column(opened, "R@1")) == reported
     opened.one("#filters button").click()
     opened.until(lambda: column(opened, "R@1") == average)
-    [row] = [row for row in sample["tables"][PROTOCOL]["rows"] if row["id"] == "method-5"]
-    fog, east = row["conditions"]["weather"], row["scenes"]["east"]
+    fog, east = rows["method-5"]["conditions"]["weather"], rows["method-5"]["scenes"]["east"]
     for option, part in (("fog (12 queries), few", fog), ("East (30 queries)", east)):
         opened.choose("#filters", "Numbers", option)
         assert float(column(opened, "R@1")["method-5"]) == part["recall@1"][0]
@@ -336,17 +338,17 @@ def test_columns_are_sorted_and_filters_hide_rows_or_show_a_part_instead_of_the_
 
 
 @NEEDS_CHROMIUM
-@pytest.mark.parametrize(("a", "b"), [(0, 1), (7, 2)])
+@pytest.mark.parametrize(("a", "b"), [(0, 3), (7, 2)])
 def test_a_comparison_shows_the_pairs_of_the_board(
-    opened: Opened, site: Path, sample: dict[str, Any], a: int, b: int
+    opened: Opened, page: Path, root: Path, a: int, b: int
 ) -> None:
-    made = sample["tables"][PROTOCOL]
-    pairs, rows = made["pairs"]["recall@1"], {row["id"]: row for row in made["rows"]}
-    one, other = (rows[pairs["ids"][n]] for n in (a, b))
-    x, y = (row["scores"]["recall@1"]["value"] for row in (one, other))
+    table, rows = table_of(root)
+    pairs = table["pairs"]["recall@1"]
+    one, other = (pairs["ids"][n] for n in (a, b))
+    x, y = (rows[name]["scores"]["recall@1"]["value"] for name in (one, other))
     low, high, p, holm = unpack_pair(pairs, min(a, b), max(a, b))
     low, high = (-high, -low) if a > b else (low, high)
-    visit(opened, site, f"{TABLE}compare.html#a={one['id']}&b={other['id']}")
+    visit(opened, page, f"{TABLE}/compare.html#a={one}&b={other}")
     cells = [cell.text for cell in opened.all("#overall tbody tr:first-child td")]
     signed = f"{100 * (x - y):+.2f}", f"{100 * low:+.2f} to {100 * high:+.2f}"
     assert cells[2:4] == [text.replace("-", "−") for text in signed]
@@ -369,28 +371,17 @@ return [document.documentElement.scrollWidth - wide, [...document.querySelectorA
 AXE = Path(os.environ.get("AIRZOO_AXE", "node_modules/axe-core/axe.min.js"))
 FAULTS = """axe.run().then((r) => arguments[0](r.violations.map((v) =>
  [v.id, v.impact, v.nodes.map((n) => n.html.slice(0, 200))])))"""
-SCREENS = [(390, "dark", ""), (320, "light", ""), (1440, "light", ""), (703, "light", "print")]
-
-
-def show_on(opened: Opened, width: int, scheme: str, media: str) -> None:
-    metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500}
-    opened.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    features = [{"name": "prefers-color-scheme", "value": scheme}]
-    setting = {"media": media, "features": features}
-    opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", setting)
 
 
 @NEEDS_CHROMIUM
 @pytest.mark.parametrize(
-    ("width", "scheme", "media"),
-    [SCREENS[0], *(pytest.param(*one, marks=pytest.mark.slow) for one in SCREENS[1:])],
+    "screen", [SCREENS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in SCREENS[1:])]
 )
 def test_pages_fit_the_screen_and_run_no_strangers_texts(
-    opened: Opened, site: Path, width: int, scheme: str, media: str
+    opened: Opened, page: Path, screen: tuple[int, str, str]
 ) -> None:
-    show_on(opened, width, scheme, media)
     for name in PAGES:
-        visit(opened, site, name)
+        visit(opened, page, name, screen)
         assert opened.driver.execute_script(SEEN) == [0, [], 0, []], name
 
 
@@ -398,9 +389,8 @@ def test_pages_fit_the_screen_and_run_no_strangers_texts(
 @pytest.mark.skipif(
     not AXE.is_file(), reason="axe-core: npm pack axe-core, AIRZOO_AXE=.../axe.min.js"
 )
-def test_axe_finds_nothing(opened: Opened, site: Path) -> None:
+def test_axe_finds_nothing(opened: Opened, page: Path) -> None:
     for screen, name in product(SCREENS[:3], PAGES):
-        show_on(opened, *screen)
-        visit(opened, site, name)
+        visit(opened, page, name, screen)
         opened.driver.execute_script(AXE.read_text(encoding="utf-8"))
         assert opened.driver.execute_async_script(FAULTS) == [], name

@@ -15,27 +15,19 @@ from unittest import mock
 
 import confusable_homoglyphs
 import pytest
-import tomli_w
-from hypothesis import given
-from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from airzoo_bench.cli.main import app
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import checks
 from airzoo_bench.leaderboard import submission as rules
 from airzoo_bench.leaderboard.board import BOARD_FILE, known_submissions, read_board
-from airzoo_bench.leaderboard.submission import read_submission, skeleton
+from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, read_submission, skeleton
 from tests.leaderboard import conftest as world
-from tests.leaderboard.conftest import ADA, HOME, PROTOCOL, Board
+from tests.leaderboard.conftest import ADA, HOME, PROTOCOL
 from tests.statistics.support import made_method
-from tests.support import write_predictions
+from tests.support import ROOT, write_predictions
 
-CHECKOUT = Path(__file__).resolve().parents[2]
-
-# --- names ---
+Change = Callable[[Path], object]
 
 TAKEN = [
     *("SALAD", "π³", "MASt3R++", "DINOv2-B", "Δ-Net", "Яндекс", "北京大学", "トヨタ", "삼성"),
@@ -48,8 +40,6 @@ REFUSED = [
     *("Ame\u0301lie", "q\u0327\u030a\u030b", " SALAD", "SA  LAD", "\U0001d412ALAD", "\ua4e2\ua4ee"),
     *("\uff33ALAD", "***"),
 ]
-
-
 ALIKE = [
     *("SALAD Salad", "SALAD SA-LAD", "SALAD SALAD.", 'SALAD "SALAD"', "SALAD (SALAD)"),
     *("SALAD SALAD,", "SALAD SALAD~", "VGG16 VGGl6", "Cornet Comet", "LoFTR L0FTR", "Ame Amé"),
@@ -87,27 +77,39 @@ def test_unicodes_lookalikes_of_ascii_are_refused_or_have_its_skeleton() -> None
     assert len(taken) > 10
 
 
-@given(st.text(max_size=40))
-def test_any_text_is_taken_or_refused_and_what_is_shown_is_harmless(text: str) -> None:
-    for rule in (rules.check_line, rules.check_shown_line, rules.check_name):
-        try:
-            taken = rule(text)
-        except ValueError as error:
-            taken = str(error)  # shown as well
-        assert taken.isprintable()
-        assert not any(unicodedata.bidirectional(c) in ("RLO", "LRO", "RLE", "LRE") for c in taken)
+@pytest.fixture
+def root(tmp_path: Path, data: Path) -> Path:
+    """Return a board to submit to."""
+    (root := tmp_path / "board").mkdir()
+    (root / BOARD_FILE).write_text(world.BOARD)
+    return root
 
 
-# --- submission.toml ---
+def check(root: Path, data: Path, folder: Path, seconds: float = 0.0) -> checks.CheckedSubmission:
+    """Check a folder as the command line does."""
+    known, board = known_submissions(root), read_board(root / BOARD_FILE)
+    return checks.check_submission(folder, checks.Rules(board, root, data, Run()), known, seconds)
 
 
-def only_error(found: checks.CheckedSubmission) -> str:
-    [error] = found.errors
-    return str(error)
+def _limit(root: Path, limits: str) -> None:
+    (root / BOARD_FILE).write_text(world.BOARD.replace("[[", f"[limits]\n{limits}\n[[", 1))
+
+
+def _change(home: Path, old: bytes, new: bytes, name: str = SUBMISSION_FILE) -> None:
+    (home / name).write_bytes((home / name).read_bytes().replace(old, new))
+
+
+def _move(home: Path, place: str) -> Path:
+    return Path(shutil.copytree(home, home.parents[2] / place))
+
+
+def _state(text: str) -> Change:
+    return lambda home: (home / SUBMISSION_FILE).write_text(text)
 
 
 TWO_PLACES = {"file": "p.npz", "url": "https://a.b/p", "sha256": "0" * 64, "bytes": 1}
-WRONG: list[tuple[str, dict[str, Any] | str]] = [
+# What a submission beside another states or what is done to its folder, and what is said.
+ERRORS: list[tuple[str, dict[str, Any] | Change]] = [
     ("key 'contact' is missing", {"contact": None}),
     ("'training_data' is missing", {"training_data": None}),
     ("'methd' (did you mean 'method'?)", {"methd": "SALAD"}),
@@ -121,131 +123,81 @@ WRONG: list[tuple[str, dict[str, Any] | str]] = [
     ("'predictions': either", {"predictions": TWO_PLACES}),
     ("'predictions': either", {"predictions": {"sha256": "0" * 64, "bytes": 1}}),
     ("'team' is '\\x1b[2Jlab'", {"team": "\x1b[2Jlab"}),
-    ("too large", "x" * 50_000_000),
-    ("not valid TOML", "method = " + "[" * 15_000),
-    ("key 'method'", "method" + ".a" * 4_000 + " = 1"),
+    ("too large", _state("x" * 20_000)),
+    ("not valid TOML", _state("method = " + "[" * 15_000)),
+    ("key 'method'", _state("method" + ".a" * 4_000 + " = 1")),
+    ("differs from 'SALAD' only in case", {"method": "Salad", "team": "Other"}),
+    ("only in case", lambda home: _move(home, "made/retrieval/Salad")),
+    ("a pipe or a device", lambda home: os.mkfifo(home / "pipe")),
+    ("executable", lambda home: (home / "preds.npz").chmod(0o755)),
+    ("'predictions.file'", lambda home: (home / "preds.npz").unlink()),
+    (".sha256'", lambda home: _change(home, b"query_ids", b"query_idz", "preds.npz")),
+    ("'predictions.bytes'", lambda home: _change(home, b"bytes = ", b"bytes = 1")),
+    ("no such submission file", lambda home: (home / SUBMISSION_FILE).unlink()),
+    ("which does not score", {"protocol": "uav-visloc-retrieval"}),
+    *(
+        ("which does not score", lambda home, at=at: _move(home, at))
+        for at in ("mad/retrieval/new", "made/matching/new", "made/retrieval/nul")
+    ),
+    ("at most 1,000 bytes", lambda home: _limit(home.parents[3], "committed_bytes = 1000")),
+]
+NOTES: list[tuple[str, dict[str, Any] | Change]] = [
+    ("looks like 'Example Lab'", {"team": "Example Iab"}),
+    ("looks like 'SALAD'", {"method": "S-A-L-A-D"}),
+    ("to the last byte those of 'SALAD'", {"team": "Other"}),
+    ("is on this board already, of team 'Example", {"method": "SALAD", "team": "Other"}),
+    ("says that it is official", {"team": "Other", "method": "Net (official)"}),
+    ("'supersedes' is ignored", {"supersedes": "nothing"}),  # as earlier submissions have it
+    ("'account' is missing", {"account": None}),
 ]
 
 
-def test_each_mistake_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "submission.toml"
-    for said, changes in WRONG:
-        given = tomli_w.dumps(world.values(**changes)) if isinstance(changes, dict) else changes
-        path.write_text(given)
-        with pytest.raises(SubmissionError) as caught:
-            read_submission(path)
-        message = str(caught.value)
-        assert said in message
-        assert message.replace("\n", "").isprintable()
-        assert len(message) < 2_000
+@pytest.mark.parametrize(("kind", "cases"), [("errors", ERRORS), ("warnings", NOTES)])
+def test_each_mistake_is_named_and_each_claim_is_told(
+    kind: str, cases: Any, root: Path, data: Path, perfect: Any
+) -> None:
+    for said, change in cases:
+        (root / BOARD_FILE).write_text(world.BOARD)
+        shutil.rmtree(root / "submissions", ignore_errors=True)
+        world.write_submission(root, perfect)
+        stated = {"method": "New"} | (change if isinstance(change, dict) else {})
+        home = world.write_submission(root, perfect, "new", **stated)
+        moved = None if isinstance(change, dict) else change(home)
+        found = check(root, data, moved if isinstance(moved, Path) else home)
+        [text] = [text for text in map(str, getattr(found, kind)) if said in text]
+        assert text.replace("\n", "").isprintable()
+        assert len(text) < 2_000
+        assert bool(found.errors) == (kind == "errors")
 
 
-# --- the check of a folder ---
-
-
-@pytest.fixture
-def root(tmp_path: Path, data: Path) -> Path:
-    """Return a board to submit to."""
-    (tmp_path / "board").mkdir()
-    (tmp_path / "board" / BOARD_FILE).write_text(world.BOARD)
-    return tmp_path / "board"
-
-
-def write_limits(root: Path, limits: str) -> None:
-    """Give a board limits."""
-    (root / BOARD_FILE).write_text(world.BOARD.replace("[[", f"[limits]\n{limits}\n[[", 1))
-
-
-def _change(home: Path, old: bytes, new: bytes, name: str = "submission.toml") -> None:
-    (home / name).write_bytes((home / name).read_bytes().replace(old, new))
-
-
-def _move(home: Path, place: str) -> Path:
-    return Path(shutil.copytree(home, home.parents[2] / place))
-
-
-# What is done to a sound folder, and what is said.
-FAULTS: list[tuple[Callable[[Path], object], str]] = [
-    (lambda home: os.mkfifo(home / "pipe"), "a pipe or a device"),
-    (lambda home: (home / "preds.npz").chmod(0o755), "executable"),
-    (lambda home: (home / "preds.npz").unlink(), "'predictions.file'"),
-    (lambda home: _change(home, b"query_ids", b"query_idz", "preds.npz"), ".sha256'"),
-    (lambda home: _change(home, b"bytes = ", b"bytes = 1"), "'predictions.bytes'"),
-    (lambda home: (home / "submission.toml").unlink(), "no such submission file"),
-    (lambda home: _move(home, "mad/retrieval/salad"), "which does not score"),
-    (lambda home: _move(home, "made/matching/salad"), "which does not score"),
-    (lambda home: _move(home, "made/retrieval/nul"), "which does not score"),
-    (lambda home: _change(home, b"made-retr", b"uav-visloc-retr"), "which does not score"),
-    (lambda home: write_limits(home.parents[3], "committed_bytes = 1000"), "at most 1,000 bytes"),
-]
-
-
-def test_folders_that_ci_refuses(root: Path, data: Path, perfect: Any) -> None:
-    found = world.checked(home := world.write_submission(root, perfect), data)
-    assert (found.errors, found.warnings) == ([], [])
-    assert found.predictions == home / "preds.npz"
-    twice = {name: [[row[0], *row[:-1]] for row in rows] for name, rows in perfect.items()}
-    other = world.write_submission(root, perfect | {"ranked_ids": twice["ranked_ids"]}, "other")
-    assert "each tile once a query" in only_error(world.checked(other, data))
-    for change, said in FAULTS:
-        shutil.rmtree(root / "submissions")
-        moved = change(home := world.write_submission(root, perfect))
-        assert said in only_error(world.checked(moved if isinstance(moved, Path) else home, data))
-
-
-def test_predictions_at_an_address_are_fetched_where_that_is_asked_and_kept(
+def test_predictions_are_compared_with_the_benchmark_and_fetched_where_that_is_asked(
     root: Path, data: Path, perfect: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = write_predictions(root / "preds.npz", PROTOCOL, **perfect)
-    stated = {"bytes": file.stat().st_size, "sha256": sha256_of_tree(file)}
+    found = check(root, data, home := world.write_submission(root, perfect))
+    assert (found.errors, found.warnings) == ([], [])
+    assert found.predictions == home / "preds.npz"
+    twice = {**perfect, "ranked_ids": [[row[0], *row[:-1]] for row in perfect["ranked_ids"]]}
+    [error] = check(root, data, world.write_submission(root, twice, "other")).errors
+    assert "each tile once a query" in str(error)
 
     def fetch(_: str, into: Path, **__: Any) -> Path:
         into.mkdir(parents=True)
         (into / ".preds.npz.part").touch()
-        return Path(shutil.copy(file, into))
-
-    def by_address(url: str) -> Path:
-        home = world.write_submission(root, perfect, predictions={"url": url} | stated)
-        (home / "preds.npz").unlink()
-        return home
+        return Path(shutil.move(home / "preds.npz", into / "preds.npz"))
 
     monkeypatch.setattr(checks, "fetch", asked := mock.Mock(side_effect=fetch))
-    home = by_address("https://example.org/preds.npz")
-    places = [world.checked(home, data, seconds).predictions for seconds in (0.0, 1.0, 0.0)]
-    assert places == [None, *[data / checks.FETCHED / str(stated["sha256"]) / "preds.npz"] * 2]
-    [call] = asked.call_args_list
-    assert call.args[0] == "https://example.org/preds.npz"
-    assert (call.kwargs["size"], call.kwargs["sha256"]) == (*stated.values(),)
-    write_limits(root, "url_bytes = 100")
-    assert "at most 100" in only_error(world.checked(home, data))
-    shutil.rmtree(home)  # an address that is never fetched is refused before
-    home = by_address("https://169.254.169.254/preds.npz")
-    assert "https://HOST/PATH" in only_error(world.checked(home, data))
-
-
-CLAIMS: list[tuple[str, dict[str, Any], str]] = [
-    ("error", {"method": "Salad", "team": "Other"}, "differs from 'SALAD' only in case"),
-    ("error", {"folder": "Salad", "method": "New", "team": "Other"}, "only in case"),
-    ("note", {"method": "New", "team": "Example Iab"}, "looks like 'Example Lab'"),
-    ("note", {"method": "S-A-L-A-D"}, "looks like 'SALAD'"),
-    ("note", {"method": "Mine", "team": "Other"}, "to the last byte those of 'SALAD'"),
-    ("note", {"team": "Other"}, "'SALAD' is on this board already, of team 'Example Lab'"),
-    ("note", {"team": "Other", "method": "Net (official)"}, "says that it is official"),
-    ("note", {"method": "Newer"}, "'supersedes' is ignored"),
-    ("note", {"method": "Newer", "account": None}, "'account' is missing"),
-]
-
-
-def test_names_and_predictions_that_are_there_already(root: Path, data: Path, perfect: Any) -> None:
-    world.write_submission(root, perfect)
-    for kind, changes, said in CLAIMS:
-        home = world.write_submission(root, perfect, **({"folder": "second"} | changes))
-        if "supersedes" in said:  # as earlier submissions have it
-            _change(home, b"schema", b'supersedes = "nothing"\nschema')
-        found = world.checked(home, data)
-        assert any(said in str(one) for one in (found.errors, found.warnings)[kind == "note"])
-        assert bool(found.errors) == (kind == "error")
-        shutil.rmtree(home)
+    _change(home, b'file = "preds.npz"', b'url = "https://example.org/preds.npz"')
+    several = [check(root, data, home, seconds) for seconds in (0.0, 1.0, 0.0)]
+    stated = several[0].sound.predictions
+    kept = data / checks.FETCHED / stated.sha256
+    assert [one.predictions for one in several] == [None, *[kept / "preds.npz"] * 2]
+    promised = {"size": stated.size, "sha256": stated.sha256, "seconds": 1.0}
+    assert asked.call_args_list == [mock.call(stated.url, kept, **promised)]
+    _limit(root, "url_bytes = 100")
+    for said in ("at most 100", "https://HOST/PATH"):  # which needs no network
+        [error] = check(root, data, home).errors
+        assert said in str(error)
+        _change(home, b"https://example.org", b"https://169.254.169.254")
 
 
 def test_poses_that_are_the_prior_belong_to_its_class() -> None:
@@ -259,17 +211,12 @@ def test_poses_that_are_the_prior_belong_to_its_class() -> None:
 
 def test_submissions_of_this_repository_are_sound_and_small(tmp_path: Path) -> None:
     """Those on AirZoo-Mini are scored where it is made: tests/datasets/mini/test_prepare.py."""
-    rules = checks.Rules(read_board(CHECKOUT / BOARD_FILE), CHECKOUT, tmp_path, Run())
-    known = known_submissions(CHECKOUT)
+    known = known_submissions(ROOT)
     assert {place.benchmark for place in known} >= {"airzoo-demo", "airzoo-mini"}
-    for place in known:
-        assert not checks.check_submission(CHECKOUT / place.path, rules, known).errors
-    assert checks.size_of_tree(CHECKOUT / "submissions") < 1_500_000
+    assert not [place for place in known if check(ROOT, tmp_path, ROOT / place.path).errors]
+    assert checks.size_of_tree(ROOT / "submissions") < 1_500_000
 
 
-# --- submit ---
-
-OPTIONS = ["--method", "SALAD", *world.OPTIONS, "--set", f"account={ADA}"]
 FOLDER = f"{HOME}/salad"
 
 
@@ -280,60 +227,47 @@ def preds(tmp_path: Path, root: Path, perfect: Any, monkeypatch: pytest.MonkeyPa
     return write_predictions(tmp_path / "preds.npz", PROTOCOL, **perfect)
 
 
-def test_one_command_makes_a_branch_with_the_checked_folder(board: Board, preds: Path) -> None:
-    fork = board.clone("ada")
-    more = ("--board", fork, "--set", 'pipeline.uses=["prior"]', "--set", "code=https://a.org/b")
-    for name in ("vinegar", "salad"):  # the second begins at the board's branch too
-        made = world.run("submit", preds, *OPTIONS, *more, "--method", name)
-        branch = f"submit-made-retrieval-{name}"
-        steps = [f"git push --force -u origin {branch}", "gh pr create --fill"]
-        assert made.stdout.splitlines()[-2:] == steps
-        changed = world.git(fork, "diff", "--name-only", "main", branch).splitlines()
-        assert changed == [f"{HOME}/{name}/{file}" for file in ("preds.npz", "submission.toml")]
-    stated = read_submission(fork / FOLDER / "submission.toml")
-    assert (stated.protocol, stated.account, stated.pipeline.uses) == (PROTOCOL, ADA, ("prior",))
-
-
 def test_wrong_options_write_nothing_and_a_version_is_replaced_only_by_force(
     root: Path, preds: Path
 ) -> None:
-    whole = [*OPTIONS, "--no-commit"]
-    for options, said in (
-        (OPTIONS[:2], "--team, --contact, --author, --licence, --training-data, --stages"),
-        ([*whole, "--protocol", "made-retrieva"], "did you mean 'made-retrieval'"),
-        ([*whole, "--set", "papr=https://a.org"], "papr"),
-    ):
-        assert said in str(world.run("submit", preds, *options, code=1).exception)
+    def refusal(*options: str) -> str:
+        return str(world.run("submit", preds, *options, code=1).exception)
+
+    whole, path = [*world.OPTIONS, "--no-commit"], root / FOLDER / SUBMISSION_FILE
+    for said, options in {
+        "--team, --contact, --author, --licence, --training-data, --stages": ("--method", "SALAD"),
+        "did you mean 'made-retrieval'": [*whole, "--protocol", "made-retrieva"],
+        "papr": [*whole, "--set", "papr=https://a.org"],
+    }.items():
+        assert said in refusal(*options)
         assert not (root / "submissions").exists()
-    world.run(
-        "submit", preds, *whole, "--url", "https://example.org/preds.npz"
-    )  # which is not copied
-    [path] = (root / FOLDER).iterdir()
+    url = "https://example.org/preds.npz"
+    world.run("submit", preds, *whole, "--url", url)
+    assert [*(root / FOLDER).iterdir()] == [path]  # the file is not copied
     stated = read_submission(path).predictions
-    assert (stated.url, stated.size) == ("https://example.org/preds.npz", preds.stat().st_size)
-    assert "--force" in str(world.run("submit", preds, *whole, code=1).exception)
-    theirs = (*whole, "--force", "--set", "account=7")
-    assert f"account {ADA}" in str(world.run("submit", preds, *theirs, code=1).exception)
-    world.run("submit", preds, *whole, "--force", "--set", "summary=Newer")
-    assert read_submission(path).summary == "Newer"
+    assert (stated.url, stated.size) == (url, preds.stat().st_size)
+    assert "--force" in refusal(*whole)
+    assert f"account {ADA}" in refusal(*whole, "--force", "--set", "account=7")
+    more = ("--force", "--set", "summary=Newer", "--set", 'pipeline.uses=["prior"]')
+    world.run("submit", preds, *whole, *more)
+    newer = read_submission(path)
+    assert (newer.summary, newer.pipeline.uses) == ("Newer", ("prior",))
 
 
 def test_nine_questions_at_most_on_a_terminal(
     root: Path, preds: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    terminal = SimpleNamespace(isatty=lambda: True)
+    terminal, call = SimpleNamespace(isatty=lambda: True), ("submit", preds, "--no-commit")
     streams = SimpleNamespace(stdin=terminal, stderr=terminal)
     monkeypatch.setattr("airzoo_bench.leaderboard.submitting.sys", streams)
     monkeypatch.setattr("airzoo_bench.leaderboard.submitting.gh_account", lambda: None)
-    given = ("SALAD", "Example Lab", "nobody", "ada@example.org", "Ada Example, Grace Example")
-    answers = "\n".join(("1001", *given, "CC-BY-4.0", "none", "single-stage", ""))
-    made = CliRunner().invoke(app, ["submit", str(preds), "--no-commit"], input=answers)
-    assert made.exit_code == 0, made.output
+    who = ("SALAD", "Example Lab", "nobody", "ada@example.org", "Ada Example, Grace Example")
+    made = world.run(*call, answers=(ADA, *who, "CC-BY-4.0", "none", "single-stage"))
     assert "'nobody'" in made.output  # asked again
-    stated = read_submission(root / FOLDER / "submission.toml")
-    assert (stated.method, stated.authors) == ("SALAD", ("Ada Example", "Grace Example"))
+    stated = read_submission(root / FOLDER / SUBMISSION_FILE)
+    assert (stated.method, stated.account) == ("SALAD", ADA)
+    assert stated.authors == ("Ada Example", "Grace Example")
     assert (stated.training_data, stated.pipeline.stages) == ((), "single-stage")
-    assert stated.account == ADA
     # The folder is looked at before further questions.
-    again = CliRunner().invoke(app, ["submit", str(preds), "--no-commit"], input="1001\nSALAD\n")
+    again = world.run(*call, answers=(ADA, "SALAD"), code=1)
     assert "--force" in str(again.exception)

@@ -15,11 +15,10 @@ from airzoo_bench.core import sandbox
 from airzoo_bench.evaluation import predictions
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from tests.leaderboard import conftest as world
-from tests.leaderboard.conftest import ADA, BOB, HOME, PROTOCOL, RUNS, Board
-from tests.support import MadeScene, made_protocol, run_main, write_benchmark
+from tests.leaderboard.conftest import ADA, BOB, HOME, PROTOCOL, RUNS, Board, write_submission
+from tests.support import MadeScene, made_protocol, run_main, write_benchmark, write_predictions
 
 Arrays = dict[str, list[Any]]
-SALAD = f"{RUNS}/salad"
 
 
 def worse(perfect: Arrays) -> Arrays:
@@ -29,83 +28,85 @@ def worse(perfect: Arrays) -> Arrays:
 
 
 def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: Arrays) -> None:
-    fork = board.clone("ada")
-    board.submit(fork, worse(perfect), "Salad")
-    head = board.propose(fork, 1)
+    ada, preds = board.clone("ada"), board.home / "preds.npz"
+    write_predictions(preds, PROTOCOL, **worse(perfect))
+    for name in ("Vinegar", "Salad"):  # the second begins at the board's branch too
+        made = world.run("submit", preds, *world.OPTIONS, "--method", name, "--board", ada)
+    push, create = made.stdout.splitlines()[-2:]
+    branch = push.removeprefix("git push --force -u origin ")
+    assert (branch, create) == ("submit-made-retrieval-salad", "gh pr create --fill")
+    world.git(ada, *push.split()[1:])
+    head = board.hosted.move("pull/1/head", board.hosted.resolve(f"heads/{branch}"))
     comment = board.ci(1, head)
     for said in ("### `Salad` by `Example Lab`", "Rank **1** of 1", "| `Scene east` | 6 |", head):
         assert said in comment
-    assert "ada@example.org" not in comment
     board.merge(1, head)
     site = world.files_of(board.build(said="scored"))
     assert b"Salad" in site["index.html"]
     assert b'"near_best":true' not in site["board.json"]  # of one method alone
-    assert not [name for name, content in site.items() if b"ada@example.org" in content]
-    assert "contact" not in board.data_file(f"{SALAD}/1/submission.toml")
+    shown = [*site.values(), board.data_file(f"{RUNS}/salad/1/submission.toml").encode()]
+    assert not [text for text in (comment.encode(), *shown) if b"ada@example.org" in text]
 
     # Nothing is scored twice, and the pages are the same to the last byte.
-    tip = board.hosted.resolve("leaderboard-data")
+    tip = board.hosted.resolve("heads/leaderboard-data")
     assert world.files_of(board.build(said="")) == site
-    assert board.hosted.resolve("leaderboard-data") == tip
+    assert board.hosted.resolve("heads/leaderboard-data") == tip
 
     # The next version of the same account says what has changed.
-    board.update(fork)
-    board.submit(fork, perfect, "Salad", "--force")
-    head = board.propose(fork, 2)
+    write_submission(ada := board.clone("ada2"), perfect, method="Salad")
+    head = board.push(ada, "pull/2/head")
     assert "| the last version | 10 |" in board.ci(2, head)
     board.merge(2, head)
     board.step("keep", board.rescore())
-    assert json.loads(board.data_file(f"{SALAD}/2/run.json"))["tree"]
+    assert json.loads(board.data_file(f"{RUNS}/salad/2/run.json"))["tree"]
 
     # A second method is placed beside the first; anybody can write a team's name. Answers that
     # are another team's are told, whatever file they come in.
-    other = board.clone("bob")
-    copied = {name: rows[::-1] for name, rows in perfect.items()}
-    board.submit(other, copied, "Vinegar", "--team", "Other Lab", account=BOB)
-    head = board.propose(other, 3)
+    bob, copied = board.clone("bob"), {name: rows[::-1] for name, rows in perfect.items()}
+    facts = {"method": "Vinegar", "account": BOB}
+    write_submission(bob, copied, "vinegar", team="Other Lab", **facts)
+    head = board.push(bob, "pull/3/head")
     assert f"write account = {ADA}" in board.ci(3, head, ADA, code=1)
     comment = board.ci(3, head, world.MAINTAINER)
     assert "of 2 by" in comment
     assert "100 % of the records are those of 'Salad' of team 'Example Lab'" in comment
-    board.submit(other, worse(perfect), "Vinegar", "--force", account=BOB)
-    comment = board.ci(3, board.propose(other, 3), BOB)
+    write_submission(bob, worse(perfect), "vinegar", **facts)
+    comment = board.ci(3, board.push(bob, "pull/3/head"), BOB)
     assert "team 'Example Lab' is on the board already, by another account" in comment
 
     # A withdrawn submission leaves the board, and its folder keeps its owner.
-    board.update(fork)
-    world.git(fork, "rm", "-r", "--quiet", f"{HOME}/salad")
-    head = board.propose(fork, 4)
+    shutil.rmtree(board.clone("ada3") / HOME / "salad")
+    head = board.push(board.home / "ada3", "pull/4/head")
     assert "is withdrawn" in board.ci(4, head)
     board.merge(4, head)
     assert not list(board.rescore().rglob("run.json"))
-    assert board.data_file(f"{SALAD}/1/run.json")
-    board.update(other)
-    board.submit(other, perfect, "Salad", "--team", "Other Lab", account=BOB)
-    assert "belongs to another account" in board.ci(5, board.propose(other, 5), BOB, code=1)
+    assert board.data_file(f"{RUNS}/salad/1/run.json")
+    write_submission(bob := board.clone("bob2"), perfect, team="Other Lab", account=BOB)
+    assert "belongs to another account" in board.ci(5, board.push(bob, "pull/5/head"), BOB, code=1)
 
 
 def test_new_words_keep_their_scores_and_another_truth_or_protocol_scores_again(
     board: Board, data: Path, scenes: list[MadeScene], perfect: Arrays, monkeypatch: Any
 ) -> None:
-    board.submit(board.main, perfect, "Salad")
-    board.push_main("One")
+    write_submission(board.main, perfect)
+    board.push(board.main)
     with monkeypatch.context() as patched:
         patched.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
         read = mock.Mock(wraps=predictions.call_limited)
         patched.setattr(predictions, "call_limited", read)
         board.step("keep", board.rescore())
     assert read.called  # strangers' predictions are read under limits
-    board.submit(board.main, perfect, "Salad", "--force", "--set", "summary=Other words")
-    board.push_main("Other words")
+    write_submission(board.main, perfect, summary="Other words")
+    board.push(board.main)
     with monkeypatch.context() as patched:
         patched.setattr(CheckedSubmission, "score", None)
         board.step("keep", board.rescore(said="new words, the same scores"))
-    assert "Other words" in board.data_file(f"{SALAD}/1/submission.toml")
+    assert "Other words" in board.data_file(f"{RUNS}/salad/1/submission.toml")
     protocol = data / f"made/protocols/{PROTOCOL}.toml"
     text = protocol.read_text()
     protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
     again = board.rescore(said="scored again")
-    assert sorted(path.name for path in again.glob(f"{SALAD}/*")) == ["1", "2"]
+    assert sorted(path.name for path in again.glob(f"{RUNS}/salad/*")) == ["1", "2"]
     protocol.write_text(text)
     shutil.rmtree(data / "made")
     first = [[(tile + 1) % scenes[0].n_tiles for tile in found] for found in scenes[0].positives]
@@ -121,17 +122,15 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
     board: Board, perfect: Arrays
 ) -> None:
     """Of two names that look alike the one that has a run stays."""
-    board.submit(board.main, perfect, "Salad", account=1)
-    board.push_main("Salad")
+    write_submission(board.main, perfect, method="Salad")
+    board.push(board.main)
     board.step("keep", board.rescore())
-    broken = board.submit(board.main, worse(perfect), "Aaa", "--team", "Team A", account=2)
-    (broken / "link").symlink_to("/")
-    alike = board.submit(board.main, perfect, "Cress", "--team", "Team C", account=3)
-    toml = alike / "submission.toml"
-    toml.write_text(toml.read_text().replace('"Cress"', '"SALAD"'))
+    for name in ("aaa", "cress", "sound"):
+        facts = {"method": "SALAD" if name == "cress" else name, "team": f"Team {name}"}
+        write_submission(board.main, worse(perfect), name, account=BOB, **facts)
+    (board.main / HOME / "aaa/link").symlink_to("/")
     (board.main / HOME / "whole").symlink_to("salad")
-    board.submit(board.main, worse(perfect), "Sound", "--team", "Team S", account=4)
-    board.push_main("By hand")
+    board.push(board.main)
     data = board.rescore(code=1, said="differs from 'Salad' only in case")
     assert sorted(path.parent.name for path in data.glob(f"{RUNS}/*/1")) == ["salad", "sound"]
     faults = {p.parent.name: p.read_text() for p in data.glob(f"{RUNS}/*/fault.txt")}
@@ -145,8 +144,8 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
 def test_faults_of_the_board_are_none_of_a_submission(
     board: Board, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    head = board.hosted.commit(board.hosted.resolve(), {f"{HOME}/x/submission.toml": b"x"})
-    event = board.score(1, board.hosted.pull(1, head), code=1) / "event.json"
+    head = board.hosted.commit({f"{HOME}/x/submission.toml": b"x"}, board.hosted.resolve())
+    event = board.score(1, board.hosted.move("pull/1/head", head), code=1).with_name("event.json")
     (wrong := tmp_path / "wrong").mkdir()  # no sound board, no repository, and not empty
     (file := wrong / "leaderboard.toml").write_text("{}")
     for option in ("--event", "--root", "--remote", "--work"):
