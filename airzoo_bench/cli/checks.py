@@ -47,8 +47,7 @@ def audit(
     from airzoo_bench.audit.counts import parse_counts
     from airzoo_bench.tables.published import read_published
 
-    given = parse_counts(counts or [])
-    done = audit_published(read_published(table), given)
+    done = audit_published(read_published(table), parse_counts(counts or []))
     if form is cli.Format.TERMINAL:
         cli.echo(audit_text(done, table.name))
     else:

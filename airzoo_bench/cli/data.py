@@ -46,8 +46,7 @@ def download(
     cli.say(f"{about.title}, licence: {about.licence}")
     if about.repository is None:
         cli.echo("".join(f"{link}\n" for link in about.links or (about.page,)))
-        how = "in a browser or with wget -c" if about.links else "as the page says"
-        cli.say(f"{about.title} is not on Hugging Face: fetch it by hand, {how}")
+        cli.say(f"{about.title} is not on Hugging Face: fetch it by hand, or by wget -c")
         cli.say(f"next: unpack it, then: airzoo-bench prepare {benchmark} --source FOLDER")
         return
     from airzoo_bench.datasets.about import fetch_from_hub, patterns_to_skip

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
+from contextlib import suppress
 from functools import partial
 from typing import Annotated
 
 import typer
 
 from airzoo_bench.cli import common as cli
-from airzoo_bench.core.errors import UsageError
+from airzoo_bench.core.errors import ResultError, UsageError
 from airzoo_bench.core.registry import TRACKS, resolve
 from airzoo_bench.engines.engine import LOCAL, open_engine
 
@@ -53,8 +53,6 @@ def evaluate(
 
     Example: airzoo-bench eval retrieval preds.npz --out results/mymethod
 
-    Example: airzoo-bench eval matching matches.npz --out results/mymethod --engine dask --jobs 8
-
     Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures
     """
     from airzoo_bench.core.sandbox import Limits
@@ -62,6 +60,7 @@ def evaluate(
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.predictions import ReadRequest
     from airzoo_bench.evaluation.track import Run
+    from airzoo_bench.results.result import read_result
     from airzoo_bench.tables.layouts import scenes_table
 
     cli.check_choice("airzoo-bench eval", track, TRACKS.names())
@@ -74,6 +73,10 @@ def evaluate(
         raise UsageError("--figures and --resume write into a folder", fix="add --out DIR")
     if out is not None:
         check_run_folder(out, predictions)
+        with suppress(ResultError):  # there is none, or it is of an older version
+            if (earlier := read_result(out / "result.json")).track != track:
+                what = f"holds a result of {earlier.protocol.name}"
+                raise UsageError(what, where=out, fix="name another --out")
         method = method or out.resolve().name or None
     verb = "replaced" if out and (out / "result.json").exists() else "wrote"
     memory, jobs, unfinished = cli.memory_bytes(max_memory), jobs or info.jobs, None
@@ -99,8 +102,7 @@ def evaluate(
         draw = partial(resolve(info.figures), evaluation, run) if figures else None
         written = [] if out is None else save(evaluation, out, draw)
     if form is cli.Format.JSON:
-        content = json.loads(evaluation.result.model_dump_json(by_alias=True))
-        cli.echo(json.dumps(content, indent=1) + "\n")
+        cli.echo(evaluation.result.model_dump_json(by_alias=True, indent=1) + "\n", form)
     else:
         cli.show(scenes_table(evaluation.result, floors=True), form)
     if out is None:
@@ -148,11 +150,9 @@ def check(
         run=Run(memory, limits=Limits(memory) if untrusted else None),
         request=ReadRequest(reader, names, image_size),
     )
+    write = cli.say if checked.errors else lambda text: cli.echo(f"{text}\n")
     for line in checked.described:
-        if checked.errors:
-            cli.say(f"{predictions}: {line}")
-        else:
-            cli.echo(f"{predictions}: {line}\n")
+        write(f"{predictions}: {line}")
     for line in (*map(str, checked.errors), *(f"{predictions}: {one}" for one in checked.notes)):
         cli.say(line)
     if checked.errors:

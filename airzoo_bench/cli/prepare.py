@@ -13,7 +13,7 @@ import typer
 from airzoo_bench.cli import common as cli
 from airzoo_bench.cli.data import about_lines, find_about
 from airzoo_bench.core.errors import UsageError, counted
-from airzoo_bench.core.files import check_new_folder, data_root
+from airzoo_bench.core.files import MARK, check_new_folder, data_root
 from airzoo_bench.core.registry import DATASETS, TRACKS
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.settings import OPTIONS, PrepareSettings
@@ -124,7 +124,8 @@ def _prepare(
     dataset = DATASETS.get(name)
     chosen, root, jobs = dataset.options(**options), data_root(), jobs or dataset.jobs
     with cli.working("getting ready"):
-        folder = out or root / dataset.folder_name(chosen, root)
+        benchmark = dataset.folder_name(chosen, root)
+        folder = out or root / benchmark
         settings = PrepareSettings(
             folder,
             root,
@@ -138,17 +139,19 @@ def _prepare(
         there = not force and dataset.is_prepared(chosen, settings)
     if there:
         cli.echo(f"{folder}\n")
-        cli.say(
-            "nothing to do: it is complete, its checksums are right, and its sources are unchanged"
-        )
+        cli.say("nothing to do: it is complete and as it was made, and its sources are unchanged")
         return
     check_new_folder(folder, replace=force)
+    twin = folder.absolute().with_name(benchmark)
+    if folder.name != benchmark and (twin / MARK).exists():
+        fix = "choose another --name, or put the folder beside no other of this name"
+        raise UsageError(f"{twin} is a benchmark {benchmark} too", where=folder, fix=fix)
     with open_engine(engine, jobs=jobs, processes=jobs) as place:
         prepared = dataset.prepare(chosen, replace(settings, engine=place))
     _print_prepared(dataset.about, prepared)
     for protocol, track in prepared.protocols.items():
         file = f"{track}{Path(TRACKS.get(track).baseline.out).suffix}"
-        where = cli.with_data(None if prepared.folder.parent == root else prepared.folder)
+        where = cli.with_data(None if prepared.folder == root / benchmark else prepared.folder)
         cli.say(f"next: airzoo-bench baseline {track} {protocol}{where} --out {file}")
 
 
@@ -162,8 +165,7 @@ def _print_prepared(about: About, prepared: Prepared) -> None:
         for track, found in summary.tracks.items():
             lines.append(f"{track:15} {found.text}")
             if found.left_out:
-                left_out = counted(found.left_out, "photo")
-                lines.append(f"{'':15} {left_out} left out; excluded.csv says why")
+                lines.append(f"{'':15} {counted(found.left_out, 'photo')} left out: excluded.csv")
         lines += [f"{track:15} no: {why}" for track, why in summary.without_truth.items()]
         cli.echo("".join(f"  {line}\n" for line in lines))
     for scene, summary in prepared.summaries.items():

@@ -199,7 +199,7 @@ def write_folder_files(
         schema=1,
         name=protocols[0].benchmark,
         version=1,
-        title=protocols[0].benchmark,
+        title=protocols[0].title.partition(",")[0],
         tracks={protocol.track: protocol.truth_settings() for protocol in protocols},
         scenes=tuple(scenes),
         checksums={},

@@ -166,7 +166,7 @@ def measure(run: Path, tree: str) -> Answer:
     found, sample = score_intervals(method, headline, _RESAMPLING), make_sample([method], headline)
     parts = {"": found.overall, **found.groups}
     made = [one for part in parts.values() for one in part]
-    about = describe_intervals(made, _RESAMPLING, result.unit)
+    about = "".join(describe_intervals(made, _RESAMPLING, result.unit, lead=""))
     limits = {
         (scene, column.key): (one.low, one.high)
         for scene, part in parts.items()

@@ -59,7 +59,7 @@ class _Hloc(Reader):
         ends = (_MATCHES, _DENSE)
         pairs = (name.rsplit("/", 1)[0] for name in file.names() if name.endswith(ends))
         groups = list(dict.fromkeys(pairs))
-        rows, left = MatchRows(path, file.budget, request.reader), 0
+        rows, left = MatchRows(path, file.budget, request.reader, pictures), 0
         for group in groups:
             try:
                 pair = paired(*map(picture, group.split("/"))) if group.count("/") == 1 else None
@@ -69,11 +69,10 @@ class _Hloc(Reader):
                     rows.add(pair, _pixels(file, given, group, pair), group)
             except PredictionError as error:
                 raise error.inside(f"{matches}, pair {group[:200]}") from error
-        predictions = rows.predictions(groups, pictures)
-        notes = (f"{counted(left, 'pair')} of other pictures left out",) if left else ()
         steps = () if given is None else given.steps()
         beside = () if features is None or path.is_dir() else (features,)
-        return PredictionFile(predictions, (*self.conventions, *steps), (*notes, *steps), beside)
+        predictions, notes = rows.predictions(groups), (*rows.notes(left, "pair"), *steps)
+        return PredictionFile(predictions, (*self.conventions, *steps), notes, beside)
 
 
 class _Features:

@@ -75,7 +75,7 @@ class PairFiles(Reader):
         """See `Reader.read`."""
         pictures = Pictures(request)
         reader = f"{request.reader} ({self.layout})"
-        rows, left = MatchRows(path, Budget(request.memory_bytes), reader), []
+        rows, left = MatchRows(path, Budget(request.memory_bytes), reader, pictures), []
         for one in sorted(_files(path, self.suffix)):
             inside = one.name if one == path else one.relative_to(path).as_posix()
             name = inside.removesuffix(self.suffix)
@@ -88,9 +88,9 @@ class PairFiles(Reader):
                         rows.add(pair, self.matches(one, pair, request), name)
             except PredictionError as error:
                 raise error if str(one) in str(error.where) else error.inside(one) from error
-        notes = (f"{counted(len(left), 'file')} of other pictures left out",) * bool(left)
+        notes = rows.notes(len(left), "file")
         said = (f"pictures were {request.image_size} px: --image-size",) * bool(request.image_size)
-        return PredictionFile(rows.predictions(left, pictures), (*self.conventions, *said), notes)
+        return PredictionFile(rows.predictions(left), (*self.conventions, *said), notes)
 
 
 def _files(path: Path, suffix: str) -> Iterator[Path]:

@@ -29,7 +29,7 @@ Pixels = tuple[Floats, Floats]
 class Picture:
     """A photo, which has the id of its `query`, its crop of the map, or the `whole` map.
 
-    `name` is the method's, `size` width and height, `origin` where a crop begins in the map.
+    `name` is the method's, `size` width and height; a crop begins at `origin` and is `of` a query.
     """
 
     name: str
@@ -38,6 +38,7 @@ class Picture:
     size: tuple[int, int]
     origin: tuple[int, int] = (0, 0)
     whole: bool = False
+    of: str = ""
 
 
 class Pictures:
@@ -62,7 +63,8 @@ class Pictures:
                 photos.append((one, image))
                 crops.append((one, name))
                 self._known["query", one] = Picture(image, scene.scene, one, photo)
-                self._known["crop", one] = Picture(name, scene.scene, None, (width, height), (x, y))
+                crop = Picture(name, scene.scene, None, (width, height), (x, y), of=one)
+                self._known["crop", one] = crop
         left_out = names_in(scene.excluded for scene in scenes)
         kinds = (("query", photos, left_out), ("crop", crops, ()), ("map", maps, ()))
         self._names = [
@@ -105,11 +107,10 @@ def matched_pixels(first: Floats, second: Floats, matches: NDArray[Any]) -> Pixe
     sound = matches.dtype.kind == "i" and matches.shape == (len(first),)
     narrow = matches.dtype.itemsize == 2 and len(second) > 1 << 15
     if not sound or narrow or (matches < -1).any() or (matches >= len(second)).any():
-        raise PredictionError(
-            f"matches are {matches.dtype} of shape {matches.shape}, or have numbers beyond the "
-            f"{len(first):,} and {counted(len(second), 'keypoint')} of the pictures",
-            fix="match again, with at most 32,767 keypoints where numbers have 16 bits",
-        )
+        what = f"matches are {matches.dtype} of shape {matches.shape}, or have numbers beyond the "
+        what += f"{len(first):,} and {counted(len(second), 'keypoint')} of the pictures"
+        fix = "match again, with at most 32,767 keypoints where numbers have 16 bits"
+        raise PredictionError(what, fix=fix)
     found = np.flatnonzero(matches != -1)
     return first[found], second[matches[found]]
 
@@ -117,18 +118,17 @@ def matched_pixels(first: Floats, second: Floats, matches: NDArray[Any]) -> Pixe
 class MatchRows:
     """Matches of photos with crops or maps, query by query."""
 
-    def __init__(self, path: Path, budget: Budget, reader: str | None) -> None:
+    def __init__(self, path: Path, budget: Budget, reader: str | None, pictures: Pictures) -> None:
         """Begin with none."""
-        self.path, self.budget, self.reader = path, budget, reader
+        self.path, self.budget, self.reader, self.pictures = path, budget, reader, pictures
         self._rows: dict[str, list[Pixels]] = {}
+        self._crossed: list[str] = []
         self._sources: dict[tuple[str, tuple[int, int], bool], str] = {}
         self._count = 0
 
     def add(self, pair: Pair, xy: Pixels, source: str) -> None:
         """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0)."""
         one, other = (np.asarray(side, dtype=np.float64) for side in xy)
-        if not one.size and not other.size:  # as [] is no match
-            one = other = np.zeros((0, 2))
         if one.shape != other.shape or one.shape[1:] != (2,):
             what = f"reader {self.reader} takes matches of shapes {one.shape} and {other.shape}"
             raise PredictionError(what, expected="(N, 2) and (N, 2): x y in each picture")
@@ -141,40 +141,42 @@ class MatchRows:
             what = f"{first[:200]} and {source[:200]} are both {query} with one part of the map"
             fix = "leave out one of the two: runs are not pooled"
             raise PredictionError(what, expected="the matches of each pair once", fix=fix)
+        if reference.of not in ("", query):
+            self._crossed.append(f"{photo.name[:200]} with {reference.name[:200]}")
         self._count += len(one)
         self.budget.hold(self.path, "its matches", self._count * _BYTES_OF_MATCH)
-        self._check(photo, one, "photo")
-        self._check(reference, other, "map" if reference.whole else "crop")
+        self._check(photo, one)
+        self._check(reference, other)
         self._rows.setdefault(query, []).append((one, other + reference.origin))
 
-    def _check(self, picture: Picture, xy: Floats, kind: str) -> None:
+    def _check(self, picture: Picture, xy: Floats) -> None:
         if not np.isfinite(xy).all():
             raise PredictionError(f"pixels of {picture.name[:200]!r} are not finite")
         most = np.add(picture.size, _SLACK_PX)
         beyond = [(one < -_SLACK_PX) | (one > most) for one in (xy, xy[:, ::-1])]
         outside, turned = (np.asarray(one.any(axis=1)) for one in beyond)
         if outside.any():
-            width, height = picture.size
             (x, y), fix = xy[outside][0], "x and y look exchanged: write x, the column, before y"
             if turned.any():
                 fix = "match the files that prepare wrote, and write pixels of their full size"
-            raise PredictionError(
-                f"{counted(int(outside.sum()), 'pixel')} of {picture.name[:200]!r} outside it, the "
-                f"first at ({x:.1f}, {y:.1f}); it is a {kind} of {width}x{height} px",
-                expected="pixels of the picture at its full size",
-                fix=fix,
-            )
+            many, size = counted(int(outside.sum()), "pixel"), "x".join(map(str, picture.size))
+            what = f"{many} outside {picture.name[:200]!r}, {size} px, the first ({x:.1f}, {y:.1f})"
+            raise PredictionError(what, expected="pixels of the picture at its full size", fix=fix)
 
-    def predictions(self, names: Iterable[str], pictures: Pictures) -> MatchingPredictions:
+    def notes(self, left_out: int, noun: str) -> tuple[str, ...]:
+        """Say how many were left out, and which photos were matched with the crop of another."""
+        left = f"{counted(left_out, noun)} of other pictures left out"
+        crossed = f"photos matched with the crop of another: {first_of(self._crossed)}"
+        return (*[left] * bool(left_out), *[crossed] * bool(self._crossed))
+
+    def predictions(self, names: Iterable[str]) -> MatchingPredictions:
         """Return what was taken, in pixels of the whole map; `names` are what the file has."""
         if not self._rows:
-            raise PredictionError(
-                "pairs no photo with its crop or the map; it has "
-                f"{first_of([name[:200] for name in names])}",
-                where=self.path,
-                expected=f"pairs such as {pictures.example}",
-                fix="prepare with --crops files, and match each photo to its crop",
-            )
+            what = "pairs no photo with its crop or the map; it has "
+            what += first_of([name[:200] for name in names])
+            expected = f"pairs such as {self.pictures.example}"
+            fix = "prepare with --crops files, and match each photo to its crop"
+            raise PredictionError(what, where=self.path, expected=expected, fix=fix)
         counts = [sum(len(xy) for xy, _ in rows) for rows in self._rows.values()]
         offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         parts = [pair for rows in self._rows.values() for pair in rows]

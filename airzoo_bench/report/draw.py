@@ -125,10 +125,12 @@ def errors(methods: Sequence[Method], score: ScoreColumn, sheet: Sheet | None = 
     axes.set(xlim=(limits[0], limits[-1]), ylim=_PERCENT)
     axes.set(xlabel=error_label(score), ylabel=f"{unit} below{mean} [%]")
     if limits[-1] >= 4 * limits[0]:
+        wide = limits[-1] / limits[0]
+        steps = [1] if wide >= 1000 else [1, 2, 5] if wide >= 20 else [1, 1.5, 2, 3, 4, 5, 7]
         axes.set_xscale("log")
+        axes.xaxis.get_major_locator().set_params(subs=steps, numticks=20)
         axes.xaxis.set_major_formatter("{x:g}")
-        if limits[-1] < 1000 * limits[0]:  # few powers of ten: 2 and 5 between them have labels
-            axes.xaxis.set_minor_formatter(lambda v, _: f"{v:g}" if f"{v:e}"[0] in "25" else "")
+        axes.xaxis.set_minor_formatter("")
     finish(figure, sheet, [method.name for method in methods])
     return figure
 
@@ -174,8 +176,8 @@ def thresholds(methods: Sequence[Method], sheet: Sheet | None = None) -> Figure:
     dashed = f"dashed: d = {headline:g} m, of the headline scores" if headline else ""
     left = " and ".join(what for what in curves if what not in shown)
     flat = f"{left}: at least {_FLAT:g} % everywhere" if left else ""
-    mean = over_scenes(methods).removeprefix(", ")
-    finish(figure, sheet.noting(mean, dashed, flat), [method.name for method in methods])
+    sheet = sheet.noting(over_scenes(methods).removeprefix(", "), dashed, flat)
+    finish(figure, sheet, [method.name for method in methods])
     return figure
 
 

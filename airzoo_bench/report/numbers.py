@@ -75,18 +75,17 @@ def find(section: Section) -> Findings:
     }
     every = [interval for part in parts.values() for interval in part]
     named = f"intervals of {', '.join(score.title for score in scores)}"
-    notes = [describe_intervals(every, plan, section.first.unit, what=named)]
+    notes = describe_intervals(every, plan, section.first.unit, lead="", what=named)
     if count < 2:
-        return Findings(limits, notes=[*filter(None, notes)])
-    scopes: dict[str, str | None] = {OVERALL: None}
-    scopes |= {scene: scene for scene in section.first.scenes if section.by_query}
+        return Findings(limits, notes=notes)
+    scopes = {OVERALL: None} | {one: one for one in section.first.scenes if section.by_query}
     ties = {scope: tied_with_best(methods, scores, plan, scene) for scope, scene in scopes.items()}
     notes.append(
         f"★ marks the best, {TIED} what a paired test of the two alone does not tell from it (p "
         f"above {100 * LEVEL:g} %, {plan.resamples} resamples, seed {plan.seed}); tested are the "
         "headline scores, not pooled" + ("" if section.by_query else ", nor of single scenes")
     )
-    return Findings(limits, ties, [*filter(None, notes)])
+    return Findings(limits, ties, notes)
 
 
 def summary_panes(section: Section, found: Findings) -> list[Pane]:

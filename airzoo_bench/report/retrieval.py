@@ -64,9 +64,8 @@ def draw_hits(section: Section, place: Place, sheet: Sheet | None = None) -> Fig
         raise UsageError("the records name no tiles", fix="score the predictions again")
     hit = hits[0, :, 0]
     for kind, colour, marker, name in ((~hit, _ORANGE, "x", "miss"), (hit, _SKY, "o", "hit")):
-        label = f"{name} ({int(kind.sum())})"
-        style: Any = {"color": colour, "marker": marker, "linestyle": "none", "label": label}
-        axes.plot(*(place.centres[kind] * metres).T, **style)
+        style: Any = {"color": colour, "marker": marker, "linestyle": "none"}
+        axes.plot(*(place.centres[kind] * metres).T, label=f"{name} ({int(kind.sum())})", **style)
     axes.legend(loc="best", fontsize=8)
     said = f"{section.names[0]}, scene {place.scene}: what photos show, by the first tile"
     finish(figure, sheet.noting(said))

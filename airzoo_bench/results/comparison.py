@@ -35,9 +35,9 @@ if TYPE_CHECKING:  # records need pandas, which tables of results do without
     from airzoo_bench.results.records import Method
 
 FLOOR_MARK = "‡"  # behind the name of a method that is no better than chance or its prior
-_NO_BETTER = "no better than {} on {}"
-_UNSURE = f"{_NO_BETTER}: its 95 % interval reaches that"
-_WORSE = "worse than {} on {}: a weak method, or reversed ranks (distances as similarities)?"
+_NO_BETTER = "no better than {}, which has {}"
+_UNSURE = f"{_NO_BETTER}: the method's 95 % interval reaches that"
+_WORSE = "worse than {}, which has {}: weak, or reversed ranks (distances as similarities)?"
 _BEST = "best"
 _SAME_FOLDER = "score all predictions again with the same benchmark folder"
 # How the columns of scores begin that say of a query whether it is answered well enough.
@@ -220,13 +220,14 @@ def notes_of(result: Result) -> tuple[str, ...]:
 
 
 def floor_note(result: Result) -> str:
-    """Name the headline scores that do not beat `Result.references`: chance, or the prior."""
+    """Name the headline scores that do not beat `Result.references`, and the values of these."""
     parts: dict[tuple[str, str], list[str]] = {}
     for name, reference in result.references.items():
         for column in result.columns:
             if column.headline and column.key in reference.overall:
                 said = _compare_with_floor(result, reference, column)
-                parts.setdefault((said, name), []).append(column.title)
+                floor = reference.overall[column.key] * (100 if column.unit == "share" else 1)
+                parts.setdefault((said, name), []).append(f"{column.title} {floor:.2f}")
     notes = [said.format(name, ", ".join(found)) for (said, name), found in parts.items() if said]
     return f"{FLOOR_MARK} {'; '.join(notes)}" if notes else ""
 
@@ -322,8 +323,7 @@ def compare(
     elif reference == _BEST:
         base = _best_of(methods, scores[0], scene)
     elif reference is not None:
-        what = f"--reference {reference[:80]!r} is no method of these results"
-        what += nearest(reference[:80], names)
+        what = f"--reference {reference[:80]!r} is no method here{nearest(reference[:80], names)}"
         raise UsageError(what, expected=f"{_BEST}, or one of " + ", ".join(names))
     sample, pairs, family = make_sample(methods, scores, scene), [], count - 1
     if reference == _BEST and _BEST not in names:  # all pairs were looked at

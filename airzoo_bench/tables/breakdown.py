@@ -21,8 +21,8 @@ from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import FEWEST, Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig, Sample
-from airzoo_bench.tables.comparison import explain_brackets
-from airzoo_bench.tables.layouts import score_cell, score_column, score_title, share_notes
+from airzoo_bench.tables.comparison import describe_intervals
+from airzoo_bench.tables.layouts import UNITS, score_cell, score_column, share_notes
 from airzoo_bench.tables.marks import mark_cells
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 
@@ -195,11 +195,11 @@ def breakdown_table(
     if resampling is not None:
         made = [interval for part in intervals.values() for interval in part]
         notes += share_notes(reasons)
-        notes += explain_brackets(made, resampling, result.unit, within="each group")
+        notes += describe_intervals(made, resampling, result.unit, within="each group")
     what, columns = methods[0].name, list(map(score_column, scores))
     if several:
         what = f"{', '.join(score.title for score in scores)} of {len(methods)} methods"
-        groups_of = [score_title(score) if len(scores) > 1 else "" for score in scores]
+        groups_of = [f"{s.title} [{UNITS[s.unit]}]" * (len(scores) > 1) for s in scores]
         heads = [*zip(columns, groups_of, strict=True)]
         columns = [replace(c, title=m.name, group=g) for c, g in heads for m in methods]
     return Table(

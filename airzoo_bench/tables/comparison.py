@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 
@@ -28,14 +30,12 @@ from airzoo_bench.tables.layouts import (
     method_table,
     scenes_table,
     score_cell,
-    score_title,
     share_notes,
 )
 from airzoo_bench.tables.model import Cell, Column, Row, Table
 from airzoo_bench.tables.published import OVERALL
 
 HIT, MISS = "✓ hit", "✗ miss"
-_DISAGREE = "interval and p, made by two methods, disagree about 0; the verdict is by p after Holm"
 _NAMES = {"wilson": "Wilson", "mover": "MOVER", "student": "Student's t", "bca": "BCa"}
 
 
@@ -47,30 +47,21 @@ def describe_intervals(
     resampling: ResamplingConfig,
     unit: str,
     *,
+    lead: str = "in square brackets: ",
     what: str = "intervals",
     within: str = "scenes",
-) -> str:
-    """Say how intervals were made, by the kinds that there are; empty where there are none."""
+) -> list[str]:
+    """Say how intervals were made, by the kinds that there are; nothing where there are none."""
     made = [interval for interval in intervals if interval.method]
     kinds = {interval.method for interval in made}
-    if not made:
-        return ""
     names = " or ".join(_NAMES.get(kind, kind) for kind in sorted(kinds, reverse=True))
     drawn = f"{plural(unit)} within {within}" if plural(unit) != within else within
-    said = f"{100 * resampling.confidence:g} % {what}, {names} over {drawn}"
+    said = f"{lead}{100 * resampling.confidence:g} % {what}, {names} over {drawn}"
     if kinds & {"bca", "percentile"}:
         said += f", {resampling.resamples} resamples, seed {resampling.seed}"
     if any(one.method == "lognormal" and one.high == math.inf for one in made):
         said += "; inf: the upper limit is not known, it is above ten times the mean"
-    return said
-
-
-def explain_brackets(
-    intervals: Iterable[Interval], resampling: ResamplingConfig, unit: str, **more: str
-) -> list[str]:
-    """Say how the intervals in square brackets were made, if there are any."""
-    made = describe_intervals(intervals, resampling, unit, **more)
-    return [f"in square brackets: {made}"] if made else []
+    return [said] if made else []
 
 
 def with_intervals(
@@ -86,15 +77,14 @@ def with_intervals(
         scores = [score for score in table.scores if score in method.result.columns]
         found = score_intervals(method, scores, resampling)
         parts, spans = {OVERALL: found.overall, **found.groups}, {}
-        for scene, intervals in parts.items():
-            pairs = ((s.key, limits_shown(s, i)) for s, i in zip(scores, intervals, strict=True))
-            spans[scene] = {key: limits for key, limits in pairs if limits}
+        for scene, part in parts.items():
+            spans[scene] = {c.key: limits_shown(c, i) for c, i in zip(scores, part, strict=True)}
         rows.append(replace(row, intervals=spans))
         for scene in shown:
             intervals = parts.get(scene, [Interval.lacking("a scene has one record")])
             seen += intervals
             reasons += [(titles[scene], f"no interval: {i.reason}") for i in intervals if i.reason]
-    made = explain_brackets(seen, resampling, methods[0].result.unit)
+    made = describe_intervals(seen, resampling, methods[0].result.unit)
     notes = (*made, *share_notes(reasons), *table.notes)
     return replace(table, rows=tuple(rows), notes=notes)
 
@@ -136,7 +126,7 @@ def comparison_table(comparison: MethodComparison) -> Table:
     )
     rows = [
         (
-            Cell(score_title(pair.score)),
+            Cell(f"{pair.score.title} [{UNITS[pair.score.unit]}]"),
             Cell(pair.method, mark=FLOOR_MARK * (pair.method in comparison.no_better)),
             Cell(verdict(pair)),
             score_cell(pair.score, pair.value),
@@ -148,7 +138,7 @@ def comparison_table(comparison: MethodComparison) -> Table:
         for pair in pairs
     ]
     where = "all scenes" if comparison.scene is None else f"scene {comparison.scene}"
-    return Table(
+    table = Table(
         f"{comparison.reference} against others, {where}, "
         f"{counted(comparison.units, comparison.unit)}",
         columns,
@@ -156,19 +146,24 @@ def comparison_table(comparison: MethodComparison) -> Table:
         (*_explain_gaps(pairs, comparison.unit), *comparison.notes, *_explain_tests(comparison)),
         leading=2,
     )
+    base, compact = comparison.reference, list[Row]()
+    own = Cell(base, mark=FLOOR_MARK * (base in comparison.no_better))
+    for score, (first, *others) in groupby(rows, key=itemgetter(0)):
+        compact.append(Row((score, *[Cell("")] * 3), summary=bool(compact)))
+        compact.append(Row((own, first[4], Cell(None), Cell(None))))
+        compact += [Row(itemgetter(1, 3, 5, 7)(row)) for row in (first, *others)]
+    heads = (*itemgetter(1, 3, 5)(columns), Column("p", decimals=4))
+    return replace(table, narrow=replace(table, columns=heads, rows=tuple(compact), leading=1))
 
 
 def _explain_gaps(pairs: Sequence[Pair], unit: str) -> list[str]:
-    """Say where there are too few units or no interval, or where it and the verdict disagree."""
+    """Say where there are too few units, or no interval."""
     reasons = []
     for pair in pairs:
-        name, said = f"{pair.score.title}, {pair.method}", verdict(pair)
-        limits = limits_shown(pair.score, pair.interval)
-        if said == "too few":
+        name = f"{pair.score.title}, {pair.method}"
+        if verdict(pair) == "too few":
             differ = f"{counted(pair.wins + pair.losses, unit)} with a difference"
             reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))
-        elif limits and said != "equal" and (limits[0] * limits[1] > 0) == (said == "unclear"):
-            reasons.append((name, _DISAGREE))
         if pair.interval.reason:
             reasons.append((name, f"no interval; {pair.interval.reason}"))
     return share_notes(reasons)
@@ -181,11 +176,12 @@ def _explain_tests(comparison: MethodComparison) -> list[str]:
     used = " or ".join(kinds).replace("student", "Student's t")
     drawn = f", {plan.resamples} resamples, seed {plan.seed}" * (kinds != ["student"])
     note = (
-        f"p: paired {used}, two-sided{drawn}; corrected by Holm for {counted(family, 'pair')} of "
-        "methods, not for the number of scores; McNemar exact, for hits"
+        f"p: paired {used}, two-sided{drawn}; corrected by Holm, which verdicts are by, for "
+        f"{counted(family, 'pair')} of methods, not for the scores; McNemar exact, for hits"
     )
     about = "intervals of the difference" + ", not corrected by Holm" * (family > 1)
-    return [*explain_brackets((p.interval for p in pairs), plan, comparison.unit, what=about), note]
+    made = [pair.interval for pair in pairs]
+    return [*describe_intervals(made, plan, comparison.unit, what=about), note]
 
 
 def differences_table(methods: Sequence[Method], score: ScoreColumn, count: int) -> Table:
@@ -208,11 +204,10 @@ def differences_table(methods: Sequence[Method], score: ScoreColumn, count: int)
         ]
         heads.append(Column("Difference", unit))
         notes.append(f"difference: {methods[1].name} minus {methods[0].name}")
-    differ = "differs" if found == 1 else "differ"
     return Table(
         f"Where the methods differ most on {score.title}",
         tuple(heads),
         tuple(map(Row, zip(*cells, strict=True))),
-        (f"{found} of {counted(len(ids), result.unit)} {differ} on {score.title}", *notes),
+        (f"{found} of {counted(len(ids), result.unit)} with a difference", *notes),
         leading=1,
     )

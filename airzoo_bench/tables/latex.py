@@ -1,12 +1,14 @@
 """Tables for LaTeX: booktabs, groups in blocks; everything that strangers wrote is escaped.
 
 ``booktabs`` is needed, and ``xcolor`` with its option ``table`` for coloured rows, gains and
-floors; ``graphicx`` shrinks a wide one. Title and notes are comments, for the caption.
+floors; ``graphicx`` shrinks a wide one. Title and notes are comments, for the caption; what ‡ means
+is a foot too.
 """
 
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 from itertools import groupby
 
@@ -32,6 +34,7 @@ _SPECIAL = {
     "–": r"--",
 }
 _ROOMY = 8  # columns of scores that fit a line of a page
+_SMALL = r"\footnotesize\setlength{\tabcolsep}{3pt}"  # of a table that fits a column of a paper
 _LIGATURE = re.compile(r"([-,'])(?=\1)")
 
 
@@ -47,20 +50,14 @@ def _escape_number(text: str) -> str:
     return re.sub(r"^(\{\[\})?-(?=[0-9.]+[],]?$)", r"\1$-$", escape(text))
 
 
-def _bold(text: str) -> str:
-    return rf"\textbf{{{text}}}"
-
-
-def _spanned(text: str, span: int) -> str:
-    return rf"\multicolumn{{{span}}}{{c}}{{{text}}}"
-
-
 def _line(cells: Sequence[str]) -> str:
     return " & ".join(cells).rstrip() + r" \\"
 
 
 def latex(table: Table) -> str:
     """Lay out a table as a ``tabular``: its pieces below each other, as wide as the widest."""
+    begin, end = ("{" + _SMALL, "}") if table.narrow else ("", "")
+    table = table.narrow or table
     pieces, leading = table.pieces(), table.leading_columns
     room = max(len(piece.columns) for piece in pieces) - leading
     cells = [cell for row in table.rows for cell in row.cells]
@@ -76,14 +73,23 @@ def latex(table: Table) -> str:
         packages += r", and \usepackage{graphicx} for \resizebox{\linewidth}{!}{...} around it"
     comments = (f"needs {packages}", table.title, *table.all_notes)
     lines = [f"% {plain(comment)}" for comment in comments]
-    lines += [rf"\begin{{tabular}}{{{''.join(types)}}}", r"\toprule"]
+    lines += [rf"{begin}\begin{{tabular}}{{{''.join(types)}}}", r"\toprule"]
     for piece in pieces:
         own = len(piece.columns) - leading
         span = room // own if own and room % own == 0 else 1
         unused = [""] * (room - own * span)
         lines += [r"\midrule"] * (piece is not pieces[0])
         lines += [*_titles(piece, span, unused), r"\midrule", *_body(piece, span, unused)]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+    lines += [r"\bottomrule", *_foot(table.all_notes, pieces, len(types))]
+    return "\n".join(lines) + f"\n\\end{{tabular}}{end}\n"
+
+
+def _foot(notes: Sequence[str], pieces: Sequence[Table], columns: int) -> list[str]:
+    """Return the notes on ‡ in lines as long as the longest of the table, or a column's."""
+    rows = (row for one in pieces for row in ([c.heading for c in one.columns], *one.texts()))
+    width = max(55, *(len("  ".join(row)) for row in rows))
+    said = (line for note in notes if "‡" in note for line in textwrap.wrap(plain(note), width))
+    return [rf"\multicolumn{{{columns}}}{{l}}{{\footnotesize {escape(line)}}} \\" for line in said]
 
 
 def _titles(piece: Table, span: int, unused: list[str]) -> list[str]:
@@ -91,14 +97,16 @@ def _titles(piece: Table, span: int, unused: list[str]) -> list[str]:
     groups, rules, at = [""] * leading, "", leading + 1
     for group, members in groupby(piece.columns[leading:], key=lambda column: column.group):
         width = len(list(members)) * span
-        groups += [_spanned(_bold(escape(group)), width)] if group else [""] * width
+        name = rf"\multicolumn{{{width}}}{{c}}{{\textbf{{{escape(group)}}}}}"
+        groups += [name] if group else [""] * width
         rules += rf"\cmidrule(lr){{{at}-{at + width - 1}}}" if group else ""
         at += width
     titles = []
     for index, column in enumerate(piece.columns):
         suffix = escape(column.heading.removeprefix(column.title))
-        text = _bold(escape(column.title)) + f" {suffix}" * bool(suffix)
-        titles.append(_spanned(text, span) if index >= leading and span > 1 else text)
+        text = rf"\textbf{{{escape(column.title)}}} {suffix}".rstrip()
+        is_wide = index >= leading and span > 1
+        titles.append(rf"\multicolumn{{{span}}}{{c}}{{{text}}}" if is_wide else text)
     above = [_line([*groups, *unused]), rules] if piece.has_groups else []
     return [*above, _line([*titles, *unused])]
 
@@ -111,14 +119,15 @@ def _body(piece: Table, span: int, unused: list[str]) -> list[str]:
         texts = [_cell(*pair, row) for pair in zip(row.cells, piece.columns, strict=True)]
         texts[0] += rf"~\cite{{{row.cite}}}" * bool(row.cite) + escape("†") * bool(row.reported)
         if span > 1:
-            texts[leading:] = [_spanned(text, span) for text in texts[leading:]]
+            wide = (rf"\multicolumn{{{span}}}{{c}}{{{text}}}" for text in texts[leading:])
+            texts[leading:] = wide
         lines.append(_line([*texts, *unused]))
     return lines
 
 
 def _cell(cell: Cell, column: Column, row: Row) -> str:
     value = _escape_number(cell.text(column.decimals))
-    shown = _bold(value) if cell.best else value
+    shown = rf"\textbf{{{value}}}" if cell.best else value
     parts = [rf"\textit{{\color{{gray}}{shown}}}" if row.floor else shown]
     for text in cell.suffix(column.decimals):
         if text.startswith("("):

@@ -31,11 +31,6 @@ def score_column(score: ScoreColumn, group: str = "") -> Column:
     return Column(score.title, UNITS[score.unit], score.higher_is_better, group=group)
 
 
-def score_title(score: ScoreColumn) -> str:
-    """Return title and unit of a score, for a row."""
-    return f"{score.title} [{UNITS[score.unit]}]"
-
-
 def score_cell(score: ScoreColumn, value: float | None, interval: Interval | None = None) -> Cell:
     """Return a value as tables show it, with its interval where there is one."""
     if value is None:
@@ -77,7 +72,7 @@ class MethodRow:
 
     method: str
     values: Mapping[str, Mapping[str, float]]
-    intervals: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    intervals: Mapping[str, Mapping[str, tuple[float, float] | None]] = field(default_factory=dict)
     reported: str = ""
     floor: bool = False
     mark: str = ""
@@ -270,13 +265,11 @@ def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
     by_key = [{(r.floor, r.method, bool(r.reported)): r for r in part.rows} for part in parts]
     rows = []
     for key in sorted(dict.fromkeys(key for part in by_key for key in part), key=lambda k: k[0]):
-        cells, sources = list[Cell](), dict[str, None]()
-        for part, found in zip(parts, by_key, strict=True):
-            row = found.get(key, MethodRow(key[1], {}))
-            cells += row.cells([OVERALL], part.scores)
-            sources |= dict.fromkeys([row.reported] if row.reported else [])
         is_floor, name, _ = key
-        reported = "; ".join(sources)
+        found = [part.get(key, MethodRow(name, {})) for part in by_key]
+        pairs = zip(found, parts, strict=True)
+        cells = (cell for row, part in pairs for cell in row.cells([OVERALL], part.scores))
+        reported = "; ".join(dict.fromkeys(row.reported for row in found if row.reported))
         rows.append(Row((Cell(name), *cells), is_floor, reported=reported, floor=is_floor))
     scores = [(score, title) for title, part in named for score in part.scores]
     notes = share_notes(((t, note) for t, part in named for note in part.notes), len(parts))

@@ -126,7 +126,8 @@ class Row:
 class Table:
     """A title, columns, rows, and notes that belong to the numbers.
 
-    The `leading` columns, by default all before the first score, say what a row is.
+    The `leading` columns, by default all before the first score, say what a row is. LaTeX has the
+    `narrow` table instead, which fits a column of a paper, where there is one.
     """
 
     title: str
@@ -134,6 +135,7 @@ class Table:
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = ()
     leading: int | None = None
+    narrow: Table | None = None
 
     @property
     def all_notes(self) -> tuple[str, ...]:
@@ -157,7 +159,8 @@ class Table:
 
     def is_text(self, column: int) -> bool:
         """Whether a column holds words, aligned to the left, and not numbers."""
-        return column == 0 or any(isinstance(row.cells[column].value, str) for row in self.rows)
+        values = (row.cells[column].value for row in self.rows)
+        return column == 0 or any(isinstance(value, str) and value for value in values)
 
     def cell_texts(self, row: Row) -> list[tuple[Cell, str, str]]:
         """Return the cells of a row, each with its value and what follows it as texts."""

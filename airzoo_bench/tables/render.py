@@ -118,8 +118,7 @@ def _csv_fields(column: Column, cells: Sequence[Cell]) -> Iterator[list[str]]:
     """Yield the fields of a column, each from its title down: values, limits, gains."""
     title, digits = plain(f"{column.group} {column.title}"), column.decimals
     yield [title, *(cell.text(digits) for cell in cells)]
-    limits = [cell.uncertainty or (None, None) for cell in cells]
-    low, high = zip(*limits, strict=True) if limits else ((), ())
+    low, high = ([cell.uncertainty and cell.uncertainty[i] for cell in cells] for i in (0, 1))
     beside = {"from": low, "to": high, "gain": [cell.gain for cell in cells]}
     for kind, numbers in beside.items():
         if any(number is not None for number in numbers):

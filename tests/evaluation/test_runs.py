@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -16,7 +15,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.sandbox import Limits
 from airzoo_bench.evaluation.evaluate import check_run_folder, evaluate, save
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.results.result import Result, read_result, write_result
+from airzoo_bench.results.result import read_result, write_result
 from tests.goldens.run import unpack
 from tests.matching.world import make_world as make_matching
 from tests.reconstruction.world import PROTOCOL, make_world, predict_clouds, true_points
@@ -83,16 +82,19 @@ def test_a_run_replaces_an_earlier_one(
     data: Path, tmp_path: Path, perfect: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "mymethod"
-    before = write_method(out, made_method({"east": {"recall@1": [1.0]}}))
-    left = json.loads(before.read_text()) | {"track": "matching"}
-    write_result(before, Result.model_validate(left).with_checksum())
+    before = read_result(write_method(out, made_method({"east": {"recall@1": [1.0]}})))
+    other = before.model_copy(update={"track": "matching"}).with_checksum()
+    write_result(out / "result.json", other)
     for name in ("alignment.json", "notes.txt"):
         (out / name).touch()
     (out / "figures").mkdir()
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
     assert run_main("eval", "retrieval", tmp_path / "none.npz", "--out", out) == 2
     said = capsys.readouterr().err
-    assert "none.npz: no such prediction file" in said
+    assert f"{out}: holds a result of {before.protocol.name}" in said  # of another track
+    write_result(out / "result.json", before)
+    assert run_main("eval", "retrieval", tmp_path / "none.npz", "--out", out) == 2
+    assert "none.npz: no such prediction file" in capsys.readouterr().err
     assert run_main("eval", "retrieval", path, "--data", data, "--out", out) == 0
     said = capsys.readouterr().err
     assert f"replaced {out / 'result.json'}, {out / 'records.csv'} of method mymethod" in said

@@ -53,6 +53,12 @@ def test_folders_name_the_scene_of_their_pairs(named, worlds, tmp_path) -> None:
     assert read.notes == ("8 files of other pictures left out",)
 
 
+def test_the_crop_of_another_photo_is_noted(worlds, tmp_path, matched) -> None:
+    home = worlds.sample("loftr", tmp_path / "f")
+    (home / "q0.npz").rename(home / "q0_q1_dom_matches.npz")
+    assert any("1 (q0 with q1_dom)" in note for note in matched(home).result.notes)
+
+
 def test_matches_have_two_columns_and_equal_lengths(worlds, tmp_path, matched, monkeypatch) -> None:
     path = worlds.sample("loftr", tmp_path / "f")
     for given in ((np.ones((4, 2)), np.ones((3, 2))), np.ones((2, 4, 3)), np.ones((2, 4))):

@@ -80,6 +80,17 @@ def test_a_line_ends_where_the_longest_list_does() -> None:
         draw.recall([long], 9)
 
 
+@pytest.mark.parametrize("most", [2.5, 5, 9.5, 21, 100, 500, 1e4, 1e6])
+def test_an_axis_of_errors_has_three_labels_or_more(most: float) -> None:
+    method = retrieval_method("a", 0)
+    for least in (0.011, 0.21, 0.55, 1.0, 5.1):
+        method.records[ERROR.key] = np.geomspace(least, least * most, len(method.records))
+        axes = draw.errors([method], ERROR).axes[0]
+        labels = [text.get_text() for text in axes.get_xticklabels() if text.get_text()]
+        low, high = axes.get_xlim()
+        assert 3 <= len([one for one in labels if low <= float(one) <= high]) <= 10
+
+
 def test_a_condition_shows_the_table_of_breakdown() -> None:
     method = retrieval_method("a", 0)
     axes = draw.condition([method], HIT, "weather").axes[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -161,7 +162,7 @@ def test_a_method_is_no_better_than_a_floor_that_it_does_not_beat() -> None:
         assert low is not None
         assert floor_note(scored("a", low - 1e-9, some).result) == ""
         note = floor_note(scored("a", low + 1e-9, some).result)
-        assert all(part in note for part in (FLOOR_MARK, "Floor", "R@1"))
+        assert all(part in note for part in (FLOOR_MARK, "Floor", f"R@1 {100 * low:.2f}"))
     cases = [(0.525, HIT, True), (0.52, HIT, False), (0.525, ERROR, False), (0.5, ERROR, True)]
     for floor, score, told in cases:  # the errors' medians are 0 and 1
         found = scored("a", floor, HITS, score, track="matching").result
@@ -179,6 +180,8 @@ def test_every_face_marks_it_and_says_so() -> None:
         assert [marked in row for row in table.texts()].count(True) == 1
         assert f"good {FLOOR_MARK}" not in str(table.texts())
         assert marked in render(table, "markdown")
+        seen = [line for line in render(table, "latex").splitlines() if line[0] != "%"]
+        assert re.search(r"bottomrule.*ddagger.*40\.00.*tabular", "".join(seen))
     alone, section = scenes_table(poor.result), Section([poor, good])
     assert note in alone.notes
     assert alone.texts()[-2][0] == f"Average {FLOOR_MARK}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import PairedTest
 from airzoo_bench.tables.comparison import comparison_table, differences_table, verdict
 from airzoo_bench.tables.render import FORMATS, render
-from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method
+from tests.statistics.support import CHAMFER, ERROR, HIT, SOFT, made_method, random_methods
+from tests.tables.typeset import MINUS, document, typeset
 
 FAST = ResamplingConfig(resamples=1_000)
 PAIR = Pair(
@@ -91,11 +93,27 @@ def test_verdicts_and_small_p_values_are_the_same_everywhere() -> None:
     assert (table.rows[0].cells[2].value, table.rows[0].cells[5].value) == ("too few", 0.0)
     sure = comparison_table(compare(hits([1.0] * 40, [0.0] * 40), [HIT], resampling=FAST))
     assert sure.texts()[0][8] == "<0.0001"
-    apart = hits([0.0] * 7 + [1.0] * 5, [1.0] * 7 + [0.0] + [1.0] * 4)  # p 0.07, interval above 0
-    notes = comparison_table(compare(apart, [HIT], resampling=FAST)).notes
-    assert any(note.startswith("R@1, b: ") for note in notes)
+    assert any(note.startswith("R@1, b: ") for note in table.notes)
     for form in FORMATS:
         assert "too few" in render(table, form)
+
+
+def test_latex_fits_a_column_of_a_paper(tmp_path: Path) -> None:
+    names = ("MegaLoc (Ours)", "SALAD", "AnyLoc")
+    one, *others = methods = [
+        replace(method, name=name)
+        for name, method in zip(names, random_methods(3, {"s": 40}, (HIT, ERROR)), strict=True)
+    ]
+    table = comparison_table(compare(methods, [HIT, ERROR], resampling=FAST))
+    column = rf"\parbox{{8.25cm}}{{{render(table, 'latex')}}}"  # CVPR's
+    lines = typeset(document(column), tmp_path).replace(MINUS, "-").splitlines()
+    rows = [" ".join(line.split()) for line in lines]
+    for score in (HIT, ERROR):
+        [place] = [n for n, row in enumerate(rows) if row.startswith(f"{score.title} [")]
+        assert one.name in rows[place + 1]
+    for row in table.texts():
+        assert any(f"{row[1]} {row[3]} {row[5]} {row[7]}" in one for one in rows), (row, rows)
+    assert len(others) * 2 == len(table.rows)
 
 
 def test_queries_that_differ_most_come_first() -> None:
