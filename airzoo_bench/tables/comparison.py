@@ -138,15 +138,14 @@ def comparison_table(comparison: MethodComparison) -> Table:
         for pair in pairs
     ]
     where = "all scenes" if comparison.scene is None else f"scene {comparison.scene}"
+    base, compact = comparison.reference, list[Row]()
     table = Table(
-        f"{comparison.reference} against others, {where}, "
-        f"{counted(comparison.units, comparison.unit)}",
+        f"{base} against others, {where}, {counted(comparison.units, comparison.unit)}",
         columns,
         tuple(map(Row, rows)),
         (*_explain_gaps(pairs, comparison.unit), *comparison.notes, *_explain_tests(comparison)),
         leading=2,
     )
-    base, compact = comparison.reference, list[Row]()
     own = Cell(base, mark=FLOOR_MARK * (base in comparison.no_better))
     for score, (first, *others) in groupby(rows, key=itemgetter(0)):
         compact.append(Row((score, *[Cell("")] * 3), summary=bool(compact)))
@@ -157,13 +156,18 @@ def comparison_table(comparison: MethodComparison) -> Table:
 
 
 def _explain_gaps(pairs: Sequence[Pair], unit: str) -> list[str]:
-    """Say where there are too few units, or no interval."""
+    """Say where there are too few units or no interval, or where it and the verdict disagree."""
     reasons = []
     for pair in pairs:
-        name = f"{pair.score.title}, {pair.method}"
-        if verdict(pair) == "too few":
+        name, said = f"{pair.score.title}, {pair.method}", verdict(pair)
+        limits = limits_shown(pair.score, pair.interval)
+        if said == "too few":
             differ = f"{counted(pair.wins + pair.losses, unit)} with a difference"
             reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))
+        elif limits and said != "equal" and (limits[0] * limits[1] > 0) == (said == "unclear"):
+            reasons.append(
+                (name, "interval and p disagree about 0; the verdict is by p after Holm")
+            )
         if pair.interval.reason:
             reasons.append((name, f"no interval; {pair.interval.reason}"))
     return share_notes(reasons)
@@ -176,8 +180,8 @@ def _explain_tests(comparison: MethodComparison) -> list[str]:
     used = " or ".join(kinds).replace("student", "Student's t")
     drawn = f", {plan.resamples} resamples, seed {plan.seed}" * (kinds != ["student"])
     note = (
-        f"p: paired {used}, two-sided{drawn}; corrected by Holm, which verdicts are by, for "
-        f"{counted(family, 'pair')} of methods, not for the scores; McNemar exact, for hits"
+        f"p: paired {used}, two-sided{drawn}; corrected by Holm for {counted(family, 'pair')} of "
+        "methods, not for the number of scores; McNemar exact, for hits"
     )
     about = "intervals of the difference" + ", not corrected by Holm" * (family > 1)
     made = [pair.interval for pair in pairs]

@@ -1,8 +1,7 @@
 """Tables for LaTeX: booktabs, groups in blocks; everything that strangers wrote is escaped.
 
 ``booktabs`` is needed, and ``xcolor`` with its option ``table`` for coloured rows, gains and
-floors; ``graphicx`` shrinks a wide one. Title and notes are comments, for the caption; what ‡ means
-is a foot too.
+floors; ``graphicx`` shrinks a wide one. Title and notes are comments; what ‡ means is a foot too.
 """
 
 from __future__ import annotations
@@ -34,7 +33,6 @@ _SPECIAL = {
     "–": r"--",
 }
 _ROOMY = 8  # columns of scores that fit a line of a page
-_SMALL = r"\footnotesize\setlength{\tabcolsep}{3pt}"  # of a table that fits a column of a paper
 _LIGATURE = re.compile(r"([-,'])(?=\1)")
 
 
@@ -56,7 +54,7 @@ def _line(cells: Sequence[str]) -> str:
 
 def latex(table: Table) -> str:
     """Lay out a table as a ``tabular``: its pieces below each other, as wide as the widest."""
-    begin, end = ("{" + _SMALL, "}") if table.narrow else ("", "")
+    begin = r"{\footnotesize\setlength{\tabcolsep}{3pt}" if table.narrow else ""
     table = table.narrow or table
     pieces, leading = table.pieces(), table.leading_columns
     room = max(len(piece.columns) for piece in pieces) - leading
@@ -81,7 +79,7 @@ def latex(table: Table) -> str:
         lines += [r"\midrule"] * (piece is not pieces[0])
         lines += [*_titles(piece, span, unused), r"\midrule", *_body(piece, span, unused)]
     lines += [r"\bottomrule", *_foot(table.all_notes, pieces, len(types))]
-    return "\n".join(lines) + f"\n\\end{{tabular}}{end}\n"
+    return "\n".join(lines) + f"\n\\end{{tabular}}{'}' * bool(begin)}\n"
 
 
 def _foot(notes: Sequence[str], pieces: Sequence[Table], columns: int) -> list[str]:
@@ -119,8 +117,7 @@ def _body(piece: Table, span: int, unused: list[str]) -> list[str]:
         texts = [_cell(*pair, row) for pair in zip(row.cells, piece.columns, strict=True)]
         texts[0] += rf"~\cite{{{row.cite}}}" * bool(row.cite) + escape("†") * bool(row.reported)
         if span > 1:
-            wide = (rf"\multicolumn{{{span}}}{{c}}{{{text}}}" for text in texts[leading:])
-            texts[leading:] = wide
+            texts[leading:] = [rf"\multicolumn{{{span}}}{{c}}{{{one}}}" for one in texts[leading:]]
         lines.append(_line([*texts, *unused]))
     return lines
 

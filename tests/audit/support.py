@@ -105,8 +105,13 @@ def honest(manner: Manner) -> Rows:
         method: {scene: _scores(random, n) for scene, n in manner.counts.items()}
         for method in METHODS
     }
-    if len(manner.scenes) > 1:
-        _add_averages(exact, manner)
+    weights = {s: n if manner.pooled else 1 for s, n in manner.counts.items()}
+    total = sum(weights.values())
+    for scenes in exact.values() if len(weights) > 1 else ():
+        scenes["Average"] = {
+            name: sum((scenes[s][name] * w for s, w in weights.items()), Fraction(0)) / total
+            for name in scenes["S0"]
+        }
     return [row for method in METHODS for row in _rows(exact, method, manner)]
 
 
@@ -119,17 +124,6 @@ def _scores(random: np.random.Generator, queries: int) -> dict[str, Fraction]:
     scores["AP@5"] = Fraction(100 * int(hits.sum()), 5 * queries)
     scores["median error"] = Fraction(float(np.median(errors))).limit_denominator(10**7)
     return scores
-
-
-def _add_averages(exact: Exact, manner: Manner) -> None:
-    weights = {s: n if manner.pooled else 1 for s, n in manner.counts.items()}
-    total = sum(weights.values())
-    for scenes in exact.values():
-        names = list(scenes["S0"])
-        scenes["Average"] = {
-            name: sum((scenes[s][name] * w for s, w in weights.items()), Fraction(0)) / total
-            for name in names
-        }
 
 
 def _rows(exact: Exact, method: str, manner: Manner) -> Rows:

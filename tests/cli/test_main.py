@@ -29,7 +29,6 @@ LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
         (OSError(28, "No space left on device"), 2, "a file: No space left on device"),
         (MemoryError("Unable to allocate 9 GiB"), 2, "run it on a machine with more memory"),
     ],
-    ids=["bug", "permission", "disk", "memory"],
 )
 def test_a_bug_keeps_its_traceback_and_a_refusal_of_the_machine_has_none(
     fault: BaseException,

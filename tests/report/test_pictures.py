@@ -86,9 +86,8 @@ def test_an_axis_of_errors_has_three_labels_or_more(most: float) -> None:
     for least in (0.011, 0.21, 0.55, 1.0, 5.1):
         method.records[ERROR.key] = np.geomspace(least, least * most, len(method.records))
         axes = draw.errors([method], ERROR).axes[0]
-        labels = [text.get_text() for text in axes.get_xticklabels() if text.get_text()]
-        low, high = axes.get_xlim()
-        assert 3 <= len([one for one in labels if low <= float(one) <= high]) <= 10
+        labels, (low, high) = [t.get_text() for t in axes.get_xticklabels()], axes.get_xlim()
+        assert 3 <= sum(low <= float(one) <= high for one in labels if one) <= 10
 
 
 def test_a_condition_shows_the_table_of_breakdown() -> None:

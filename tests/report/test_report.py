@@ -14,10 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airzoo_bench.core.errors import BenchmarkError, ResultError
-from airzoo_bench.matching.metrics import matching_scores
-from airzoo_bench.matching.protocol import MatchingProtocol
+from airzoo_bench.core.registry import load_track
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
-from airzoo_bench.reconstruction.track import reconstruction_scores
 from airzoo_bench.report.numbers import (
     TIED,
     find,
@@ -32,8 +30,6 @@ from airzoo_bench.report.queries import hardest_rows
 from airzoo_bench.report.sections import Section, read_sections
 from airzoo_bench.results.comparison import compare, score_intervals
 from airzoo_bench.results.records import Method
-from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.track import list_scores
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.model import Row, Table
 from tests.report.made import (
@@ -171,13 +167,7 @@ def test_parts_are_of_one_protocol_benchmark_by_benchmark(tmp_path: Path) -> Non
 def test_every_score_of_every_protocol_has_a_meaning() -> None:
     for path in shipped_protocols().values():
         protocol = load_protocol(path)
-        if isinstance(protocol, RetrievalProtocol):
-            scores = list_scores(protocol.scores)
-        elif isinstance(protocol, MatchingProtocol):
-            scores = matching_scores(protocol.scores)
-        else:
-            scores = reconstruction_scores(protocol.scores)
-        for score in scores:
+        for score in load_track(protocol.track).scores(protocol):
             assert meaning(protocol.track, score), (protocol.name, score.key)
 
 

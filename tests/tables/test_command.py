@@ -86,16 +86,6 @@ def test_benchmarks_go_by_their_titles() -> None:
         assert [column.group for column in benchmarks_layout(parts).columns] == ["", *titles]
 
 
-def test_units_of_grouped_columns_are_told_in_short() -> None:
-    for some, note in ((False, "R@1 in %"), (True, "R@1 in %; Distance in m")):
-        made = scenes_layout(method_table([small_result()], every_score=some))
-        assert sorted(made.notes[0].split("; ")) == sorted(note.split("; "))
-    board = method_table([small_result()], every_score=True)
-    more = [board.scores[0].model_copy(update={"title": f"R@{k}"}) for k in (3, 5)]
-    notes = scenes_layout(replace(board, scores=(*board.scores, *more))).notes
-    assert notes[0] == "Distance in m; all other scores in %"
-
-
 def test_floors_are_set_apart_and_never_the_best() -> None:
     parts, mean = {"City": {"recall@1": 0.75}, "Rural": {"recall@1": 0.5}}, {"recall@1": 0.625}
     chance = Reference(meaning="of all orders.", scenes=parts, overall=mean, pooled=mean)
