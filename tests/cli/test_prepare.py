@@ -55,9 +55,7 @@ def test_camera_to_world_poses_of_oblique_photos_are_noticed(
     assert "whether poses are world-to-camera" in message
     place.change_image("a.jpg", R_w2c=rotation.tolist())
     assert run_main(*place.arguments()) == 0
-    twin = tmp_path / "data" / "twin"
-    assert run_main(*place.arguments(), "--out", twin) == 2
-    assert str(twin) in capsys.readouterr().err
+    assert run_main(*place.arguments(), "--out", tmp_path / "data" / "twin") == 2
 
 
 @pytest.mark.slow
