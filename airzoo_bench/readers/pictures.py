@@ -58,13 +58,12 @@ class Pictures:
                 self._known["map", scene.scene] = Picture(name, scene.scene, None, size, whole=True)
             sizes = zip(scene.cameras.width.tolist(), scene.cameras.height.tolist(), strict=True)
             rows = zip(names_in([scene.queries]), sizes, scene.crops.tolist(), strict=True)
-            for (one, image), photo, (x, y, width, height) in rows:
+            for (one, image), photo, (x, y, w, h) in rows:
                 name = one.split("/", 1)[1] + _CROP
                 photos.append((one, image))
                 crops.append((one, name))
                 self._known["query", one] = Picture(image, scene.scene, one, photo)
-                crop = Picture(name, scene.scene, None, (width, height), (x, y), of=one)
-                self._known["crop", one] = crop
+                self._known["crop", one] = Picture(name, scene.scene, None, (w, h), (x, y), of=one)
         left_out = names_in(scene.excluded for scene in scenes)
         kinds = (("query", photos, left_out), ("crop", crops, ()), ("map", maps, ()))
         self._names = [
