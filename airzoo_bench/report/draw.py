@@ -128,7 +128,7 @@ def errors(methods: Sequence[Method], score: ScoreColumn, sheet: Sheet | None = 
         wide = limits[-1] / limits[0]
         steps = [1] if wide >= 1000 else [1, 2, 5] if wide >= 20 else [1, 1.5, 2, 3, 4, 5, 7]
         axes.set_xscale("log")
-        axes.xaxis.get_major_locator().set_params(subs=steps, numticks=20)
+        axes.locator_params("x", subs=steps, numticks=20)
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
     finish(figure, sheet, [method.name for method in methods])
