@@ -25,7 +25,6 @@ HOST, OTHER, PUBLIC = "data.example.org", "cdn.example.net", "93.184.215.14"
 PATH = "/files/preds.npz"
 URL = f"https://{HOST}{PATH}"
 CONTENT = b"predictions" * 30_000
-SHA256 = hashlib.sha256(CONTENT).hexdigest()
 
 
 def answer(content: bytes, *lines: str, status: str = "200 OK", size: str = "") -> list[bytes]:
@@ -77,7 +76,7 @@ class Web(ThreadingTCPServer):
 
 
 @pytest.fixture
-def web(tmp_path_factory: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Web]:
+def web(tmp_path_factory: Any, monkeypatch: Any) -> Iterator[Web]:
     """Serve with a self-signed certificate for the hosts, which is its own authority."""
     file = str(tmp_path_factory.mktemp("web") / "certificate.pem")
     call = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj /CN=tests"
@@ -92,14 +91,13 @@ def web(tmp_path_factory: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Web]
         made.shutdown()
 
 
-def fetched(into: Path, url: str = URL, *, size: int = len(CONTENT), seconds: float = 60.0) -> Path:
-    return fetching.fetch(url, into, size=size, sha256=SHA256, seconds=seconds)
+STATED: Any = {"size": len(CONTENT), "sha256": hashlib.sha256(CONTENT).hexdigest(), "seconds": 60.0}
 
 
 def refusal(into: Path, url: str = URL, **changes: Any) -> str:
     """Fetch what must not arrive; nothing of it may be left on disk."""
     with pytest.raises(SubmissionError) as caught:
-        fetched(into, url, **changes)
+        fetching.fetch(url, into, **(STATED | changes))
     assert not into.exists() or not list(into.iterdir())
     assert not {"\x1b", "\r"} & {*str(caught.value)}
     return str(caught.value)
@@ -120,7 +118,7 @@ def test_a_file_arrives_under_its_name_once(web: Web, tmp_path: Path) -> None:
     web.answers[PATH] = redirect(f"https://{OTHER}{SIGNED}")
     for number, (path, name) in enumerate(NAMES.items()):
         for _ in range(2):
-            found = fetched(tmp_path / str(number), f"https://{HOST}{path}")
+            found = fetching.fetch(f"https://{HOST}{path}", tmp_path / str(number), **STATED)
             assert (found, found.read_bytes()) == (tmp_path / str(number) / name, CONTENT)
     hosts = [re.findall(rb"\r\nHost: (.*)\r\n", request) for request in web.requests]
     assert hosts == [[HOST.encode()]] * len(NAMES) + [[OTHER.encode()]]
@@ -139,9 +137,7 @@ REFUSED: list[tuple[Iterable[bytes], str]] = [
 ]
 
 
-def test_another_answer_and_a_certificate_of_nobody_are_refused(
-    web: Web, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_answers_are_refused(web: Web, tmp_path: Path, monkeypatch: Any) -> None:
     for web.answers[PATH], said in REFUSED:
         assert said in refusal(tmp_path)
     assert len(web.requests) == len(REFUSED) + 5

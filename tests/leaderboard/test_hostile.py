@@ -62,64 +62,60 @@ def look(hosted: Hosted, folder: Path, head: str, account: int = ADA, pulled: st
     return ""
 
 
-# What a pull request changes beside a sound submission or alone, and what is said.
-ANOTHER, OTHERS, TWO = "another account", "changes other files", "more than one folder"
-NO_FOLDER, A_LINK, CASE = "not the folder of a submission", "a link, a submodule", "only in case"
-NOT_PLAIN, MANY, UNSOUND = "not plain", "2,000 files", "git refuses its objects"
-_OTHER_FILES = ".github/workflows/x.yml .github/CODEOWNERS .ci/requirements.txt leaderboard.toml "
-_OTHER_FILES += ".gitattributes .gitmodules README.md Submissions/made/retrieval/x/submission.toml"
-BESIDE: list[tuple[str, str, File]] = [
-    (TWO, f"{HOME}/second/submission.toml", toml(method="Second")),
-    (TWO, "submissions/x.toml", b"x"),
-    *((OTHERS, path, b"x") for path in _OTHER_FILES.split()),
-    (CASE, f"{MINE}/P.npz", b"2"),
-    ("more than 8 folders", f"{MINE}/{'a/' * 20}x", b"x"),
-    (A_LINK, f"{MINE}/link", ("120000", b"/etc/passwd")),
-    (A_LINK, f"{MINE}/p2.npz", ("120000", b"../theirs/p.npz")),
-    (A_LINK, f"{MINE}/sub", ("160000", "a" * 40)),
-    (A_LINK, f"{MINE}/submission.toml", ("120000", b"../theirs/submission.toml")),
-    ("executable", f"{MINE}/run", ("100755", b"#!/bin/sh\n")),
-    ("1,000,000 bytes", f"{MINE}/p.npz", b"x" * 1_000_001),
-    *(
-        (NOT_PLAIN, f"{MINE}/{name}", b"x")
-        for name in (
-            *(".gitattributes", ".env", "a b.npz", "-rf", "a\n::set-output", "\x1b[2J"),
-            *("a\u202egpj.npz", "\udcff.npz", "$(id).npz", "..\\..\\x", "con.npz", "x.", "a" * 200),
-        )
-    ),
-]
+def beside(path: str, file: File = b"x") -> dict[str, File]:
+    return SOUND | {path if path.startswith("submissions") else f"{MINE}/{path}": file}
 
 
-def bomb(*, of: dict[str, File]) -> dict[str, File]:
+def bomb(of: dict[str, File]) -> dict[str, File]:
     """Return a folder of 300 to the power of five copies of a folder, in five trees."""
     for _ in range(5):
         of = dict.fromkeys(map("{:03}".format, range(300)), of)
     return of
 
 
-ALONE: list[tuple[str, dict[str, File]]] = [
+ANOTHER, OTHERS, TWO = "another account", "changes other files", "more than one folder"
+NO_FOLDER, A_LINK, CASE = "not the folder of a submission", "a link, a submodule", "only in case"
+MANY, BYTES, UNSOUND = "2,000 files", "1,000,000 bytes", "git refuses its objects"
+OTHER_FILES = ".github/workflows/x.yml .github/CODEOWNERS .ci/requirements.txt leaderboard.toml "
+OTHER_FILES += ".gitattributes .gitmodules README.md Submissions/made/retrieval/x/submission.toml"
+NOT_PLAIN = [
+    *(".gitattributes", ".env", "a b.npz", "-rf", "a\n::set-output", "\x1b[2J", "a\u202egpj.npz"),
+    *("\udcff.npz", "$(id).npz", "..\\..\\x", "con.npz", "x.", "a" * 200),
+]
+# What a pull request changes, alone or beside a sound submission, and what is said.
+HOSTILE: list[tuple[str, dict[str, File]]] = [
     *((ANOTHER, files) for files in (MINE_NOW, THEIRS_GONE, only("theirs/p.npz", None))),
     *((ANOTHER, only(f"{n}/submission.toml", toml(method="Theirs"))) for n in ("theirs", "gone")),
     (ANOTHER, only("theirs/more.npz")),
     (ANOTHER, only("theirs/empty", {})),  # a merge would add a folder, and no file
     (TWO, SOUND | MINE_NOW),
     (TWO, SOUND | THEIRS_GONE),  # renamed to one's own
+    (TWO, beside(f"{HOME}/second/submission.toml", toml(method="Second"))),
+    (TWO, beside("submissions/x.toml")),
+    (TWO, {f"{HOME}/m{n}/submission.toml": b"x" for n in range(200)}),
+    (TWO, {f"submissions/m{n}/a/b/x": b"x" for n in range(300)}),
+    *((OTHERS, SOUND | {path: b"x"}) for path in OTHER_FILES.split()),
     (OTHERS, only("mine/submission.toml") | {".github/workflows/board.yml": b"x"}),
     *((NO_FOLDER, {f"{at}/x.toml": b"x"}) for at in ("submissions", "submissions/made", HOME)),
     *((NO_FOLDER, only("mine", of)) for of in (("120000", b"theirs"), ("160000", "a" * 40))),
     *((NO_FOLDER, only(f"{n}/submission.toml")) for n in ("--help", ".hidden", "a\x07b", "aux")),
-    (CASE, SOUND | only("mine/a/x") | only("mine/A/y")),
-    ("1,000,000 bytes", SOUND | {f"{MINE}/{n}": bytes([n]) * 600_000 for n in range(2)}),
+    (CASE, beside("P.npz")),
+    (CASE, beside("a/x") | beside("A/y")),
+    ("more than 8 folders", beside(f"{'a/' * 20}x")),
+    *((A_LINK, beside("link", ("120000", to))) for to in (b"/etc/passwd", b"../theirs/p.npz")),
+    (A_LINK, beside("submission.toml", ("120000", b"../theirs/submission.toml"))),
+    (A_LINK, beside("sub", ("160000", "a" * 40))),
+    ("executable", beside("run", ("100755", b"#!/bin/sh\n"))),
+    *(("not plain", beside(name)) for name in NOT_PLAIN),
+    (BYTES, beside("p.npz", b"x" * 1_000_001)),
+    (BYTES, beside("1", b"1" * 600_000) | beside("2", b"2" * 600_000)),
     (MANY, SOUND | {f"{MINE}/f{n}": b"x" for n in range(4_100)}),
     (MANY, SOUND | {f"{MINE}/f{n}/x": b"x" for n in range(2_100)}),
-    (TWO, {f"{HOME}/m{n}/submission.toml": b"x" for n in range(200)}),
-    (TWO, {f"submissions/m{n}/a/b/x": b"x" for n in range(300)}),
-    # Trees that no program would make.
-    *((UNSOUND, only("mine", {name: {"x": b"x"}})) for name in ("..", ".git", "a/b", ".")),
-    *((MANY, only("mine", bomb(of=of))) for of in ({"x": b"x"}, {})),
     (MANY, only("mine", dict.fromkeys(map("{:06}".format, range(300_000)), b"x"))),
+    # Trees that no program would make.
+    *((MANY, only("mine", bomb(of))) for of in ({"x": b"x"}, {})),
+    *((UNSOUND, only("mine", {name: {"x": b"x"}})) for name in ("..", ".git", "a/b", ".")),
 ]
-HOSTILE = [*ALONE, *((said, SOUND | {path: file}) for said, path, file in BESIDE)]
 
 
 @pytest.fixture(scope="module")
@@ -129,12 +125,10 @@ def hosted(tmp_path_factory: pytest.TempPathFactory) -> Hosted:
 
 
 @pytest.mark.parametrize(
-    ("said", "files"), HOSTILE, ids=[f"{n}: {said}" for n, (said, _) in enumerate(HOSTILE)]
+    ("said", "files"), HOSTILE, ids=lambda one: one if isinstance(one, str) else "files"
 )
-def test_a_hostile_pull_request_is_refused(
-    hosted: Hosted, tmp_path: Path, said: str, files: dict[str, File]
-) -> None:
-    message = look(hosted, tmp_path, hosted.commit(files, hosted.resolve()))
+def test_hostile_changes_are_refused(hosted: Hosted, tmp_path: Path, said: str, files: Any) -> None:
+    message = look(hosted, tmp_path, hosted.commit(files, hosted.first))
     assert said in message
     assert "\x1b" not in message
     assert not [path for path in tmp_path.glob("out/**/*") if path.is_file()]
@@ -142,7 +136,7 @@ def test_a_hostile_pull_request_is_refused(
 
 def test_sound_pull_requests_and_what_main_has_meanwhile(tmp_path: Path) -> None:
     hosted = Hosted(tmp_path / "hosted.git", ON_MAIN)
-    first = hosted.resolve()
+    first = hosted.first
     sound, stale, theirs = (
         hosted.commit(files, first) for files in (SOUND, only("old/p.npz", b"newer"), MINE_NOW)
     )
@@ -172,9 +166,7 @@ FILES: list[Callable[[Path], object]] = [
 ]
 
 
-def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_runner(
-    board: Board,
-) -> None:
+def test_hostile_files_are_one_refusal_and_no_command_to_the_runner(board: Board) -> None:
     hostile: list[dict[str, File]] = [{f"{MINE}/a\n::set-output\x1b[2J": b"x"}]
     for write in FILES:
         write(file := board.home / "p.npz")
@@ -182,7 +174,7 @@ def test_hostile_predictions_and_names_are_one_refusal_and_no_command_to_the_run
         hostile.append({f"{MINE}/submission.toml": toml(predictions=given)})
         hostile[-1][f"{MINE}/p.npz"] = file.read_bytes()
     for number, files in enumerate(hostile, 1):
-        head = board.hosted.commit(files, board.hosted.resolve())
+        head = board.hosted.commit(files, board.hosted.first)
         comment = board.ci(number, board.hosted.move(f"pull/{number}/head", head), code=1)
         assert "is refused" in comment
         assert not [text for text in ("Traceback", str(board.home)) if text in comment]

@@ -66,9 +66,7 @@ TABLE = [
 ]
 
 
-def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_truth(
-    host: Path, public: Path
-) -> None:
+def test_no_public_file_tells_the_truth(host: Path, public: Path) -> None:
     prepared, shown, hidden = world.files_of(host), world.files_of(public), []
     for name, content in prepared.items():
         there = "same" if shown.get(name) == content else "cut" if name in shown else "sealed"
@@ -87,9 +85,7 @@ def test_every_file_that_prepare_writes_is_public_by_the_table_and_tells_no_trut
     assert "cloud" not in text.split("[checksums]")[0].split("[[scenes]]")[1]
 
 
-def test_truth_that_methods_are_given_and_data_outside_are_not_sealed(
-    host: Path, public: Path, tmp_path: Path
-) -> None:
+def test_known_truth_and_data_outside_are_not_sealed(host: Path, tmp_path: Path) -> None:
     queries, toml, images = f"{SCENE}/queries.csv", "benchmark.toml", f"data/{NAME}/images"
     table = pd.read_csv(host / queries)
     for name in POSE_COLUMNS:
@@ -134,9 +130,7 @@ def test_other_archives_open_nothing(public: Path, tmp_path: Path) -> None:
             opened(public, key, path).__enter__()
 
 
-def test_faults_of_keys_repeat_no_key_and_nothing_is_replaced(
-    host: Path, public: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_key_is_told_and_no_file_replaced(host: Path, public: Path, monkeypatch: Any) -> None:
     monkeypatch.setenv(sealing.KEY_VARIABLE, f"# a comment\n{KEY}\n")
     assert str(sealing.read_key()) == str(KEY)
     for text in ("", f"{KEY}\n{KEY}\n", f"{KEY}!"):
@@ -145,7 +139,7 @@ def test_faults_of_keys_repeat_no_key_and_nothing_is_replaced(
             with pytest.raises(UsageError) as caught:
                 read()
             assert str(KEY)[20:40] not in str(caught.value)
-    (archive := tmp_path / "m.age").touch()
+    (archive := public.with_name("m.age")).touch()
     for out in (public, archive.with_suffix("")):
         assert run_main("seal", host, "--out", out, "--to", KEY.to_public()) == 2
     assert not archive.read_bytes()
@@ -155,9 +149,7 @@ COLUMNS = {"share": HIT, "median": ERROR, "mean": ERROR.model_copy(update={"aver
 
 
 @pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
-def test_only_rounded_overall_scores_are_told(
-    track: str, host: Path, public: Path, tmp_path: Path
-) -> None:
+def test_only_rounded_scores_are_told(track: str, host: Path, public: Path, tmp_path: Path) -> None:
     path = world.write_template(track, public, tmp_path)
     checked = CheckedSubmission(path.parent, world.submission(protocol=f"{NAME}-{track}"), path)
     archive = public.with_suffix(".age")
@@ -177,9 +169,7 @@ def test_only_rounded_overall_scores_are_told(
 
 
 @pytest.mark.parametrize(("kind", "count"), [*product(COLUMNS, (20, 60, 300))])
-def test_errors_are_those_of_repeated_samples_and_one_query_mostly_changes_nothing(
-    kind: str, count: int
-) -> None:
+def test_errors_are_right_and_one_query_changes_little(kind: str, count: int) -> None:
     column, random = COLUMNS[kind], np.random.default_rng(1)
     draws = random.random((1000, 2, count))
     values = (draws < 0.4).astype(float) if column is HIT else -np.log1p(-draws)
@@ -251,7 +241,7 @@ def test_a_try_beyond_the_limit_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def sealed_board(board: Board, data: Path, monkeypatch: pytest.MonkeyPatch) -> Board:
+def sealed(board: Board, data: Path, monkeypatch: Any) -> Board:
     """Return a board of the made benchmark whose truth is sealed; an account has two tries."""
     public = board.home / "public"
     write_raster(data / "made/dom.tif", np.full((3, 64, 64), 90, np.uint8))
@@ -282,10 +272,10 @@ def open_sealed(board: Board, found: Path, code: int = 0, said: str = "") -> Pat
     return out
 
 
-def test_a_sealed_submission_from_pull_request_to_board(
-    sealed_board: Board, perfect: Any, monkeypatch: pytest.MonkeyPatch
+def test_a_sealed_truth_from_pull_request_to_board(
+    sealed: Board, perfect: Any, monkeypatch: Any
 ) -> None:
-    board, fork = sealed_board, sealed_board.clone("ada")
+    board, fork = sealed, sealed.clone("ada")
     world.write_submission(fork, perfect)
     found = board.score(1, first := board.push(fork, "pull/1/head"))
     for _ in range(2):  # a job that fails gives the try back

@@ -50,10 +50,8 @@ HARDEST = {"query": EVIL, "pictures": [{"title": EVIL, "src": PICTURE}], "values
 PICTURES = {"clouds": [["East", PICTURE]], "maps": [MAP], "hardest": [HARDEST]}
 
 
-def write_run(
-    root: Path, folder: str, rate: float, number: int = 1, truth: str = "t", **facts: Any
-) -> None:
-    """Write a run of some skill, whose easy queries are those of the others too; 0: all fail."""
+def write_run(root: Path, folder: str, rate: float, number: int = 1, **facts: Any) -> None:
+    """Write a run of a skill from 0, where all fails, to 1, of an earlier truth."""
     shared, own = np.random.default_rng(7), np.random.default_rng([0, *folder.encode()])
     scenes = {}
     for scene, size in SIZES.items():
@@ -62,7 +60,7 @@ def write_run(
         made["error_m"] = np.where((ease > 0.95) | (rate == 0), np.inf, ease * 30 * (1.5 - rate))
         scenes[scene] = {key: one.astype(float).tolist() for key, one in made.items()}
     given = world.submission(**({"method": folder, "protocol": PROTOCOL} | facts))
-    method = made_method(scenes, COLUMNS, given.method, truth=truth * 64)
+    method = made_method(scenes, COLUMNS, given.method, truth="te"[rate == 1] * 64)
     method.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
     write_method(run := root / RUNS / folder / str(number), method)
     found = answers.measure(run, "d" * 64)
@@ -100,7 +98,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
         facts |= {"pipeline": {"stages": stages, "uses": uses}} | (links if n % 2 else {})
         for number in (1, 2) if n == 2 else (1,):
             write_run(root, f"method-{n}", (0.9 - n / 20) * (n < 11), number, **facts)
-    write_run(root, "early", 1.0, truth="e")
+    write_run(root, "early", 1.0)
     for path in ("method-2/3/run.json", "answer/1/run.json", "stated/1/submission.toml"):
         shutil.copytree(root / RUNS / "method-3/1", (root / RUNS / path).parent)
         (root / RUNS / path).write_text("{")
@@ -173,9 +171,7 @@ def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(root: 
     assert "run.json" in rows["method-2"]["notes"][-1]  # its earlier version is shown
 
 
-def test_others_move_no_one_near_the_best_and_a_cache_changes_no_byte(
-    root: Path, tmp_path: Path
-) -> None:
+def test_others_move_nobody_near_the_best_and_a_cache_no_byte(root: Path, tmp_path: Path) -> None:
     few = ("method-0", "method-1", "method-9")
     for name in few:
         shutil.copytree(root / RUNS / name, tmp_path / RUNS / name)
@@ -203,9 +199,7 @@ def test_sealed_answers_have_conservative_ranges_and_no_pairs(tmp_path: Path) ->
         assert [row["scores"]["recall@1"]["rank"] for row in rows.values()] == expected
 
 
-def test_links_lead_to_pages_and_places_and_no_page_loads_or_runs_what_is_not_its_own(
-    root: Path,
-) -> None:
+def test_links_lead_to_places_and_pages_load_and_run_their_own_alone(root: Path) -> None:
     links, site = 0, root / "site"
     texts = {p.relative_to(site).as_posix(): p.read_text("utf-8") for p in site.rglob("*.html")}
     for path, text in texts.items():
@@ -249,9 +243,7 @@ def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(root: 
 
 
 @pytest.mark.parametrize("track", ["retrieval", "matching", "reconstruction"])
-def test_a_run_keeps_maps_and_the_hardest_queries_or_clouds(
-    track: str, host: Path, tmp_path: Path
-) -> None:
+def test_a_run_keeps_its_pictures(track: str, host: Path, tmp_path: Path) -> None:
     path, kept = world.write_template(track, host, tmp_path), Run(keep=True)
     found = evaluate(path, data=host, run=kept)
     save(found, tmp_path / "run", partial(draw_pictures, found, kept))
@@ -274,11 +266,10 @@ PAGES += [f"{TABLE}/compare.html#a=method-1&b=method-3"]
 
 @pytest.fixture(scope="module")
 def page(root: Path) -> Path:
-    """Return the first page of the site, which `opened` opens."""
-    return root / "site/index.html"
+    return root / "site/index.html"  # which `opened` opens
 
 
-def visit(opened: Opened, page: Path, name: str, screen: Any = (1280, "light", "")) -> None:
+def visit(opened: Opened, root: Path, name: str, screen: Any = (1280, "light", "")) -> None:
     """Open another page of the site on a screen of a width, a colour scheme and a medium."""
     width, scheme, media = screen
     metrics = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 500}
@@ -288,30 +279,28 @@ def visit(opened: Opened, page: Path, name: str, screen: Any = (1280, "light", "
     opened.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", setting)
     path, mark, fragment = name.partition("#")
     opened.driver.get("about:blank")  # the same file with another fragment is not opened anew
-    opened.driver.get((page.parent / path).as_uri() + mark + fragment)
+    opened.driver.get((root / "site" / path).as_uri() + mark + fragment)
     if path.endswith("compare.html"):
         opened.until(lambda: opened.all("#overall tbody tr"))
 
 
 def column(opened: Opened, name: str) -> dict[str, str]:
     """Return what the cells of a column are sorted by, by the row's method, in their order."""
-    found: list[list[str]] = opened.driver.execute_script(
+    found = opened.driver.execute_script(
         "const heads = [...document.querySelectorAll('#results thead th')];"
         "const at = heads.findIndex((h) => h.dataset.name === arguments[0]);"
         "return [...document.querySelectorAll('#results tbody:first-of-type tr')]"
         ".filter((r) => !r.hidden).map((r) => [r.dataset.id, r.cells[at].dataset.v])",
         name,
     )
-    return {method: value for method, value in found}  # noqa: C416 - pairs are lists
+    return dict(found)
 
 
 @NEEDS_CHROMIUM
-def test_columns_are_sorted_and_filters_hide_rows_or_show_a_part_instead_of_the_average(
-    opened: Opened, page: Path, root: Path
-) -> None:
+def test_columns_are_sorted_and_rows_filtered(opened: Opened, root: Path) -> None:
     table, rows = table_of(root)
     reported = sum(row["kind"] == "reported" for row in table["rows"])
-    visit(opened, page, f"{TABLE}/index.html")
+    visit(opened, root, f"{TABLE}/index.html")
     for way in ("ascending", "descending"):
         opened.button('th[data-name="Median"]', "").click()
         assert opened.one('th[data-name="Median"]').get_attribute("aria-sort") == way
@@ -339,16 +328,14 @@ def test_columns_are_sorted_and_filters_hide_rows_or_show_a_part_instead_of_the_
 
 @NEEDS_CHROMIUM
 @pytest.mark.parametrize(("a", "b"), [(0, 3), (7, 2)])
-def test_a_comparison_shows_the_pairs_of_the_board(
-    opened: Opened, page: Path, root: Path, a: int, b: int
-) -> None:
+def test_two_are_compared_as_the_board_states(opened: Opened, root: Path, a: int, b: int) -> None:
     table, rows = table_of(root)
     pairs = table["pairs"]["recall@1"]
     one, other = (pairs["ids"][n] for n in (a, b))
     x, y = (rows[name]["scores"]["recall@1"]["value"] for name in (one, other))
     low, high, p, holm = unpack_pair(pairs, min(a, b), max(a, b))
     low, high = (-high, -low) if a > b else (low, high)
-    visit(opened, page, f"{TABLE}/compare.html#a={one}&b={other}")
+    visit(opened, root, f"{TABLE}/compare.html#a={one}&b={other}")
     cells = [cell.text for cell in opened.all("#overall tbody tr:first-child td")]
     signed = f"{100 * (x - y):+.2f}", f"{100 * low:+.2f} to {100 * high:+.2f}"
     assert cells[2:4] == [text.replace("-", "−") for text in signed]
@@ -377,11 +364,9 @@ FAULTS = """axe.run().then((r) => arguments[0](r.violations.map((v) =>
 @pytest.mark.parametrize(
     "screen", [SCREENS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in SCREENS[1:])]
 )
-def test_pages_fit_the_screen_and_run_no_strangers_texts(
-    opened: Opened, page: Path, screen: tuple[int, str, str]
-) -> None:
+def test_pages_fit_and_run_no_strangers_texts(opened: Opened, root: Path, screen: Any) -> None:
     for name in PAGES:
-        visit(opened, page, name, screen)
+        visit(opened, root, name, screen)
         assert opened.driver.execute_script(SEEN) == [0, [], 0, []], name
 
 
@@ -389,8 +374,8 @@ def test_pages_fit_the_screen_and_run_no_strangers_texts(
 @pytest.mark.skipif(
     not AXE.is_file(), reason="axe-core: npm pack axe-core, AIRZOO_AXE=.../axe.min.js"
 )
-def test_axe_finds_nothing(opened: Opened, page: Path) -> None:
+def test_axe_finds_nothing(opened: Opened, root: Path) -> None:
     for screen, name in product(SCREENS[:3], PAGES):
-        visit(opened, page, name, screen)
+        visit(opened, root, name, screen)
         opened.driver.execute_script(AXE.read_text(encoding="utf-8"))
         assert opened.driver.execute_async_script(FAULTS) == [], name

@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import pytest
-
 from airzoo_bench.core import sandbox
 from airzoo_bench.evaluation import predictions
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from tests.leaderboard import conftest as world
 from tests.leaderboard.conftest import ADA, BOB, HOME, PROTOCOL, RUNS, Board, write_submission
-from tests.support import MadeScene, made_protocol, run_main, write_benchmark, write_predictions
+from tests.support import made_protocol, run_main, write_benchmark, write_predictions
 
 Arrays = dict[str, list[Any]]
 
@@ -85,8 +83,8 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     assert "belongs to another account" in board.ci(5, board.push(bob, "pull/5/head"), BOB, code=1)
 
 
-def test_new_words_keep_their_scores_and_another_truth_or_protocol_scores_again(
-    board: Board, data: Path, scenes: list[MadeScene], perfect: Arrays, monkeypatch: Any
+def test_only_changes_are_scored_again(
+    board: Board, data: Path, scenes: Any, perfect: Arrays, monkeypatch: Any
 ) -> None:
     write_submission(board.main, perfect)
     board.push(board.main)
@@ -118,9 +116,7 @@ def test_new_words_keep_their_scores_and_another_truth_or_protocol_scores_again(
     assert (row["version"], [one["number"] for one in row["history"]]) == (2, [2, 1])
 
 
-def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
-    board: Board, perfect: Arrays
-) -> None:
+def test_what_is_merged_past_ci_stops_no_other(board: Board, perfect: Arrays) -> None:
     """Of two names that look alike the one that has a run stays."""
     write_submission(board.main, perfect, method="Salad")
     board.push(board.main)
@@ -141,10 +137,8 @@ def test_what_is_merged_past_ci_is_a_grey_row_and_stops_no_other(
     assert "fault" not in kept
 
 
-def test_faults_of_the_board_are_none_of_a_submission(
-    board: Board, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    head = board.hosted.commit({f"{HOME}/x/submission.toml": b"x"}, board.hosted.resolve())
+def test_faults_of_the_board_are_no_refusal(board: Board, tmp_path: Path, capsys: Any) -> None:
+    head = board.hosted.commit({f"{HOME}/x/submission.toml": b"x"}, board.hosted.first)
     event = board.score(1, board.hosted.move("pull/1/head", head), code=1).with_name("event.json")
     (wrong := tmp_path / "wrong").mkdir()  # no sound board, no repository, and not empty
     (file := wrong / "leaderboard.toml").write_text("{}")

@@ -28,7 +28,7 @@ FOUND = {name: yaml.safe_load(text) for name, text in TEXTS.items()}
 WRITING = [set(), {"contents"}, {"pull-requests"}, {"pages", "id-token"}, {"id-token"}]
 
 
-def test_nothing_of_strangers_is_run_few_jobs_write_and_the_key_is_in_one_step() -> None:
+def test_few_jobs_write_and_the_key_is_in_one_step() -> None:
     """That no text of strangers is in a command, zizmor checks: see .ci/run."""
     for file, text in TEXTS.items():
         assert {*re.findall(r"uses: *([^/]*)/", text)} <= {"actions", "pypa"}
@@ -106,9 +106,7 @@ def look(path: str, other: str) -> list[str]:
     return [*seen, *(name for _, name in socket.if_nameindex() if name != "lo")]
 
 
-def test_the_container_of_the_workflows_reads_predictions_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_container_shows_predictions_and_nothing_else(tmp_path: Path, monkeypatch: Any) -> None:
     bwrap = ["bwrap", "--unshare-all", "--ro-bind", "/", "/", "true"]
     if shutil.which("bwrap") is None or subprocess.run(bwrap, check=False).returncode:
         pytest.skip("bwrap is not installed (Debian: bubblewrap), or may make no namespaces here")
