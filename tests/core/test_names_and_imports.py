@@ -24,9 +24,7 @@ from tests.support import HANGS_S
 T = TypeVar("T")
 
 
-def test_a_package_adds_names(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_package_adds_names(tmp_path, monkeypatch, caplog) -> None:
     info = tmp_path / "more-tracks-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: more-tracks\nVersion: 1.0\n")
@@ -109,9 +107,7 @@ sys.stdout.buffer.write(draw())
 """
 
 
-def test_commands_start_light_and_pictures_are_alike_whatever_rules_matplotlib(
-    tmp_path: Path,
-) -> None:
+def test_commands_start_light_and_pictures_are_alike_whatever_rules_matplotlib(tmp_path) -> None:
     """Ranked ids need no heavy imports; neither a folder nor a program changes a picture."""
     plain = draw()
     assert plain.startswith(b"\x89PNG")

@@ -107,9 +107,7 @@ def test_each_limit_is_one_clear_message(how: str, message: str, tmp_path: Path)
         ["error", "SystemExit", {"code": 3}],
     ],
 )
-def test_what_a_hostile_child_answers_is_refused(
-    answer: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_hostile_child_answers_is_refused(answer, tmp_path, monkeypatch) -> None:
     def lie(where: Path, limits: Limits, folder: Path, _: object) -> None:
         (where / "a").write_bytes(b"1234")
         text = json.dumps({"$": answer}).replace("PLACE", str(tmp_path))

@@ -87,9 +87,7 @@ _SEGMENTS = st.lists(st.tuples(st.sampled_from(range(0xE0, 0xFF)), st.binary(max
 
 
 @given(_SEGMENTS, st.binary(max_size=400))
-def test_any_segments_go_and_any_bytes_are_cut_or_refused(
-    segments: list[tuple[int, bytes]], data: bytes
-) -> None:
+def test_any_segments_go_and_any_bytes_are_cut_or_refused(segments, data) -> None:
     made = [segment(code, body) for code, body in segments if code != 0xEE]
     assert bare_photo(with_segments(photo(), *made) + data, Path("photo")) == photo()
     for head in (b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"):

@@ -169,9 +169,7 @@ RUNS = [(18, 4, 4), *(pytest.param(n, 100, 99, marks=pytest.mark.slow) for n in 
 
 @pytest.mark.parametrize(("count", "runs", "least"), RUNS)
 @pytest.mark.parametrize("width", [5.0, 40.0, 300.0])  # a line, nearly one, a block of strips
-def test_half_of_the_cameras_may_be_bad_in_any_order(
-    count: int, width: float, runs: int, least: int
-) -> None:
+def test_half_of_the_cameras_may_be_bad_in_any_order(count, width, runs, least) -> None:
     survived = 0
     for seed in range(runs):
         rng = np.random.default_rng((seed, count, int(width)))

@@ -171,9 +171,7 @@ def test_by_hand() -> None:
 
 @given(clouds(60), clouds(60), st.booleans(), seeds)
 @quick
-def test_same_bits_as_all_pairs_in_any_order(
-    points: Floats, others: Floats, on_disk: bool, seed: int
-) -> None:
+def test_same_bits_as_all_pairs_in_any_order(points, others, on_disk, seed) -> None:
     assert_exact(points, others, on_disk=on_disk)
     random = np.random.default_rng(seed)
     order = random.permutation(len(points))

@@ -73,9 +73,7 @@ def test_scores_by_hand(case: str) -> None:
 
 @given(distances, distances, seeds)
 @quick
-def test_no_bit_depends_on_order_and_a_sorted_list_agrees(
-    found: Floats, other: Floats, seed: int
-) -> None:
+def test_no_bit_depends_on_order_and_a_sorted_list_agrees(found, other, seed) -> None:
     random, scores = np.random.default_rng(seed), scored(found, other)
     assert scored(random.permutation(found), random.permutation(other)) == scores
     ordered, count = sorted(found.tolist()), len(found)

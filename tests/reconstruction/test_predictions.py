@@ -132,9 +132,7 @@ def read_views(folder: Path, **changes: Any) -> ScenePrediction:
         *((0.5, None, False), (0.0, "half", False)),
     ],
 )
-def test_pixel_centres_that_are_integers_are_shifted(
-    shift: float, stated: Any, named: bool, tmp_path: Path
-) -> None:
+def test_pixel_centres_that_are_integers_are_shifted(shift, stated, named, tmp_path) -> None:
     changes: dict[str, Any] = {} if named else {"image_names": None}
     centres = None if stated is None else np.array(stated)
     maps = read_views(tmp_path, pixel_centres=centres, **changes).geometry
@@ -333,9 +331,7 @@ TURN = Rotation.from_euler("xyz", (10, 20, 30), degrees=True).as_matrix()
     ],
     ids=["z negated", "x and y exchanged", "y up"],
 )
-def test_a_cloud_that_is_mirrored_in_its_own_frame(
-    scene: np.ndarray, order: tuple[int, ...], signs: tuple[int, ...], words: str
-) -> None:
+def test_a_cloud_that_is_mirrored_in_its_own_frame(scene, order, signs, words) -> None:
     own, limits = Similarity(3.0, TURN, TRUTH[0]), [1.0, 10.0]
     truth, wrong = own.apply(scene / 3), own.apply(scene[:, order] * signs / 3)
     assert words in str(check_mirror(wrong, truth, own, limits))
@@ -400,9 +396,7 @@ def test_names_one_off_are_refused_where_nothing_else_explains_it() -> None:
 
 
 @pytest.mark.parametrize(("units", "depth", "noted"), [(1e4, 1.0, False), (1.0, 1e3, True)])
-def test_far_depths_are_those_after_the_alignment(
-    units: float, depth: float, noted: bool, world: World, tmp_path: Path
-) -> None:
+def test_far_depths_are_those_after_the_alignment(units, depth, noted, world, tmp_path) -> None:
     fields = world.views("yard")
     fields["extrinsics"] = fields["extrinsics"] * np.array((1.0, 1.0, 1.0, units))
     fields["depth"] = fields["depth"] * units * depth

@@ -114,9 +114,7 @@ def test_sim3_brings_back_a_cloud_of_any_frame(world: World, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("method", ["back-projection", "tsdf"])
-def test_maps_without_a_pose_are_nowhere_and_bytes_are_the_same(
-    method: str, world: World, tmp_path: Path
-) -> None:
+def test_maps_without_a_pose_are_nowhere_and_bytes_are_the_same(method, world, tmp_path) -> None:
     fields, rows = world.views("yard"), np.array([0, 2, 3, 5])
     few = {name: values[rows] if values.ndim else values for name, values in fields.items()}
     lost = fields | {"extrinsics": fields["extrinsics"].copy()}
@@ -135,9 +133,7 @@ CONFIDENCES = {"depth": np.array((0.1, 2.0, 2.00001, 9.0), "f4"), "points": BYTE
 
 
 @pytest.mark.parametrize("kind", CONFIDENCES)
-def test_pixels_and_points_must_exceed_the_confidence(
-    kind: str, world: World, tmp_path: Path
-) -> None:
+def test_pixels_and_points_must_exceed_the_confidence(kind, world, tmp_path) -> None:
     fields, cameras = world.views("lot"), world.cameras("lot")
     conf = np.resize(CONFIDENCES[kind], fields["depth"].shape)
     points = np.resize(true_points("lot"), (*conf.shape, 3))
@@ -185,9 +181,7 @@ def test_the_template_names_all_photos_and_scores(world: World, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("fault", ["missing", "empty", "no camera", "no names"])
-def test_a_failed_scene_scores_its_worst_and_is_named(
-    fault: str, world: World, tmp_path: Path
-) -> None:
+def test_a_failed_scene_scores_its_worst_and_is_named(fault, world, tmp_path) -> None:
     path = predict_clouds(world, tmp_path / "p", {s: true_points(s) for s in ("yard", "lot")})
     cloud, cameras, lost = path / "yard.ply", path / "yard.cameras.npz", world.cameras("yard")
     lost["extrinsics"][:] = np.nan
@@ -363,9 +357,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("variant", list(VARIANTS))
-def test_the_same_for_any_blocks_threads_and_order(
-    variant: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_same_for_any_blocks_threads_and_order(variant, monkeypatch) -> None:
     monkeypatch.setattr(track, "_LEAST_BLOCK", 1)
     used, random = protocol(**VARIANTS[variant]), np.random.default_rng(0)
     truth = true_points("yard")
@@ -391,9 +383,7 @@ def in_shards(folder: Path, points: Array, count: int) -> CloudSource:
 @pytest.mark.parametrize(
     "steps", [{"region": "observed", "observed_cell_m": 2.0}, {"crop": "covered", "voxel_m": 0.1}]
 )
-def test_shards_score_as_one_cloud_does(
-    steps: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shards_score_as_one_cloud_does(steps, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(track, "_LEAST_BLOCK", 300)
     first, second = (one + ORIGIN - 50.0 for one in (surface(2000, 0, far=0.05), surface(1500, 1)))
     first = np.vstack((first, first[::3] + 0.01, first[::7] + 0.003))  # shards share voxels

@@ -129,15 +129,14 @@ def volume_noise(xyz: Singles, voxel_m: float, footprint_m: Singles) -> Singles:
     inverse = np.float32(1.0 / voxel_m)
     level = floor_log2(footprint_m * inverse)
     np.minimum(np.maximum(level, 0, out=level), _VOLUME_BITS, out=level)
-    x, y, z = np.floor(xyz * inverse).astype(np.int32) & (1 << _VOLUME_BITS) - 1
-    index = ((level << _VOLUME_BITS | x) << _VOLUME_BITS | y) << _VOLUME_BITS | z
-    values: Singles = _volume().take(index)
-    return values
+    x, y, z = (np.floor(xyz * inverse).astype(np.int32) & (1 << _VOLUME_BITS) - 1) >> level
+    (volume, starts), bits = _volume(), _VOLUME_BITS - level
+    return np.asarray(volume.take(((x << bits | y) << bits | z) + starts.take(level)))
 
 
 @cache
-def _volume() -> Singles:
-    """Return three octaves of hashed voxels and their means over 2, 4 ... 64, level after level."""
+def _volume() -> tuple[Singles, NDArray[np.int32]]:
+    """Return three octaves of hashed voxels, then their means over 2, 4 ... 64; and the starts."""
     side = 1 << _VOLUME_BITS
     volume = np.zeros((side, side, side), np.float32)
     for octave, weight in enumerate((1.0, 0.9, 0.8)):
@@ -155,5 +154,5 @@ def _volume() -> Singles:
         half = side >> level
         blocks = means.reshape(half, 2, half, 2, half, 2)
         means = blocks.mean(axis=(1, 3, 5), dtype=np.float32)
-        levels.append(np.kron(means, np.ones((1 << level,) * 3, np.float32)).ravel())
-    return np.concatenate(levels)
+        levels.append(means.ravel())
+    return np.concatenate(levels), np.cumsum([0, *map(len, levels[:-1])], dtype=np.int32)

@@ -94,10 +94,7 @@ class Raycaster:
         Returns triangles (N,), T where none is met; distances (N,), 0 there; and normals (3, N) on
         the side that is met.
         """
-        rays = np.empty((directions.shape[1], 6), np.float32)
-        rays[:, :3] = origin.T
-        rays[:, 3:] = directions.T
-        answer = self._scene.cast_rays(self._tensor(rays), nthreads=1)
+        answer = self._scene.cast_rays(self._rays(origin, directions), nthreads=1)
         nothing = len(self.normal)
         triangle = np.minimum(answer["primitive_ids"].numpy(), nothing).astype(np.int64)
         rough = answer["t_hit"].numpy().astype(np.float64)
@@ -116,11 +113,14 @@ class Raycaster:
 
     def occluded(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
         """Return which points (3, N), lifted off their surface, are occluded."""
-        rays = np.empty((points.shape[1], 6), np.float32)
-        np.add(points, normals * _LIFT_M, out=rays[:, :3].T, casting="same_kind")
-        rays[:, 3:] = direction
-        blocked: Bools = self._scene.test_occlusions(self._tensor(rays), nthreads=1).numpy()
-        return blocked
+        rays = self._rays(points + normals * _LIFT_M, direction)
+        return np.asarray(self._scene.test_occlusions(rays, nthreads=1).numpy())
+
+    def _rays(self, origin: Floats, direction: Floats) -> Any:
+        rays = np.empty((max(origin.size, direction.size) // 3, 6), np.float32)
+        for lane, part in enumerate((*origin, *direction)):
+            rays[:, lane] = part.astype(np.float32)  # faster one by one than all at once
+        return self._tensor(rays)
 
 
 class Renderer:
@@ -173,7 +173,8 @@ class Renderer:
         xyz += centre[:, None]
         # Points of a material lie side by side from here on.
         rank = self._ranks.take(triangle)
-        order, counts = np.argsort(rank, kind="stable"), np.bincount(rank, minlength=len(RANKS))
+        counts = np.bincount(rank, minlength=len(RANKS))
+        order = np.concatenate([np.flatnonzero(rank == one) for one in np.flatnonzero(counts)])
         spans = shading.spans_of(counts[: len(RANKS)].tolist())
         hits, lanes = spans["walls"].stop, np.empty((12, len(order)), np.float32)
         values = [*xyz, *normal, *rays / length, depth * length, dither]
@@ -249,7 +250,7 @@ def _develop(sharp: Singles, rotation: Floats, given: Conditions, seed: int) -> 
         strength = np.sqrt(np.maximum(light, 4.0) * np.float32(1 / 128)) * np.float32(given.noise)
         normal = np.float32(0.8) * grain[:3, rows] + np.float32(0.6) * grain[3, rows]
         light += normal * strength
-        for channel, values in enumerate(np.rint(light.clip(0.0, 255.0))):
+        for channel, values in enumerate(np.rint(light.clip(0.0, 255.0)).astype(np.uint8)):
             image[rows, :, channel] = values
     return image
 

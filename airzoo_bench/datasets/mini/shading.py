@@ -177,7 +177,7 @@ def dot(a: Any, b: Any) -> Any:
 
 
 class _Texture:
-    """A square image (n, n, 4), mirrored beyond its sides, and its halvings; north is up."""
+    """A square image (n, n, 1 to 4), mirrored beyond its sides, and its halvings; north is up."""
 
     def __init__(self, side_m: float, image: NDArray[np.uint8]) -> None:
         levels = [image]
@@ -191,12 +191,12 @@ class _Texture:
         # By level: size, and first texel.
         self._sizes = np.array([len(level) for level in levels], np.int32)
         self._starts = np.cumsum(self._sizes**2, dtype=np.int32) - self._sizes**2
-        self._texels = np.concatenate([level.view(np.uint32).ravel() for level in levels])
+        self._texels = np.concatenate([one.view(f"u{one.shape[2]}").ravel() for one in levels])
 
     def add_to(self, lanes: Singles, xy: Singles, size_m: Singles, dither: Singles) -> Singles:
         """Add the first lanes of the colour, 0 to 1, at points of the square to lanes (L, N)."""
-        level = noise.floor_log2(size_m * (1.0 + dither) * self._per_m).astype(np.int64)
-        np.clip(level, 0, len(self._sizes) - 1, out=level)
+        level = noise.floor_log2(size_m * (1.0 + dither) * self._per_m)
+        np.minimum(np.maximum(level, 0, out=level), len(self._sizes) - 1, out=level)
         size = self._sizes.take(level)
         wide = size.astype(np.float32)
         # Halves of the side, so that 0 and 1 are a mirror image apart from their middle.
@@ -215,7 +215,7 @@ class _Texture:
             texel = row.astype(np.int64)
             for right, share_x in ((0, 1.0 - place[1]), (1, place[1])):
                 colour = self._texels[right:].take(texel).view(np.uint8)
-                part[:] = colour.reshape(-1, 4).T[: len(lanes)]
+                part[:] = colour.reshape(-1, self._texels.itemsize).T[: len(lanes)]
                 part *= share_x * share_y * np.float32(1 / 255)
                 lanes += part
         return lanes
@@ -267,14 +267,14 @@ class Shader:
         border = np.concatenate([dsm[0], dsm[-1], dsm[:, 0], dsm[:, -1]])
         self._far_level_m = float(np.median(border))
         self._ground, self._top = (_Texture(self._side, m) for m in (world.ground, world.top))
-        gsd, around = self._side / len(dsm), np.zeros((*dsm.shape, 4), np.uint8)
+        gsd, around = self._side / len(dsm), np.zeros((*dsm.shape, 2), np.uint8)
         around[..., 0] = np.rint(255.0 * _openness(dsm, gsd))
         around[..., 1] = np.rint(255.0 * np.clip(_lamp_light(world, gsd), 0.0, 1.0))
         self._around = _Texture(self._side, around)
         self._walls = world.walls
         self._leaves = (world.leaves / 255.0).astype(np.float32)
         billow = noise.octaves(0, _CLOUD_STREAM, 1024, {24: 7, 8: 5, 3: 4}) // 16 + 128
-        self._clouds = _Texture(_CLOUDS_M, np.repeat(billow[..., None], 4, 2).astype(np.uint8))
+        self._clouds = _Texture(_CLOUDS_M, billow[..., None].astype(np.uint8))
 
     def horizon(self, view: Singles, origin: Floats, given: Conditions) -> Singles:
         """Return what is seen in unit directions (3, N) past the mesh: sky, and land at one level.
