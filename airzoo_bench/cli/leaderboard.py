@@ -16,13 +16,9 @@ from airzoo_bench.cli.common import Text, echo, examples, option, progress, say,
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.files import atomic_write, data_root
 from airzoo_bench.core.sandbox import Limits, check_limits
-from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard import scoring, sealing
 from airzoo_bench.leaderboard.answers import now
 from airzoo_bench.leaderboard.board import BOARD_FILE, read_board, write_starter
-from airzoo_bench.leaderboard.checks import Rules
 from airzoo_bench.leaderboard.comment import Found, comment_on, read_found
-from airzoo_bench.leaderboard.git import DataBranch, RefusedError, Try, read_event
 from airzoo_bench.leaderboard.pages import build_board
 
 app = typer.Typer(help="A board: its files, CI and pages.", no_args_is_help=True)
@@ -63,6 +59,11 @@ def score(
     Exit code 0 if all is well, 1 if a submission is refused or cannot be scored,
     2 if the event or the board is wrong.
     """
+    from airzoo_bench.evaluation.track import Run  # loads GDAL, which pages do without
+    from airzoo_bench.leaderboard import scoring
+    from airzoo_bench.leaderboard.checks import Rules
+    from airzoo_bench.leaderboard.git import read_event
+
     check_limits()
     run = Run(_MEMORY_BYTES, os.cpu_count() or 1, keep=True, limits=Limits(_MEMORY_BYTES))
     rules = Rules(read_board(root / BOARD_FILE), root, data_root(), run)
@@ -105,6 +106,8 @@ def keep(
 
     Exit code 1 if the account has no try left.
     """
+    from airzoo_bench.leaderboard.git import DataBranch, RefusedError, Try
+
     with tempfile.TemporaryDirectory() as folder:
         branch = DataBranch(Path(folder) / "data", remote)
         if found.is_dir():
@@ -117,8 +120,7 @@ def keep(
         try:
             branch.add_try(line, read_board(root / BOARD_FILE).limits, finding.answer)
         except RefusedError as error:
-            changes = {"kind": "refused", "problems": (str(error),)}
-            finding = finding.model_copy(update=changes)
+            finding = finding.model_copy(update={"kind": "refused", "problems": (str(error),)})
     _finish(finding, out)
 
 
@@ -167,6 +169,8 @@ def seal(
 
     Example: airzoo-bench seal mine --out public/mine --to age1...
     """
+    from airzoo_bench.leaderboard import sealing
+
     archive, commitment = sealing.seal(folder, out, sealing.recipient(to), progress)
     echo(f"{out}\n{archive}\n")
     say(f"commitment {commitment}")

@@ -9,6 +9,7 @@ import io
 import sys
 import textwrap
 import traceback
+from functools import cache
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -69,18 +70,12 @@ textwrap.TextWrapper.wordsep_re = textwrap.TextWrapper.wordsep_simple_re
 class _Main(LightGroup):
     """All commands, in panels; the help imports none of them."""
 
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self._built: dict[str, Any] = {}
-
     def list_commands(self, ctx: Any) -> list[str]:
-        return [*_PLACES, *self.commands]
+        return [*_PLACES]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Import a command."""
-        if cmd_name in _PLACES and cmd_name not in self._built:
-            self._built[cmd_name] = _build_command(cmd_name, *_PLACES[cmd_name])
-        return self._built.get(cmd_name) or super().get_command(ctx, cmd_name)
+        return _build_command(cmd_name) if cmd_name in _PLACES else None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands panel by panel."""
@@ -89,8 +84,9 @@ class _Main(LightGroup):
                 formatter.write_dl([(name, place[1]) for name, place in places.items()])
 
 
-def _build_command(name: str, place: str, _: str) -> Any:
-    home, attribute = place.split(":")
+@cache
+def _build_command(name: str) -> Any:
+    home, attribute = _PLACES[name][0].split(":")
     module = import_module(f"airzoo_bench.cli.{home}")
     found = getattr(module, attribute)
     if isinstance(found, typer.Typer):

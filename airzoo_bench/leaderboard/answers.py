@@ -11,11 +11,10 @@ import base64
 import datetime
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -24,22 +23,15 @@ from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.leaderboard import submission
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
-from airzoo_bench.results.comparison import make_sample, notes_of, score_intervals
-from airzoo_bench.results.records import Method, read_records
-from airzoo_bench.results.result import Result, ScoreColumn, read_result
-from airzoo_bench.statistics.samples import ResamplingConfig
-from airzoo_bench.tables import breakdown
-from airzoo_bench.tables.comparison import describe_intervals
+from airzoo_bench.results.result import Result, ScoreColumn
 
-RUN_FILE, RESULT_FILE = "run.json", "result.json"
+RUN_FILE, RESULT_FILE, PICTURES_FILE = "run.json", "result.json", "figures/pictures.json"
 FAULT_FILE = "fault.txt"  # why CI could not score the files that were merged last
 TIME = "%Y-%m-%dT%H:%M:%SZ"  # in UTC
 
 Number = float | None
 Limits = tuple[Number, Number, Number]  # a value, and the ends of its interval
 Hash = Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
-
-_RESAMPLING = ResamplingConfig()
 
 
 class Model(BaseModel):
@@ -157,42 +149,6 @@ def pack(values: NDArray[Any], kind: str) -> str:
 # --- from a result ---
 
 
-def measure(run: Path, tree: str) -> Answer:
-    """Take the numbers that a board shows from the result and the records in a run's folder."""
-    result = read_result(run / RESULT_FILE)
-    records = read_records(run / RESULT_FILE, result)
-    method = Method(result.predictions.method, result, records)
-    headline = [column for column in result.columns if column.headline]
-    found, sample = score_intervals(method, headline, _RESAMPLING), make_sample([method], headline)
-    parts = {"": found.overall, **found.groups}
-    made = [one for part in parts.values() for one in part]
-    about = "".join(describe_intervals(made, _RESAMPLING, result.unit, lead=""))
-    limits = {
-        (scene, column.key): (one.low, one.high)
-        for scene, part in parts.items()
-        for column, one in zip(headline, part, strict=False)
-    }
-    conditions, by_condition = _by_condition(method, headline)
-    row = make_row(result.overall, result.scenes, limits, kind="re-scored", method=method.name)
-    floors = (
-        make_row(part.overall, part.scenes, kind="floor", method=name, source=part.meaning)
-        for name, part in result.references.items()
-    )
-    return Answer(
-        tree=tree,
-        scored=now(),
-        version=result.versions["airzoo-bench"],
-        head=head_of(result),
-        columns=result.columns,
-        row=row.model_copy(update={"notes": notes_of(result), "conditions": by_condition}),
-        floors=tuple(floors),
-        about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
-        conditions=conditions,
-        groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
-        values=pack(np.concatenate(sample.values, axis=1), "<f8"),
-    )
-
-
 def make_row(
     overall: Mapping[str, float],
     scenes: Mapping[str, Mapping[str, float]],
@@ -226,28 +182,6 @@ def make_head(
     listed = tuple(Scene(id=s, title=title, queries=count) for s, title, count in scenes)
     facts |= {"benchmark": benchmark, "track": track, "protocol": protocol.name, "scenes": listed}
     return Head(**facts, **named)
-
-
-def _by_condition(
-    method: Method, scores: Sequence[ScoreColumn]
-) -> tuple[tuple[Conditions, ...], dict[str, dict[str, tuple[Number, ...]]]]:
-    """Return conditions, and headline scores by their groups."""
-    conditions, found = [], {}
-    if method.result.unit != "query" or not scores:
-        return (), {}
-    values = np.array([method.records[score.key].to_numpy(np.float64) for score in scores])
-    medians = np.array([score.average == "median" for score in scores])
-    for by in breakdown.condition_names(method):
-        groups = breakdown.group_records(method.records, by)
-        means = breakdown.group_averages(values, medians, groups).tolist()
-        labels, counts = tuple(groups.categories), tuple(np.bincount(groups.codes).tolist())
-        title = breakdown.condition_title(by)
-        conditions.append(Conditions(by=by, title=title, labels=labels, counts=counts))
-        found[by] = {
-            score.key: tuple(None if np.isnan(one) else one for one in row)
-            for score, row in zip(scores, means, strict=True)
-        }
-    return tuple(conditions), found
 
 
 # --- runs ---

@@ -21,8 +21,9 @@ BOARD_FILE = "leaderboard.toml"
 
 Title = Annotated[str, Field(min_length=1, max_length=120)]
 
-# No device of Windows, also with an ending: no clone there could have such a file.
-_PLAIN_NAME = re.compile(
+# Every disk takes it for a file, and no program for an option. No device of Windows, also with an
+# ending: no clone there could have such a file.
+PLAIN_NAME = re.compile(
     r"(?!(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|\Z))[a-z0-9_][a-z0-9._-]{0,119}(?<!\.)",
     re.IGNORECASE | re.ASCII,
 )
@@ -84,11 +85,6 @@ def board_root(start: Path) -> Path:
     raise UsageError(f"no {BOARD_FILE} here or above", where=start, fix=fix)
 
 
-def plain_name(name: str) -> bool:
-    """Whether every disk takes a name for a file, and no program for an option."""
-    return bool(_PLAIN_NAME.fullmatch(name))
-
-
 class Place(NamedTuple):
     """The place of a submission: ``submissions/<benchmark>/<track>/<folder>``."""
 
@@ -114,7 +110,7 @@ class Place(NamedTuple):
     @property
     def is_plain(self) -> bool:
         """Whether its names are allowed for a submission."""
-        return all(map(plain_name, self))
+        return all(map(PLAIN_NAME.fullmatch, self))
 
 
 def known_submissions(root: Path) -> dict[Place, submission.Submission]:

@@ -15,7 +15,7 @@ from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.predictions import ReadRequest
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.leaderboard import submission
-from airzoo_bench.leaderboard.board import Board, Limits, Place, plain_name
+from airzoo_bench.leaderboard.board import PLAIN_NAME, Board, Limits, Place
 from airzoo_bench.leaderboard.fetching import fetch, parse_address
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
 from airzoo_bench.protocol.model import find_protocol
@@ -95,10 +95,9 @@ def check_submission(
         found.predictions = _find_predictions(folder, given, board.limits, data, seconds)
         if (path := found.predictions) is not None:
             request = ReadRequest(given.predictions.reader)
-            names: Any = {"data": data, "protocol": given.protocol}
-            checked = check(path, **names, run=rules.run, request=request)
-            found.errors += checked.errors
-            found.warnings += checked.notes
+            seen = check(path, data=data, protocol=given.protocol, run=rules.run, request=request)
+            found.errors += seen.errors
+            found.warnings += seen.notes
     except BenchmarkError as error:
         found.warnings.append(f"predictions were not compared with the benchmark: {error.what}")
     except UserError as error:
@@ -123,7 +122,7 @@ def check_listing(listing: Iterable[tuple[str, int, int]], where: object, limits
         total += size * is_file
         is_other = not is_file and not stat.S_ISDIR(mode)
         faults = {
-            "the name is not plain": not all(map(plain_name, parts)),
+            "the name is not plain": not all(map(PLAIN_NAME.fullmatch, parts)),
             f"lies in more than {_DEPTH} folders": len(parts) > _DEPTH,
             "is no file: a link, a submodule, a pipe or a device": is_other,
             "is an executable file": is_file and bool(mode & stat.S_IXUSR),

@@ -96,8 +96,7 @@ def _scores(answer: Answer, ranked: int) -> Iterator[str]:
         ranks = " to ".join(map(str, dict.fromkeys(overall[0].rank)))
         yield f"Rank **{ranks}** of {ranked} by {code(columns[0].title)}.\n"
     scenes = answer.head.scenes
-    ways = {True: "↑", False: "↓"}
-    heads = (f"{code(c.title)} {UNITS[c.unit]} {ways[c.higher_is_better]}" for c in columns)
+    heads = (f"{code(c.title)} {UNITS[c.unit]} {'↓↑'[c.higher_is_better]}" for c in columns)
     titles = ["Scene", "Queries", *heads]
     lines = [titles, ["---", *["---:"] * (len(titles) - 1)]]
     lines += [

@@ -13,8 +13,9 @@ import io
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +23,17 @@ import jinja2
 from markupsafe import Markup
 
 from airzoo_bench.core.errors import SubmissionError
-from airzoo_bench.core.files import atomic_folder, check_new_folder
+from airzoo_bench.core.files import atomic_folder, atomic_write, check_new_folder, fingerprint
 from airzoo_bench.core.version import __version__
-from airzoo_bench.leaderboard.answers import Entry, read_entries
+from airzoo_bench.leaderboard.answers import PICTURES_FILE, Entry, read_entries
 from airzoo_bench.leaderboard.board import BOARD_FILE, Board
-from airzoo_bench.leaderboard.pictures import read_pictures
-from airzoo_bench.leaderboard.tables import make_table
-from airzoo_bench.protocol.model import find_protocol
-from airzoo_bench.report.packing import content_policy, page_json
-from airzoo_bench.report.page import TEMPLATES
+from airzoo_bench.leaderboard.tables import empty_table, make_table
+from airzoo_bench.protocol.model import protocol_files
+from airzoo_bench.report.packing import TEMPLATES, content_policy, page_json
 from airzoo_bench.tables.model import show_number
 
 Json = Mapping[str, Any]
+Keep = Callable[[Any, Callable[[], Any]], Any]
 
 BOARD_JSON = "board.json"  # by which the folder of a site is known
 
@@ -51,12 +51,15 @@ def build_board(scored: Path, submissions: Path, board: Board, data: Path, out: 
     `scored` holds the folder of runs, which may be missing, as may that of submissions.
     """
     check_new_folder(out, replace=True, mark=BOARD_JSON)
-    entries, cache = read_entries(scored / "runs", submissions), out.with_name(f"{out.name}.cache")
-    content = board_json(entries, board, data, cache)
+    cache = out.with_name(f"{out.name}.cache")
+    with _kept_texts(cache / "texts.json") as keep:
+        entries = read_entries(scored / "runs", submissions)
+        content = board_json(entries, board, data, cache, keep)
+        pages = render_pages(content, scored, keep)
     tables = content["tables"].values()
     files = {f"tables/{table['id']}/table.csv": table_csv(table) for table in tables}
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    files |= {BOARD_JSON: f"{text}\n"} | render_pages(content, scored)
+    files |= {BOARD_JSON: f"{text}\n"} | pages
     with atomic_folder(out, replace=True, mark=BOARD_JSON) as folder:
         for path, page in files.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
@@ -65,25 +68,43 @@ def build_board(scored: Path, submissions: Path, board: Board, data: Path, out: 
     return [f"{row['id']}: no score: {row['reason']}" for row in failed]
 
 
-def board_json(entries: Sequence[Entry], board: Board, data: Path, cache: Path) -> dict[str, Any]:
+@contextmanager
+def _kept_texts(file: Path) -> Iterator[Keep]:
+    """Yield a function that makes a text, or knows it from the last build, by all that is in it."""
+    known, used = json.loads(file.read_text("utf-8")) if file.is_file() else {}, dict[str, Any]()
+
+    def keep(shown: Any, make: Callable[[], Any]) -> Any:
+        key = fingerprint([__version__, shown])
+        used[key] = known[key] if key in known else make()
+        return used[key]
+
+    yield keep
+    with atomic_write(file, "w") as stream:
+        stream.write(json.dumps(used, ensure_ascii=False))
+
+
+def board_json(
+    entries: Sequence[Entry], board: Board, data: Path, cache: Path, keep: Keep
+) -> dict[str, Any]:
     """Return all numbers and texts of the pages, tables in the order of leaderboard.toml."""
-    tables = {}
+    tables, files = {}, protocol_files(data)
     for benchmark in board.benchmarks:
         for name in benchmark.protocols:
-            if (protocol := find_protocol(name, data)).benchmark != benchmark.name:
+            shown = [name, benchmark.title, files[name].read_text("utf-8") if name in files else ""]
+            empty = keep(shown, partial(empty_table, name, data, benchmark.title))
+            if empty["benchmark"] != benchmark.name:
                 raise SubmissionError(f"{name} is not of {benchmark.name}", where=BOARD_FILE)
-            made = make_table(protocol, benchmark.title, entries, cache)
-            tables[name] = json.loads(made.model_dump_json())
+            tables[name] = make_table(empty, entries, cache)
             for row in tables[name]["rows"]:
                 row["bibtex"] = bibtex(row, board.title)
     dates = [row["rescored"] for table in tables.values() for row in table["rows"]]
-    benchmarks = [
-        {"name": one.name, "title": one.title, "tables": list(one.protocols)}
-        for one in board.benchmarks
-    ]
     head = {"schema": 3, **board.model_dump(include={"title", "url", "repository"})}
     head |= {"updated": max(filter(None, dates), default=None), "made_with": __version__}
-    return head | {"benchmarks": benchmarks, "tables": tables}
+    listed = ((one.name, one.title, one.protocols) for one in board.benchmarks)
+    head["benchmarks"] = [
+        dict(zip(("name", "title", "tables"), one, strict=True)) for one in listed
+    ]
+    return head | {"tables": tables}
 
 
 def table_csv(table: Json) -> str:
@@ -118,33 +139,41 @@ def bibtex(row: Json, board: str) -> str:
         "note": escaped(f"{row['source'] or row['team']}; {board}".strip("; ")),
     }
     lines = [f"  {key} = {{{value}}}" for key, value in fields.items() if value]
-    key = row["id"].replace("~", "-")
-    return f"@misc{{{key},\n" + ",\n".join(lines) + "\n}\n"
+    return ",\n".join([f"@misc{{{row['id'].replace('~', '-')}", *lines]) + "\n}\n"
 
 
 # --- pages ---
 
 
-def render_pages(board: Json, scored: Path) -> dict[str, str]:
+def render_pages(board: Json, scored: Path, keep: Keep = lambda _, make: make()) -> dict[str, str]:
     """Return the HTML of every page by its path from the site's root.
 
-    `scored` holds the pictures of runs.
+    `scored` holds the pictures of runs; `keep` makes a page of a method from all that it shows.
     """
     found, rooms = {}, ("airzoo_bench.leaderboard", "airzoo_bench.report")
     loader = jinja2.ChoiceLoader([jinja2.PackageLoader(room, "html") for room in rooms])
     env = TEMPLATES.overlay(loader=loader, finalize=_show_visible)
-    own = {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
-    env.globals = env.globals | own  # a dictionary that the overlay does not share
+    more = {"board": board, "lead_of": _lead, "leaders": _leaders, "text": _text}
+    env.globals = env.globals | more  # a dictionary that the overlay does not share
     read = lru_cache(lambda name: loader.get_source(env, name)[0])
+    head = {key: value for key, value in board.items() if key not in ("updated", "tables")}
+    same = fingerprint([head, *map(read, loader.list_templates())])
 
     def page(path: str, template: str, script: str = "", data: Any = None, **values: Any) -> None:
-        sheets = ("style.css", "board.css", *(["pictures.css"] if values.get("pictures") else []))
-        style = "".join(map(read, sheets))
-        code = f'(function () {{\n"use strict";\n{read(script)}}})();\n' if script else ""
-        values |= {"policy": content_policy(code, style), "script": Markup(code), "here": path}
-        values |= {"data": None if data is None else Markup(page_json(data))}
-        values |= {"style": Markup(style), "root": "../" * path.count("/")}
-        found[path] = env.get_template(template).render(values)
+        def make() -> str:
+            sheets = ["style.css", "board.css"] + ["pictures.css"] * bool(values.get("pictures"))
+            style = "".join(map(read, sheets))
+            code = f'(function () {{\n"use strict";\n{read(script)}}})();\n' if script else ""
+            own = {
+                "policy": content_policy(code, style),
+                "here": path,
+                "root": "../" * path.count("/"),
+            }
+            own |= {"style": Markup(style), "script": Markup(code)}
+            shown = None if data is None else Markup(page_json(data))
+            return env.get_template(template).render(values | own, data=shown)
+
+        found[path] = keep([same, path, values], make) if template == "method.html" else make()
 
     page("index.html", "front.html")
     page("about.html", "about.html", tables=[*board["tables"].values()])
@@ -162,12 +191,20 @@ def render_pages(board: Json, scored: Path) -> dict[str, str]:
             data = {name: table[name] for name in ("scores", "scenes", "pairs")}
             data["rows"] = [{name: row[name] for name in _COMPARED} for row in members]
             page(f"{home}/compare.html", "compare.html", "compare.js", data, table=table)
+        of_all = {key: value for key, value in table.items() if key not in ("rows", "pairs")}
         for row in table["rows"]:
             if row["kind"] != "floor":
-                views = {"table": table, "row": row, "comparable": row["id"] in ranked}
+                views = {"table": of_all, "row": row, "comparable": row["id"] in ranked}
                 views["pictures"] = read_pictures(scored, row["history"])
                 page(f"{home}/{row['id']}.html", "method.html", "copy.js", **views)
     return found
+
+
+def read_pictures(scored: Path, history: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Read the pictures of the newest run in the history of a row."""
+    paths = (scored / version["files"] / PICTURES_FILE for version in history[:1])
+    texts = (path.read_text(encoding="utf-8") for path in paths if path.is_file())
+    return next(map(json.loads, texts), {})
 
 
 def _show_visible(value: Any) -> Any:

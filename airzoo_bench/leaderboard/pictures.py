@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,13 @@ from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
+from airzoo_bench.leaderboard.answers import PICTURES_FILE
 from airzoo_bench.report.matching import arrow_factor, estimates_on_map
 from airzoo_bench.report.packing import data_uri
 from airzoo_bench.report.queries import hardest
 from airzoo_bench.report.sections import Place, Section, jpeg, places_of
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.records import Method
-
-PICTURES_FILE = "figures/pictures.json"
 
 _HARDEST = 4
 _MAPS_PX, _CLOUD_PX, _QUALITY = 760, 1100, 50
@@ -48,13 +46,6 @@ def draw_pictures(evaluation: Evaluation, run: Run, folder: Path) -> None:
             found["hardest"] = hardest(section, places, _HARDEST)
         (folder / PICTURES_FILE).parent.mkdir()
         (folder / PICTURES_FILE).write_text(json.dumps(found), encoding="utf-8")
-
-
-def read_pictures(scored: Path, history: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Read the pictures of the newest run in the history of a row."""
-    paths = (scored / version["files"] / PICTURES_FILE for version in history[:1])
-    texts = (path.read_text(encoding="utf-8") for path in paths if path.is_file())
-    return next(map(json.loads, texts), {})
 
 
 def _picture(path: Path, long_side_px: int) -> str:

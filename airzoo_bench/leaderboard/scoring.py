@@ -6,12 +6,14 @@ import re
 import shutil
 import socket
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from airzoo_bench.benchmark.folder import find_benchmark
 from airzoo_bench.core import errors
@@ -19,29 +21,29 @@ from airzoo_bench.core.errors import SubmissionError, UsageError, UserError
 from airzoo_bench.core.files import sha256_of_tree
 from airzoo_bench.evaluation.evaluate import save, truth_fingerprint
 from airzoo_bench.evaluation.predictions import read_truths
-from airzoo_bench.leaderboard import answers, git
+from airzoo_bench.leaderboard import answers, checks, git
 from airzoo_bench.leaderboard.answers import Answer, run_folders
 from airzoo_bench.leaderboard.board import Place, known_submissions
-from airzoo_bench.leaderboard.checks import (
-    FETCHED,
-    FETCHING_S,
-    CheckedSubmission,
-    Rules,
-    check_submission,
-    refuse_files,
-)
+from airzoo_bench.leaderboard.checks import FETCHED, CheckedSubmission, Rules, check_submission
 from airzoo_bench.leaderboard.comment import Found
 from airzoo_bench.leaderboard.git import DataBranch
 from airzoo_bench.leaderboard.pictures import draw_pictures
 from airzoo_bench.leaderboard.sealing import OpenedTruthError, commitment_of, read_key, score_sealed
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
-from airzoo_bench.leaderboard.tables import make_table
+from airzoo_bench.leaderboard.tables import empty_table, make_table
 from airzoo_bench.protocol.model import find_protocol
+from airzoo_bench.results.comparison import make_sample, notes_of, score_intervals
+from airzoo_bench.results.records import Method, read_records
+from airzoo_bench.results.result import ScoreColumn, read_result
+from airzoo_bench.statistics.samples import ResamplingConfig
+from airzoo_bench.tables import breakdown
+from airzoo_bench.tables.comparison import describe_intervals
 
 # No submitter can put these right.
 _OF_BOARD = (git.BoardError, errors.BenchmarkError, errors.ProtocolError)
 # The parts of a submission that its scores depend on.
 _INPUTS = attrgetter("protocol", "predictions.sha256", "predictions.reader", "pipeline")
+_RESAMPLING = ResamplingConfig()
 _SAME = 0.99  # of all records: few methods agree in so many
 
 
@@ -61,11 +63,70 @@ def _is_current(head: answers.Head, rules: Rules) -> bool:
     return head.truth == rules.truths[head.protocol]
 
 
+def measure(run: Path, tree: str) -> Answer:
+    """Take the numbers that a board shows from the result and the records in a run's folder."""
+    result = read_result(run / answers.RESULT_FILE)
+    records = read_records(run / answers.RESULT_FILE, result)
+    method = Method(result.predictions.method, result, records)
+    headline = [column for column in result.columns if column.headline]
+    found, sample = score_intervals(method, headline, _RESAMPLING), make_sample([method], headline)
+    parts = {"": found.overall, **found.groups}
+    made = [one for part in parts.values() for one in part]
+    about = "".join(describe_intervals(made, _RESAMPLING, result.unit, lead=""))
+    limits = {
+        (scene, column.key): (one.low, one.high)
+        for scene, part in parts.items()
+        for column, one in zip(headline, part, strict=False)
+    }
+    conditions, by_condition = _by_condition(method, headline)
+    own: dict[str, Any] = {"method": method.name, "notes": notes_of(result)}
+    own |= {"kind": "re-scored", "conditions": by_condition}
+    floors = (
+        answers.make_row(part.overall, part.scenes, kind="floor", method=name, source=part.meaning)
+        for name, part in result.references.items()
+    )
+    return Answer(
+        tree=tree,
+        scored=answers.now(),
+        version=result.versions["airzoo-bench"],
+        head=answers.head_of(result),
+        columns=result.columns,
+        row=answers.make_row(result.overall, result.scenes, limits, **own),
+        floors=tuple(floors),
+        about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
+        conditions=conditions,
+        groups=tuple((g, v.shape[1]) for g, v in zip(sample.groups, sample.values, strict=True)),
+        values=answers.pack(np.concatenate(sample.values, axis=1), "<f8"),
+    )
+
+
+def _by_condition(
+    method: Method, scores: Sequence[ScoreColumn]
+) -> tuple[tuple[answers.Conditions, ...], dict[str, dict[str, tuple[answers.Number, ...]]]]:
+    """Return conditions, and headline scores by their groups."""
+    conditions, found = [], {}
+    if method.result.unit != "query" or not scores:
+        return (), {}
+    values = np.array([method.records[score.key].to_numpy(np.float64) for score in scores])
+    medians = np.array([score.average == "median" for score in scores])
+    for by in breakdown.condition_names(method):
+        groups = breakdown.group_records(method.records, by)
+        means = breakdown.group_averages(values, medians, groups).tolist()
+        labels, counts = tuple(groups.categories), tuple(np.bincount(groups.codes).tolist())
+        title = breakdown.condition_title(by)
+        conditions.append(answers.Conditions(by=by, title=title, labels=labels, counts=counts))
+        found[by] = {
+            score.key: tuple(None if np.isnan(one) else one for one in row)
+            for score, row in zip(scores, means, strict=True)
+        }
+    return tuple(conditions), found
+
+
 def _score_into(run: Path, checked: CheckedSubmission, tree: str, rules: Rules) -> Answer:
     """Score a sound submission into the folder of a run."""
     scored = checked.score(rules.data, rules.run)
     save(scored, run, partial(draw_pictures, scored, rules.run))
-    answer = answers.measure(run, tree)
+    answer = measure(run, tree)
     answers.write_run(run, checked.sound, answer)
     return answer
 
@@ -104,7 +165,7 @@ def _score_written(
 ) -> dict[str, Any]:
     """Check and score the one submission that a pull request changes; return its findings."""
     known, folder = known_submissions(rules.root), work / place.path
-    checked = check_submission(folder, rules, known, FETCHING_S)
+    checked = check_submission(folder, rules, known, checks.FETCHING_S)
     given, predictions = checked.submission, checked.predictions
     own = given.account if given else pull.account
     if pull.account not in (own, *rules.board.maintainers):
@@ -127,11 +188,11 @@ def _score_written(
     run = answers.next_run(home / place.runs)  # among the runs of the others, as after a merge
     answer = _score_into(run, checked, tree, rules)
     entries = answers.read_entries(home / "runs", home / "none")
-    table = make_table(find_protocol(given.protocol, rules.data), "", entries, work / "cache")
-    row = next(row for row in table.rows if row.id == place.folder)
+    rows = make_table(empty_table(given.protocol, rules.data, ""), entries, work / "cache")["rows"]
+    row = answers.Row(**next(row for row in rows if row["id"] == place.folder))
     # Warnings about others come first: a comment may be cut at its end.
     facts["warnings"] = [*_find_copies(run, given, place, known, home), *checked.warnings]
-    facts["ranked"] = sum(bool(row.history) for row in table.rows)
+    facts["ranked"] = sum(bool(one["history"]) for one in rows)
     answer = answer.model_copy(update={"row": row, "values": ""})
     return facts | {"kind": "scored", "answer": answer}
 
@@ -215,7 +276,7 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
     before = None
     with suppress(UserError):  # an answer that cannot be read does not count
         before = None if last is None else answers.read_answer(last / answers.RUN_FILE)
-    refuse_files(folder, rules.board.limits)  # or a hash would follow its links
+    checks.refuse_files(folder, rules.board.limits)  # or a hash would follow its links
     tree, sealed = sha256_of_tree(folder), place.benchmark in rules.board.archives
     counts = before is not None and _is_current(before.head, rules)
     if before is not None and before.tree == tree and (sealed or counts):
@@ -243,6 +304,6 @@ def _score_place(place: Place, branch: DataBranch, rules: Rules, out: Path) -> s
         return "new words, the same scores"
     else:
         if checked.predictions is None:
-            checked = check_submission(folder, rules, known, FETCHING_S)
+            checked = check_submission(folder, rules, known, checks.FETCHING_S)
         _score_into(run, checked, tree, rules)
     return "scored" if before is None or counts else "scored again: another protocol or truth"

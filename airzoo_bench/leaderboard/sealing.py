@@ -5,14 +5,12 @@ sealed. The archive is a tar in age with all files that are not public as they w
 excepted. The commitment is the SHA-256 of the tar, which holds a salt.
 
 Told are the headline scores over all scenes, in steps of half their standard error: that of a mean
-of independent scenes. Within a scene it is
-
-- of **shares** that of a rate with two more queries at 0 and two at 1 (Agresti and Coull 1998), of
-  the told score; steps are those of the largest error that so many queries can have, and not
-  smaller than what `FLIPS` queries of the smallest scene move;
-- of **means of errors** that of the sample;
-- of **medians** a quarter of the width of the binomial 95 % interval of order statistics. Where its
-  upper end is a failure the error is not known, and the lower half decides the step.
+of independent scenes. Within a scene it is, of **shares**, that of a rate with two more queries at
+0 and two at 1 (Agresti and Coull 1998), of the told score; steps are those of the largest error
+that so many queries can have, and not smaller than what `FLIPS` queries of the smallest scene move.
+Of **means of errors** it is that of the sample; of **medians** a quarter of the width of the
+binomial 95 % interval of order statistics. Where its upper end is a failure the error is not known,
+and the lower half decides the step.
 
 Errors are rounded upward to one digit; of medians and means of errors to 1, 2 or 5. Reconstruction
 has one record a scene: shares are told to a hundredth, distances to two digits.

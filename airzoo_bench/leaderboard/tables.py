@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,8 @@ from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.about import about_file, load_about
 from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.leaderboard import answers as kept
-from airzoo_bench.leaderboard.answers import Answer, Entry, Head, Row, Score
-from airzoo_bench.protocol.model import Protocol
+from airzoo_bench.leaderboard.answers import Answer, Entry, Row, Score
+from airzoo_bench.protocol.model import find_protocol
 from airzoo_bench.results.comparison import is_share
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics import significance
@@ -31,43 +32,42 @@ from airzoo_bench.tables.published import OVERALL
 _OLD = "scored by another protocol or truth, earlier"
 
 
-class Table(Head):
-    """A table of the board; docs/leaderboard.md says how `pairs` are packed."""
+def empty_table(protocol_name: str, data: Path, benchmark_title: str) -> dict[str, Any]:
+    """Return a table of board.json before there are submissions, with the keys of every table."""
+    protocol = find_protocol(protocol_name, data)
+    name, track = protocol.benchmark, protocol.track
+    scenes = ((s.id, s.title, s.queries) for s in protocol.scenes)
+    papers = map(published.read_source_file, published.published_sources().values())
+    return kept.make_head(name, track, protocol, scenes).model_dump(mode="json") | {
+        "id": protocol.name,
+        "title": protocol.title,
+        "summary": " ".join(protocol.summary.split()),
+        "benchmark_title": benchmark_title,
+        "scores": [column.model_dump() for column in load_track(track).scores(protocol)],
+        **{"conditions": [], "rows": [], "pairs": {}, "about_intervals": "", "notes": []},
+        "data": (load_about(name).page or None) if about_file(name).is_file() else None,
+        "paper": next((one.url for one in papers if name in one.benchmarks.values()), None),
+    }
 
-    id: str
-    title: str
-    summary: str
-    benchmark_title: str
-    scores: tuple[ScoreColumn, ...]
-    conditions: tuple[kept.Conditions, ...] = ()
-    rows: tuple[Row, ...] = ()
-    pairs: dict[str, dict[str, Any]]
-    about_intervals: str = ""
-    notes: tuple[str, ...] = ()
-    data: str | None = None
-    paper: str | None = None
 
-
-def make_table(
-    protocol: Protocol, benchmark_title: str, entries: Sequence[Entry], cache: Path
-) -> Table:
+def make_table(empty: Mapping[str, Any], entries: Sequence[Entry], cache: Path) -> dict[str, Any]:
     """Rank the entries of a protocol; add numbers of papers, floors and failed submissions.
 
     Ranked are those of the newest protocol and truth, in the order of their folders.
     """
-    name, at = protocol.benchmark, (protocol.benchmark, protocol.track)
-    mine = [e for e in entries if e.place[:2] == at and e.protocol in ("", protocol.name)]
+    at = empty["benchmark"], empty["track"]
+    mine = [e for e in entries if e.place[:2] == at and e.protocol in ("", empty["id"])]
     scored = [(entry, entry.answer) for entry in mine if entry.answer is not None]
     newest = _basis(max((answer for _, answer in scored), key=_age)) if scored else ()
     ranked = [(entry, answer) for entry, answer in scored if _basis(answer) == newest]
     members, answers = [entry for entry, _ in ranked], [answer for _, answer in ranked]
     places = {entry.place for entry in members}
     first = answers[0] if answers else None
-    scenes = ((s.id, s.title, s.queries) for s in protocol.scenes)
-    head = first.head if first else kept.make_head(*at, protocol, scenes)
-    columns = _columns(answers, protocol)
+    found = dict(empty) | (first.head.model_dump(mode="json") if first else {})
+    begun = [ScoreColumn(**column) for column in empty["scores"]]
+    columns = _columns([one.columns for one in answers] or [begun])
     pairs = {c.key: _rank(members, answers, c, cache) for c in columns if c.headline and members}
-    reported = [] if head.sealed else _reported(head, columns)
+    reported = [] if found["sealed"] else _reported(found, columns)
     if not members:
         printed = {key for row in reported for key in row.scores}
         columns = [column for column in columns if column.headline or column.key in printed]
@@ -82,23 +82,15 @@ def make_table(
         if e.place not in places
     ]
     rows = [*sorted(shown, key=lambda row: _order(lead, row)), *floors.values(), *failed]
-    papers = map(published.read_source_file, published.published_sources().values())
-    versions = ", ".join(sorted({answer.version for answer in answers}))
-    return Table(
-        **dict(head),
-        id=protocol.name,
-        title=protocol.title,
-        summary=" ".join(protocol.summary.split()),
-        benchmark_title=benchmark_title,
-        scores=tuple(columns),
-        conditions=first.conditions if first else (),
-        rows=_with_ids(rows),
-        pairs={key: one for key, one in pairs.items() if one},
-        about_intervals=first.about_intervals if first else "",
-        notes=(f"Scored by airzoo-bench {versions}",) if versions else (),
-        data=(load_about(name).page or None) if about_file(name).is_file() else None,
-        paper=next((one.url for one in papers if name in one.benchmarks.values()), None),
-    )
+    found["scores"] = [column.model_dump() for column in columns]
+    found["rows"] = [json.loads(row.model_dump_json()) for row in _with_ids(rows)]
+    found["pairs"] = {key: one for key, one in pairs.items() if one}
+    if first:
+        conditions = [one.model_dump(mode="json") for one in first.conditions]
+        found |= {"conditions": conditions, "about_intervals": first.about_intervals}
+        versions = ", ".join(sorted({answer.version for answer in answers}))
+        found["notes"] = [f"Scored by airzoo-bench {versions}"]
+    return found
 
 
 def _basis(answer: Answer) -> tuple[Any, ...]:
@@ -110,10 +102,8 @@ def _age(answer: Answer) -> tuple[Any, ...]:
     return head.protocol_version, head.benchmark_version or 0, answer.scored, head.truth
 
 
-def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]:
+def _columns(every: Sequence[Sequence[ScoreColumn]]) -> list[ScoreColumn]:
     """Return the scores that any result has, the headline ones that all have first."""
-    every = [one.columns for one in answers]
-    every = every or [load_track(protocol.track).scores(protocol)]
     columns = {column.key: column for one in every for column in one}
     headline = set.intersection(*({c.key for c in one if c.headline} for one in every))
     marked = [c.model_copy(update={"headline": c.key in headline}) for c in columns.values()]
@@ -123,11 +113,11 @@ def _columns(answers: Sequence[Answer], protocol: Protocol) -> list[ScoreColumn]
 # --- rows ---
 
 
-def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
+def _reported(table: Mapping[str, Any], columns: Sequence[ScoreColumn]) -> list[Row]:
     """Return the methods that papers print numbers of; a number comes from the first that does."""
-    titles, found = {scene.id: scene.title for scene in head.scenes}, dict[str, MethodRow]()
-    empty = MethodTable("", head.benchmark, head.track, tuple(columns), titles)
-    cells = published.published_values(head.benchmark, head.track)
+    titles, found = {one["id"]: one["title"] for one in table["scenes"]}, dict[str, MethodRow]()
+    at = table["benchmark"], table["track"]
+    empty, cells = MethodTable("", *at, tuple(columns), titles), published.published_values(*at)
     for scenes in ([OVERALL], [*titles, OVERALL]):  # a row by scene replaces that of averages
         found |= {row.method: row for row in with_published(empty, cells, scenes).rows}
     factors, rows = {column.key: 100 if column.unit == "share" else 1 for column in columns}, []
@@ -137,8 +127,8 @@ def _reported(head: Head, columns: Sequence[ScoreColumn]) -> list[Row]:
             for scene, part in row.values.items()
         }
         overall = values.pop(OVERALL, {})
-        about: Any = {"method": name, "source": row.reported}
-        rows.append(kept.make_row(overall, values, kind="reported", **about))
+        facts: Any = {"kind": "reported", "method": name, "source": row.reported}
+        rows.append(kept.make_row(overall, values, **facts))
     return rows
 
 
@@ -216,10 +206,9 @@ def _compare_pairs(
 ) -> Floats:
     """Return low, high and p of every two methods (3, V, V), and store them for the next build."""
     resampling = ResamplingConfig()
-    mark = [*_basis(answers[0]), column.key, resampling.resamples, __version__]
-    path = cache / f"pairs-{fingerprint(mark)}.npz"
+    mark = fingerprint([*_basis(answers[0]), column.key, resampling.resamples, __version__])
+    path, then, matrices = cache / f"pairs-{mark}.npz", list[str](), np.zeros((3, 0, 0))
     names = [fingerprint([one, answer.values]) for one, answer in zip(ids, answers, strict=True)]
-    then, matrices = list[str](), np.zeros((3, 0, 0))
     if path.is_file():
         with np.load(path, allow_pickle=False) as stored:
             then, matrices = stored["names"].tolist(), stored["pairs"]

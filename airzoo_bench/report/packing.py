@@ -1,4 +1,4 @@
-"""Data of the page's script: arrays and texts, deflated and written in base64.
+"""Templates of pages, and data of their scripts: arrays and texts, deflated and in base64.
 
 Values of queries are codes into the texts of the different values, in their order, so that the
 script sorts by codes and shows texts.
@@ -12,13 +12,30 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Sequence
+from importlib import resources
 from typing import Any
 
+import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
 # What could end a script element, begin a comment in it, or end a line of it.
 _NOT_IN_SCRIPT = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
+
+
+def read_part(name: str) -> str:
+    """Read a template, style or script of the report."""
+    return (resources.files("airzoo_bench.report") / "html" / name).read_text(encoding="utf-8")
+
+
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FunctionLoader(read_part),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+TEMPLATES.filters |= {"zip": zip, "numbered": enumerate}
 
 
 class Blobs:

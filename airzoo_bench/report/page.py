@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import jinja2
 
 from airzoo_bench.core.errors import UserError, counted
 from airzoo_bench.core.files import canonical_json
 from airzoo_bench.core.progress import Progress, silent
 from airzoo_bench.core.version import __version__
+from airzoo_bench.report import packing
 from airzoo_bench.report.draw import condition, errors, recall, threshold_scores, thresholds
 from airzoo_bench.report.figures import (
     Sheet,
@@ -33,7 +31,6 @@ from airzoo_bench.report.numbers import (
     scene_panes,
     summary_panes,
 )
-from airzoo_bench.report.packing import Blobs, content_policy, data_uri, page_json
 from airzoo_bench.report.queries import hardest, pack_maps, pack_queries
 from airzoo_bench.report.reconstruction import pack_clouds
 from airzoo_bench.report.sections import Place, Section, find_places, read_sections
@@ -64,7 +61,7 @@ def make_report(
 ) -> tuple[str, list[str]]:
     """Make the report of results: a page that needs no other file, and what was left out."""
     sections, parts = read_sections(paths), []
-    blobs, notes, faults = Blobs(), list[str](), list[Exception]()
+    blobs, notes, faults = packing.Blobs(), list[str](), list[Exception]()
     places: list[list[Place]] = []
     for section in sections:
         try:
@@ -86,7 +83,7 @@ def _part(
     section: Section,
     places: Sequence[Place],
     pictures: int,
-    blobs: Blobs,
+    blobs: packing.Blobs,
     notes: list[str],
 ) -> dict[str, Any]:
     """Return what the template shows of a section, and in ``data`` what the script reads."""
@@ -153,29 +150,16 @@ def _figures(section: Section) -> Iterator[tuple[str, Figure]]:
 
 
 def _image(title: str, figure: Figure) -> tuple[str, str]:
-    return title, data_uri(figure_bytes(figure, "svg", clear=True), "image/svg+xml")
+    return title, packing.data_uri(figure_bytes(figure, "svg", clear=True), "image/svg+xml")
 
 
-def _read(name: str) -> str:
-    return (resources.files("airzoo_bench.report") / "html" / name).read_text(encoding="utf-8")
-
-
-TEMPLATES = jinja2.Environment(
-    loader=jinja2.FunctionLoader(_read),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-TEMPLATES.filters |= {"zip": zip, "numbered": enumerate}
-
-
-def _render(parts: list[dict[str, Any]], blobs: Blobs) -> str:
-    style = "\n".join(map(_read, _STYLES))
-    code = "\n".join(map(_read, _SCRIPTS))
+def _render(parts: list[dict[str, Any]], blobs: packing.Blobs) -> str:
+    style = "\n".join(map(packing.read_part, _STYLES))
+    code = "\n".join(map(packing.read_part, _SCRIPTS))
     script = f'(function () {{\n"use strict";\n{code}}})();\n'
     shown = [part["data"] for part in parts]
     data = {"parts": shown, "pictures": blobs.pictures, "palette": error_palette()}
     values = {"parts": parts, "blobs": blobs.texts, "tied": TIED, "version": __version__}
-    values |= {"style": style, "script": script, "policy": content_policy(script, style)}
-    return TEMPLATES.get_template("report.html").render(values, data=page_json(data))
+    values |= {"style": style, "script": script, "policy": packing.content_policy(script, style)}
+    values |= {"data": packing.page_json(data)}
+    return packing.TEMPLATES.get_template("report.html").render(values)

@@ -405,7 +405,7 @@ def _pair(
         value=value,
         reference_value=base_value,
         difference=None if both_infinite else 0.0 if equal else value - base_value,
-        interval=Interval.lacking("both are infinite") if both_infinite else interval,
+        interval=Interval(reason="both are infinite") if both_infinite else interval,
         test=test,
         p_holm=p_holm,
         p_mcnemar=float(mcnemar(wins, losses)) if is_hit(method.result.track, score) else None,

@@ -44,15 +44,10 @@ class Interval:
     The method is "bca", "percentile", "wilson", "mover", "student", "lognormal", or empty.
     """
 
-    low: float | None
-    high: float | None
+    low: float | None = None
+    high: float | None = None
     method: str = ""
     reason: str = ""
-
-    @classmethod
-    def lacking(cls, reason: str) -> Interval:
-        """Return no interval, for a reason."""
-        return cls(None, None, "", reason)
 
 
 @dataclass(frozen=True)
@@ -127,7 +122,7 @@ def _resample(group: Sample, resampling: ResamplingConfig) -> _Part:
 def _averages(sample: Sample, parts: list[_Part], resampling: ResamplingConfig) -> list[Interval]:
     """Take the interval of each variable, of the mean over groups."""
     if few := few_units(sample):
-        return [Interval.lacking(few)] * len(sample.medians)
+        return [Interval(reason=few)] * len(sample.medians)
     shares, number = sample.are_shares, len(sample.groups)
     limits = average_limits(sample.take(shares).values, resampling.confidence).tolist()
     method = "wilson" if number == 1 else "mover"
@@ -142,7 +137,7 @@ def _averages(sample: Sample, parts: list[_Part], resampling: ResamplingConfig) 
     drawn = (
         Interval(low, high, "bca" if is_bca else "percentile")
         if varied
-        else Interval.lacking(f"all {plural(sample.unit)} are alike: resamples cannot differ")
+        else Interval(reason=f"all {plural(sample.unit)} are alike: resamples cannot differ")
         for (low, high), is_bca, varied in zip(ranges, exists, part.varied, strict=True)
     )
     return [next(closed) if share else next(drawn) for share in shares]
@@ -181,24 +176,21 @@ def quantiles(ranked: Floats, levels: Floats) -> Floats:
     return np.where(is_open, np.inf, low + steps)
 
 
-def percentile_p_values(resamples: Floats) -> Floats:
-    """Return the largest p (R,) for which the percentile interval of confidence 1 - p holds 0."""
-    ranked = np.sort(resamples, axis=1)
-    levels = np.minimum(_level_of_0(ranked), _level_of_0(-ranked[:, ::-1]))
-    return np.asarray(np.clip(2 * levels, 2 / (resamples.shape[1] + 1), 1.0))
-
-
-def _level_of_0(ranked: Floats) -> Floats:
-    """Return the highest level at which `quantiles` is at most 0, (R,)."""
-    last, ranks = ranked.shape[1] - 1, (ranked <= 0).sum(axis=1)
-    upper = np.clip(ranks, 1, last)[:, None]
-    below, above = (np.take_along_axis(ranked, r, axis=1)[:, 0] for r in (upper - 1, upper))
-    between = (below <= 0) & (above > 0) & np.isfinite(below) & np.isfinite(above)
-    span = np.subtract(above, below, out=np.ones_like(below), where=between)
-    # Between minus infinity and a number all is minus infinity, up to a number's infinity none is.
-    share = np.where(between, -below / span, np.isneginf(below))
-    inner = (ranks > 0) & (ranks <= last)
-    return np.asarray(np.where(inner, (ranks - 1 + share) / last, ranks > 0), np.float64)
+def percentile_p_values(ranked: Floats) -> Floats:
+    """Return the largest p (R,) for which the percentile interval of sorted rows holds 0."""
+    rows, last, levels = np.arange(len(ranked)), ranked.shape[1] - 1, np.ones(len(ranked))
+    up_to_0 = np.array([row.searchsorted(0.0, "right") for row in ranked], np.intp)
+    below_0 = np.array([row.searchsorted(0.0) for row in ranked], np.intp)
+    for sign, ranks in ((1, up_to_0), (-1, last + 1 - below_0)):
+        upper = np.clip(ranks, 1, last)
+        below, above = (sign * ranked[rows, sign * n - (sign < 0)] for n in (upper - 1, upper))
+        between = (below <= 0) & (above > 0) & np.isfinite(below) & np.isfinite(above)
+        span = np.subtract(above, below, out=np.ones_like(below), where=between)
+        # Between minus infinity and a number all is minus infinity, up to infinity none is.
+        share = np.where(between, -below / span, np.isneginf(below))
+        inner = (ranks > 0) & (ranks <= last)
+        levels = np.minimum(levels, np.where(inner, (ranks - 1 + share) / last, ranks > 0))
+    return np.clip(2 * levels, 2 / (last + 2), 1.0)
 
 
 def student(values: Floats, shares: Bools, confidence: float) -> tuple[Floats, Floats]:
@@ -233,11 +225,11 @@ def _mean_of_scenes(
     if not reason and not share and values.min() <= 0:
         reason = "a distance of 0 has no logarithm"
     if reason:
-        return Interval.lacking(reason)
+        return Interval(reason=reason)
     measured = values if share else np.log(values)
     [[low, high]], _ = student(measured[None], np.array([share]), resampling.confidence)
     if np.isnan(low):
-        return Interval.lacking("all scenes are alike")
+        return Interval(reason="all scenes are alike")
     if share:
         return Interval(max(float(low), 0.0), float(high), "student")
     middle, half = measured.mean(), measured.var(ddof=1) / 2
@@ -285,9 +277,10 @@ def wilson_limits(rates: Rates, confidence: float) -> Floats:
 
 def jeffreys_limits(rates: Rates, confidence: float) -> Floats:
     """Return Jeffreys' limits of rates, (R, 2): 0 where nothing was hit, 1 where everything was."""
-    hits, misses = rates.means * rates.sizes, (1 - rates.means) * rates.sizes
+    alike, at = np.unique(rates.means + 1j * rates.sizes, return_inverse=True)
+    hits, misses = alike.real * alike.imag, (1 - alike.real) * alike.imag
     tails = (1 - confidence) / 2, (1 + confidence) / 2
-    limits = [betaincinv(hits + 0.5, misses + 0.5, tail) for tail in tails]
+    limits = [betaincinv(hits + 0.5, misses + 0.5, tail)[at] for tail in tails]
     return _around(np.stack(limits, axis=1), rates.means)
 
 

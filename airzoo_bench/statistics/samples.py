@@ -66,8 +66,7 @@ class Sample:
 
     def take(self, variables: Bools) -> Sample:
         """Return the sample of some of the variables."""
-        values = tuple(part[variables] for part in self.values)
-        shares = self.are_shares[variables]
+        values, shares = tuple(part[variables] for part in self.values), self.are_shares[variables]
         return replace(self, values=values, medians=self.medians[variables], shares=shares)
 
     def differences(self, first: Any, second: Any) -> list[Floats]:
@@ -87,10 +86,13 @@ def paired_difference(first: Floats, second: Floats) -> Floats:
     Sizes count as at least 1. Scores agree between processors to some 12 digits, and what is a tie
     on one of them must be a tie on the other, since wins, signs and patterns are counted.
     """
-    found = difference(first, second)
+    with np.errstate(invalid="ignore"):
+        found = first - second
+    apart = np.abs(found)
+    if apart.size and apart.min() > TIE * (max(1.0, np.abs(first).max()) + apart.max()):
+        return found  # the most common: no two are near each other, nor infinite
     sizes = np.maximum(1.0, np.maximum(np.abs(first), np.abs(second)))
-    tied = np.abs(found) <= TIE * np.where(np.isinf(sizes), 1.0, sizes)
-    return np.where(tied, 0.0, found)
+    return np.where(apart > TIE * np.where(np.isinf(sizes), 1.0, sizes), found, 0.0)
 
 
 def stream_key(seed: int, purpose: str, group: str) -> int:
@@ -194,7 +196,7 @@ def _weighted_medians(values: Floats, factors: Floats, units: int) -> Floats:
                 np.add(before, after, out=after)
             if (passed <= low).all() and (sums[-1] > high).all():
                 break
-        one, other = (near[(sums <= n).sum(axis=0, dtype=small)] for n in (low, high))
+        one, other = (near[(sums <= n).view(np.int8).sum(axis=0, dtype=small)] for n in (low, high))
         found[row] = (values[row, one] + values[row, other]) / 2.0
     return found
 

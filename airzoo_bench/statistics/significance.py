@@ -38,7 +38,7 @@ LEVEL = 0.05
 """A p-value up to here is a finding."""
 
 _RESOLVED = 25
-_CELLS = 1 << 18
+_CELLS = 1 << 19
 
 Pairs = NDArray[np.intp]
 
@@ -84,7 +84,7 @@ def paired_tests(
         elif not few and all((gap == gap[0]).all() for gap in gaps):
             reason = "the differences of all queries are alike: resamples cannot differ"
         known = Interval(float(low), float(high), method)
-        intervals.append(Interval.lacking(reason) if reason else known)
+        intervals.append(Interval(reason=reason) if reason else known)
         p_value, exact, patterns = (number.item() for number in numbers)
         tests.append(PairedTest(p_value, exact, patterns, kind))
     return intervals, tests
@@ -136,8 +136,8 @@ def compare_pairs(
     units = sum(part.shape[1] for part in sample.values)
     cells = max(1, units, 0 if sample.are_shares.all() else resampling.resamples)
     step = max(1, _CELLS // cells)
-    starts = range(0, max(1, len(pairs)), step)
-    parts = [_compare(draws, pairs[start : start + step], tails) for start in starts]
+    blocks = (pairs[start : start + step] for start in range(0, max(1, len(pairs)), step))
+    parts = [_compare(draws, block, tails) for block in blocks]
     return PairNumbers(*(np.concatenate(field) for field in zip(*parts, strict=True)))
 
 
@@ -153,35 +153,34 @@ def _compare(draws: _Draws, pairs: Pairs, tails: bool) -> PairNumbers:
     elif not few_units(sample):
         limits[shares] = difference_limits([gap[shares] for gap in gaps], plan.confidence)
         if not shares.all():
-            resampled = paired_difference(*draws.resampled[pairs[~shares].T])
-            levels = np.broadcast_to(plan.tails, (len(resampled), 2))
-            limits[~shares] = quantiles(np.sort(resampled, axis=1), levels)
+            # Pair by pair: two rows of draws stay in the processor's cache.
+            drawn = (paired_difference(*draws.resampled[pair]) for pair in pairs[~shares])
+            ranked = np.stack([*map(np.sort, drawn)])
+            limits[~shares] = quantiles(ranked, np.broadcast_to(plan.tails, (len(ranked), 2)))
             tested = [gap[medians] for gap in gaps]
-            p_values[medians] = _test_medians(resampled[medians[~shares]], tested, tails)
+            p_values[medians] = _test_medians(ranked[medians[~shares]], tested, tails)
             patterns[medians] = plan.resamples
     permuted = np.isnan(p_values) & ~medians
     if permuted.any():
         parts = [gap[permuted] for gap in gaps]
         p_values[permuted], unlike = _permute(draws, parts, pairs[permuted], tails)
-        exact[permuted] = unlike < plan.resamples.bit_length()
-        tried = 1 << np.where(exact[permuted], unlike, 0)
-        patterns[permuted] = np.where(exact[permuted], tried, plan.resamples)
+        exact[permuted] = few = unlike < plan.resamples.bit_length()
+        patterns[permuted] = np.where(few, 1 << np.where(few, unlike, 0), plan.resamples)
     return PairNumbers(limits, np.where(np.isnan(p_values), 1.0, p_values), exact, patterns)
 
 
-def _test_medians(resampled: Floats, gaps: Sequence[Floats], tails: bool) -> Floats:
+def _test_medians(ranked: Floats, gaps: Sequence[Floats], tails: bool) -> Floats:
     """Return the p of percentile intervals, never below the least that the units could show."""
-    p_values = percentile_p_values(resampled)
+    p_values = percentile_p_values(ranked)
     if tails:
-        low, high = (end(resampled, axis=1) for end in (np.min, np.max))
-        beyond = (low > 0) | (high < 0)
-        finite = np.isfinite(resampled[beyond]).all(axis=1)
-        known = np.where(finite[:, None], resampled[beyond], 0.0)
-        spread = known.std(axis=1)
-        wins, losses = (sum((sign * g[beyond] > 0).sum(axis=1) for g in gaps) for sign in (1, -1))
-        scores = np.abs(known.mean(axis=1)) / np.where(spread > 0, spread, 1.0)
+        beyond = (ranked[:, 0] > 0) | (ranked[:, -1] < 0)
+        mean, spread = np.zeros((2, len(ranked)))
+        for row in np.flatnonzero(beyond & np.isfinite(ranked[:, [0, -1]]).all(axis=1)):
+            mean[row], spread[row] = ranked[row].mean(), ranked[row].std()
+        wins, losses = (sum((sign * gap > 0).sum(axis=1) for gap in gaps) for sign in (1, -1))
+        scores = np.abs(mean) / np.where(spread > 0, spread, 1.0)
         tail = np.where(spread > 0, normal_tail(scores), mcnemar(wins, losses))
-        p_values[beyond] = np.minimum(p_values[beyond], tail)
+        p_values[beyond] = np.minimum(p_values, tail)[beyond]
     unlike = np.sum([(gap != 0).sum(axis=1) for gap in gaps], axis=0)
     return np.asarray(np.maximum(p_values, p_floor(unlike)))
 
@@ -199,12 +198,11 @@ def _permute(
     scaled = np.concatenate([gap / gap.shape[1] for gap in gaps], axis=1)
     unlike, (one, other) = np.count_nonzero(scaled, axis=1), pairs.T
     exact = unlike < draws.resampling.resamples.bit_length()
-    failing = draws.failing[one] | draws.failing[other]
-    p_values = np.ones(len(pairs))
+    failing, p_values = draws.failing[one] | draws.failing[other], np.ones(len(pairs))
     for row in np.flatnonzero(exact & ~failing & (unlike > 0)).tolist():
         of_row = scaled[row, scaled[row] != 0]
-        least = abs(of_row.sum()) - TIE * np.abs(of_row).max()
-        p_values[row] = (np.abs(of_row @ _every_sign(len(of_row))) >= least).mean()
+        sizes = np.sort(np.abs(of_row))
+        p_values[row] = _try_every_sign(sizes.tobytes(), abs(of_row.sum()) - TIE * sizes[-1])
     rest = np.flatnonzero(~exact & ~failing)
     if len(rest):
         count, observed = draws.resampling.resamples, np.abs(scaled[rest].sum(axis=1))
@@ -220,6 +218,13 @@ def _permute(
             scores = np.abs(scaled[few].sum(axis=1)) / np.sqrt((scaled[few] ** 2).sum(axis=1))
             p_values[few] = np.minimum(normal_tail(scores), (_RESOLVED + 1) / (count + 1))
     return p_values, unlike
+
+
+@lru_cache(maxsize=1 << 14)  # many pairs of hits have the same sizes
+def _try_every_sign(packed: bytes, least: float) -> float:
+    """Return the share of all patterns of signs for which a sum of sizes is as extreme."""
+    sizes = np.frombuffer(packed)
+    return float((np.abs(sizes @ _every_sign(len(sizes))) >= least).mean())
 
 
 @lru_cache(maxsize=2)

@@ -81,7 +81,7 @@ def with_intervals(
             spans[scene] = {c.key: limits_shown(c, i) for c, i in zip(scores, part, strict=True)}
         rows.append(replace(row, intervals=spans))
         for scene in shown:
-            intervals = parts.get(scene, [Interval.lacking("a scene has one record")])
+            intervals = parts.get(scene, [Interval(reason="a scene has one record")])
             seen += intervals
             reasons += [(titles[scene], f"no interval: {i.reason}") for i in intervals if i.reason]
     made = describe_intervals(seen, resampling, methods[0].result.unit)

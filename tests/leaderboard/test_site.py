@@ -23,11 +23,11 @@ import pytest
 
 from airzoo_bench.evaluation.evaluate import evaluate, save
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.leaderboard import answers
+from airzoo_bench.leaderboard import answers, scoring
 from airzoo_bench.leaderboard.answers import run_folders
 from airzoo_bench.leaderboard.board import Board
-from airzoo_bench.leaderboard.pages import bibtex, build_board, table_csv
-from airzoo_bench.leaderboard.pictures import draw_pictures, read_pictures
+from airzoo_bench.leaderboard.pages import bibtex, build_board, read_pictures, table_csv
+from airzoo_bench.leaderboard.pictures import draw_pictures
 from airzoo_bench.results.comparison import compare, value_of
 from airzoo_bench.results.records import read_methods
 from airzoo_bench.statistics.samples import ResamplingConfig
@@ -63,7 +63,7 @@ def write_run(root: Path, folder: str, rate: float, number: int = 1, **facts: An
     method = made_method(scenes, COLUMNS, given.method, truth="te"[rate == 1] * 64)
     method.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
     write_method(run := root / RUNS / folder / str(number), method)
-    found = answers.measure(run, "d" * 64)
+    found = scoring.measure(run, "d" * 64)
     floor = answers.make_row({HIT.key: 0.1}, {}, kind="floor", method="chance")
     changes = {"scored": f"2026-04-{round(30 - 28 * rate):02}T12:00:00Z", "floors": (floor,)}
     changes |= {"head": found.head.model_copy(update={"benchmark": "uav-visloc"})}
