@@ -21,8 +21,7 @@ BOARD_FILE = "leaderboard.toml"
 
 Title = Annotated[str, Field(min_length=1, max_length=120)]
 
-# Every disk takes it for a file, and no program for an option. No device of Windows, also with an
-# ending: no clone there could have such a file.
+# No option, and no device of Windows, also with an ending: no clone there could have such a file.
 PLAIN_NAME = re.compile(
     r"(?!(con|prn|aux|nul|com[0-9]|lpt[0-9])(\.|\Z))[a-z0-9_][a-z0-9._-]{0,119}(?<!\.)",
     re.IGNORECASE | re.ASCII,

@@ -40,7 +40,6 @@ BOARD_JSON = "board.json"  # by which the folder of a site is known
 _FACTS = ("id", "kind", "method", "team", "source", "reason", "date", "rescored", "code", "paper")
 _PARTS = ("value", "low", "high", "standard_error")
 _SCORED = ("re-scored", "sealed")
-_SHOWN = ("scenes", "conditions")  # by the script of a table
 _COMPARED = ("id", "method", "team", "scores", "scenes", "history")
 _LEADING = 3
 
@@ -182,7 +181,7 @@ def render_pages(board: Json, scored: Path, keep: Keep = lambda _, make: make())
         values = [*_values(table["rows"], lead, "value", "low", "high")] or [0.0]
         ends = (min(values), max(values)) if min(values) < max(values) else None
         views = {"table": table, "lead": lead, "ends": ends, "curve": _timeline(table, lead)}
-        shown = [{name: row[name] for name in _SHOWN} for row in table["rows"]]
+        shown = [{name: row[name] for name in ("scenes", "conditions")} for row in table["rows"]]
         data = {"scores": table["scores"], "rows": shown}
         page(f"{home}/index.html", "table.html", "board.js", data, **views)
         ranked = next(iter(table["pairs"].values()), {"ids": ()})["ids"]

@@ -79,8 +79,7 @@ def measure(run: Path, tree: str) -> Answer:
         for column, one in zip(headline, part, strict=False)
     }
     conditions, by_condition = _by_condition(method, headline)
-    own: dict[str, Any] = {"method": method.name, "notes": notes_of(result)}
-    own |= {"kind": "re-scored", "conditions": by_condition}
+    own: Any = {"kind": "re-scored", "method": method.name, "notes": notes_of(result)}
     floors = (
         answers.make_row(part.overall, part.scenes, kind="floor", method=name, source=part.meaning)
         for name, part in result.references.items()
@@ -91,7 +90,7 @@ def measure(run: Path, tree: str) -> Answer:
         version=result.versions["airzoo-bench"],
         head=answers.head_of(result),
         columns=result.columns,
-        row=answers.make_row(result.overall, result.scenes, limits, **own),
+        row=answers.make_row(result.overall, result.scenes, limits, **own, conditions=by_condition),
         floors=tuple(floors),
         about_intervals=f"{about}." if about else "No intervals: too few queries or scenes.",
         conditions=conditions,

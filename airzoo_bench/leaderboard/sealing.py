@@ -10,10 +10,9 @@ of independent scenes. Within a scene it is, of **shares**, that of a rate with 
 that so many queries can have, and not smaller than what `FLIPS` queries of the smallest scene move.
 Of **means of errors** it is that of the sample; of **medians** a quarter of the width of the
 binomial 95 % interval of order statistics. Where its upper end is a failure the error is not known,
-and the lower half decides the step.
-
-Errors are rounded upward to one digit; of medians and means of errors to 1, 2 or 5. Reconstruction
-has one record a scene: shares are told to a hundredth, distances to two digits.
+and the lower half decides the step. Errors are rounded upward to one digit; of medians and means of
+errors to 1, 2 or 5. Reconstruction has one record a scene: shares are told to a hundredth,
+distances to two digits.
 """
 
 from __future__ import annotations

@@ -157,9 +157,8 @@ def _render(parts: list[dict[str, Any]], blobs: packing.Blobs) -> str:
     style = "\n".join(map(packing.read_part, _STYLES))
     code = "\n".join(map(packing.read_part, _SCRIPTS))
     script = f'(function () {{\n"use strict";\n{code}}})();\n'
-    shown = [part["data"] for part in parts]
-    data = {"parts": shown, "pictures": blobs.pictures, "palette": error_palette()}
+    data = {"parts": [part["data"] for part in parts], "pictures": blobs.pictures}
     values = {"parts": parts, "blobs": blobs.texts, "tied": TIED, "version": __version__}
     values |= {"style": style, "script": script, "policy": packing.content_policy(script, style)}
-    values |= {"data": packing.page_json(data)}
+    values |= {"data": packing.page_json(data | {"palette": error_palette()})}
     return packing.TEMPLATES.get_template("report.html").render(values)
