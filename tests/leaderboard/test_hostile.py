@@ -99,7 +99,7 @@ HOSTILE: list[tuple[str, dict[str, File]]] = [
     *((NO_FOLDER, {f"{at}/x.toml": b"x"}) for at in ("submissions", "submissions/made", HOME)),
     *((NO_FOLDER, only("mine", of)) for of in (("120000", b"theirs"), ("160000", "a" * 40))),
     *((NO_FOLDER, only(f"{n}/submission.toml")) for n in ("--help", ".hidden", "a\x07b", "aux")),
-    (CASE, beside("P.npz")),
+    (CASE, beside("Ab") | beside("aB")),
     (CASE, beside("a/x") | beside("A/y")),
     ("more than 8 folders", beside(f"{'a/' * 20}x")),
     *((A_LINK, beside("link", ("120000", to))) for to in (b"/etc/passwd", b"../theirs/p.npz")),

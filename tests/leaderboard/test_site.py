@@ -172,7 +172,7 @@ def test_what_cannot_be_shown_is_a_row_with_its_reason_and_stops_no_other(root: 
 
 
 def test_others_move_nobody_near_the_best_and_a_cache_no_byte(root: Path, tmp_path: Path) -> None:
-    few = ("method-0", "method-1", "method-9")
+    few = ("method-0", "method-1", "method-4")  # the last is near only after a correction
     for name in few:
         shutil.copytree(root / RUNS / name, tmp_path / RUNS / name)
     write_run(tmp_path, "gone", 0.5)
