@@ -11,15 +11,16 @@ import base64
 import datetime
 import re
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from airzoo_bench.core.errors import SubmissionError, UserError
-from airzoo_bench.core.files import atomic_write, read_text
+from airzoo_bench.core.files import atomic_write, read_text, sha256_of
 from airzoo_bench.leaderboard import submission
 from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.submission import SUBMISSION_FILE, Submission, read_submission
@@ -30,6 +31,7 @@ FAULT_FILE = "fault.txt"  # why CI could not score the files that were merged la
 TIME = "%Y-%m-%dT%H:%M:%SZ"  # in UTC
 
 Number = float | None
+Keep = Callable[[Any, Callable[[], Any]], Any]  # what is shown, and a function that makes it
 Limits = tuple[Number, Number, Number]  # a value, and the ends of its interval
 Hash = Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
 
@@ -219,7 +221,7 @@ def read_answer(path: Path) -> Answer:
 # --- entries of tables ---
 
 
-class Entry(NamedTuple):
+class Entry(Model):
     """A submission's row, without ranks; one that cannot be shown has a reason and no answer."""
 
     place: Place
@@ -228,17 +230,21 @@ class Entry(NamedTuple):
     answer: Answer | None = None
 
 
-def read_entries(runs: Path, submissions: Path) -> list[Entry]:
+def read_entries(runs: Path, submissions: Path, keep: Keep) -> list[Entry]:
     """Read the submissions below a folder of runs, and those that have no run yet."""
-    folders = [*runs.glob("*/*/*"), *submissions.glob("*/*/*")]
-    places = sorted({Place.from_folder(path) for path in folders if path.is_dir()})
-    plain = (place for place in places if place.is_plain)
-    return [one for place in plain if (one := _read_entry(place, runs, submissions))]
+    folders, found = [*runs.glob("*/*/*"), *submissions.glob("*/*/*")], []
+    places = {Place.from_folder(path) for path in folders if path.is_dir()}
+    for place in sorted(place for place in places if place.is_plain):
+        folder, file = runs.joinpath(*place), submissions.joinpath(*place, SUBMISSION_FILE)
+        files = [run / name for run in run_folders(folder) for name in (SUBMISSION_FILE, RUN_FILE)]
+        files += [folder / FAULT_FILE, file]
+        read = [[one.parent.name, one.exists(), one.is_file() and sha256_of(one)] for one in files]
+        found.append(keep([place, read], partial(_read_entry, place, folder, file)))
+    return [Entry.model_validate_json(text) for text in found if text]
 
 
-def _read_entry(place: Place, runs: Path, submissions: Path) -> Entry | None:
-    """Return the newest version that can be shown, else the reason why none can."""
-    folder, file = runs.joinpath(*place), submissions.joinpath(*place, SUBMISSION_FILE)
+def _read_entry(place: Place, folder: Path, file: Path) -> str:
+    """Return the newest version that can be shown, else the reason why none can, as JSON."""
     fault, versions = folder / FAULT_FILE, list[tuple[Submission, Answer]]()
     reason = fault.read_text(encoding="utf-8").strip() if fault.is_file() else ""
     history = list[Version]()
@@ -258,15 +264,18 @@ def _read_entry(place: Place, runs: Path, submissions: Path) -> Entry | None:
         facts = {"version": history[0].number, "rescored": history[0].date}
         notes = (f"a later version is not shown: {reason}",) if reason else ()
         facts |= {"history": tuple(history), "notes": answer.row.notes + notes}
-        return Entry(place, _with_facts(answer.row, stated, place, facts), stated.protocol, answer)
-    row = Row(id=place.folder, kind="failed", method=place.folder, reason=reason)
+        row = _with_facts(answer.row, stated, place, facts)
+        return Entry(
+            place=place, row=row, protocol=stated.protocol, answer=answer
+        ).model_dump_json()
+    row, protocol = Row(id=place.folder, kind="failed", method=place.folder), ""
     try:
-        stated = read_submission(file)
-        facts = {"reason": reason or "not scored yet"}
-        return Entry(place, _with_facts(row, stated, place, facts), stated.protocol)
+        stated, reason = read_submission(file), reason or "not scored yet"
+        row, protocol = _with_facts(row, stated, place, {}), stated.protocol
     except UserError as error:
         reason = reason or (_reason(error) if file.exists() else "")  # or it is withdrawn
-        return Entry(place, row.model_copy(update={"reason": reason})) if reason else None
+    made = Entry(place=place, row=row.model_copy(update={"reason": reason}), protocol=protocol)
+    return made.model_dump_json() if reason else ""
 
 
 def _with_facts(row: Row, given: Submission, place: Place, facts: Mapping[str, Any]) -> Row:

@@ -145,8 +145,7 @@ def check_listing(listing: Iterable[tuple[str, int, int]], where: object, limits
 
 def size_of_tree(path: Path) -> int:
     """Return the bytes of a file, or of all files of a folder."""
-    files = [path] if path.is_file() else [one for one in path.rglob("*") if one.is_file()]
-    return sum(one.stat().st_size for one in files)
+    return sum(one.stat().st_size for one in (path, *path.rglob("*")) if one.is_file())
 
 
 # --- statements ---

@@ -97,8 +97,7 @@ def _scores(answer: Answer, ranked: int) -> Iterator[str]:
         yield f"Rank **{ranks}** of {ranked} by {code(columns[0].title)}.\n"
     scenes = answer.head.scenes
     heads = (f"{code(c.title)} {UNITS[c.unit]} {'↓↑'[c.higher_is_better]}" for c in columns)
-    titles = ["Scene", "Queries", *heads]
-    lines = [titles, ["---", *["---:"] * (len(titles) - 1)]]
+    lines = [["Scene", "Queries", *heads], ["---", *["---:"] * (1 + len(columns))]]
     lines += [
         [code(scene.title), f"{scene.queries or 0:,}"]
         + [_text(c, *row.scenes[scene.id].get(c.key, (None,))) for c in columns]

@@ -25,7 +25,7 @@ from markupsafe import Markup
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.core.files import atomic_folder, atomic_write, check_new_folder, fingerprint
 from airzoo_bench.core.version import __version__
-from airzoo_bench.leaderboard.answers import PICTURES_FILE, Entry, read_entries
+from airzoo_bench.leaderboard.answers import PICTURES_FILE, Entry, Keep, read_entries
 from airzoo_bench.leaderboard.board import BOARD_FILE, Board
 from airzoo_bench.leaderboard.tables import empty_table, make_table
 from airzoo_bench.protocol.model import protocol_files
@@ -33,7 +33,6 @@ from airzoo_bench.report.packing import TEMPLATES, content_policy, page_json
 from airzoo_bench.tables.model import show_number
 
 Json = Mapping[str, Any]
-Keep = Callable[[Any, Callable[[], Any]], Any]
 
 BOARD_JSON = "board.json"  # by which the folder of a site is known
 
@@ -45,14 +44,11 @@ _LEADING = 3
 
 
 def build_board(scored: Path, submissions: Path, board: Board, data: Path, out: Path) -> list[str]:
-    """Build the site in place of an earlier one, and return why submissions are not shown.
-
-    `scored` holds the folder of runs, which may be missing, as may that of submissions.
-    """
+    """Build a site of the runs in `scored` in place of an earlier one; return what is not shown."""
     check_new_folder(out, replace=True, mark=BOARD_JSON)
     cache = out.with_name(f"{out.name}.cache")
     with _kept_texts(cache / "texts.json") as keep:
-        entries = read_entries(scored / "runs", submissions)
+        entries = read_entries(scored / "runs", submissions, keep)
         content = board_json(entries, board, data, cache, keep)
         pages = render_pages(content, scored, keep)
     tables = content["tables"].values()
@@ -69,11 +65,13 @@ def build_board(scored: Path, submissions: Path, board: Board, data: Path, out: 
 
 @contextmanager
 def _kept_texts(file: Path) -> Iterator[Keep]:
-    """Yield a function that makes a text, or knows it from the last build, by all that is in it."""
+    """Yield a function that makes a part, or knows it of the last build by this code and inputs."""
     known, used = json.loads(file.read_text("utf-8")) if file.is_file() else {}, dict[str, Any]()
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    code = fingerprint([one.read_text("utf-8") for one in sources])
 
     def keep(shown: Any, make: Callable[[], Any]) -> Any:
-        key = fingerprint([__version__, shown])
+        key = fingerprint([code, shown])
         used[key] = known[key] if key in known else make()
         return used[key]
 
@@ -144,7 +142,7 @@ def bibtex(row: Json, board: str) -> str:
 # --- pages ---
 
 
-def render_pages(board: Json, scored: Path, keep: Keep = lambda _, make: make()) -> dict[str, str]:
+def render_pages(board: Json, scored: Path, keep: Keep) -> dict[str, str]:
     """Return the HTML of every page by its path from the site's root.
 
     `scored` holds the pictures of runs; `keep` makes a page of a method from all that it shows.
@@ -156,7 +154,6 @@ def render_pages(board: Json, scored: Path, keep: Keep = lambda _, make: make())
     env.globals = env.globals | more  # a dictionary that the overlay does not share
     read = lru_cache(lambda name: loader.get_source(env, name)[0])
     head = {key: value for key, value in board.items() if key not in ("updated", "tables")}
-    same = fingerprint([head, *map(read, loader.list_templates())])
 
     def page(path: str, template: str, script: str = "", data: Any = None, **values: Any) -> None:
         def make() -> str:
@@ -172,13 +169,13 @@ def render_pages(board: Json, scored: Path, keep: Keep = lambda _, make: make())
             shown = None if data is None else Markup(page_json(data))
             return env.get_template(template).render(values | own, data=shown)
 
-        found[path] = keep([same, path, values], make) if template == "method.html" else make()
+        found[path] = keep([path, values.pop("by")], make) if "by" in values else make()
 
     page("index.html", "front.html")
     page("about.html", "about.html", tables=[*board["tables"].values()])
     for table in board["tables"].values():
         home, lead = f"tables/{table['id']}", _lead(table)
-        values = [*_values(table["rows"], lead, "value", "low", "high")] or [0.0]
+        values = _values(table["rows"], lead, "value", "low", "high") or [0.0]
         ends = (min(values), max(values)) if min(values) < max(values) else None
         views = {"table": table, "lead": lead, "ends": ends, "curve": _timeline(table, lead)}
         shown = [{name: row[name] for name in ("scenes", "conditions")} for row in table["rows"]]
@@ -191,10 +188,12 @@ def render_pages(board: Json, scored: Path, keep: Keep = lambda _, make: make())
             data["rows"] = [{name: row[name] for name in _COMPARED} for row in members]
             page(f"{home}/compare.html", "compare.html", "compare.js", data, table=table)
         of_all = {key: value for key, value in table.items() if key not in ("rows", "pairs")}
+        same = fingerprint([head, of_all, *map(read, loader.list_templates())])
         for row in table["rows"]:
             if row["kind"] != "floor":
-                views = {"table": of_all, "row": row, "comparable": row["id"] in ranked}
+                views = {"row": row, "comparable": row["id"] in ranked}
                 views["pictures"] = read_pictures(scored, row["history"])
+                views |= {"by": [same, dict(views)], "table": of_all}
                 page(f"{home}/{row['id']}.html", "method.html", "copy.js", **views)
     return found
 
@@ -220,12 +219,10 @@ def _text(column: Json, value: Any) -> str:
     return "–" if value is None else show_number(float(value) * factor, 2)
 
 
-def _values(rows: Sequence[Json], lead: Json, *keys: str) -> Iterator[float]:
-    """Yield the finite numbers of a score."""
-    for row in rows:
-        score = row["scores"].get(lead["key"], {})
-        numbers = (float(score[key]) for key in keys if score.get(key) is not None)
-        yield from filter(math.isfinite, numbers)
+def _values(rows: Sequence[Json], lead: Json, *keys: str) -> list[float]:
+    """Return the finite numbers of a score."""
+    found = (row["scores"].get(lead["key"], {}).get(key) for row in rows for key in keys)
+    return [*filter(math.isfinite, (float(one) for one in found if one is not None))]
 
 
 def _lead(table: Json) -> Json:

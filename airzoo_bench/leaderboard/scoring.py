@@ -186,7 +186,7 @@ def _score_written(
     branch.copy_runs({place, *known}, home)
     run = answers.next_run(home / place.runs)  # among the runs of the others, as after a merge
     answer = _score_into(run, checked, tree, rules)
-    entries = answers.read_entries(home / "runs", home / "none")
+    entries = answers.read_entries(home / "runs", home / "none", lambda _, make: make())
     rows = make_table(empty_table(given.protocol, rules.data, ""), entries, work / "cache")["rows"]
     row = answers.Row(**next(row for row in rows if row["id"] == place.folder))
     # Warnings about others come first: a comment may be cut at its end.

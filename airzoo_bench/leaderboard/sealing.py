@@ -117,10 +117,7 @@ def _parse_key(kind: str, text: str, where: str, expected: str) -> Any:
 
 
 def seal(folder: Path, public: Path, to: Any, progress: Progress = silent) -> tuple[Path, str]:
-    """Write the public folder and the archive next to it, both or neither.
-
-    Return the archive and the commitment.
-    """
+    """Write public folder and archive, both or neither; return the archive and the commitment."""
     archive = public.with_name(f"{public.name}.age")
     for path in (public, archive):
         if path.exists():

@@ -88,8 +88,9 @@ def make_table(empty: Mapping[str, Any], entries: Sequence[Entry], cache: Path) 
     if first:
         conditions = [one.model_dump(mode="json") for one in first.conditions]
         found |= {"conditions": conditions, "about_intervals": first.about_intervals}
-        versions = ", ".join(sorted({answer.version for answer in answers}))
-        found["notes"] = [f"Scored by airzoo-bench {versions}"]
+        found["notes"] = [
+            "Scored by airzoo-bench " + ", ".join(sorted({a.version for a in answers}))
+        ]
     return found
 
 
@@ -172,7 +173,7 @@ def _rank(
         update = {"rank": tuple(rank), "near_best": bool(is_near) and len(members) > 1}
         score = one.row.scores.get(column.key, Score()).model_copy(update=update)
         row = one.row.model_copy(update={"scores": one.row.scores | {column.key: score}})
-        members[n] = one._replace(row=row)
+        members[n] = one.model_copy(update={"row": row})
     if not limits or len(members) < 2:
         return {}
     upper, found = np.triu_indices(len(members), 1), (*limits, p_values, corrected)

@@ -153,7 +153,7 @@ def signed_sums(
     for group, part in zip(groups, parts, strict=True):
         units, key = part.shape[1], stream_key(resampling.seed, "permutation", group)
         whole, exponents = _on_grid(part, units)
-        for first, count in _blocks(units, resampling.resamples):
+        for first, count in _blocks(max(units, 4 * len(part)), resampling.resamples):
             signs = 2.0 * sign_flips(units, first, count, key) - 1.0
             sums[:, first : first + count] += whole @ signs * np.ldexp(1.0, -exponents) / units
     return sums
