@@ -86,11 +86,9 @@ def make_table(empty: Mapping[str, Any], entries: Sequence[Entry], cache: Path) 
     found["rows"] = [json.loads(row.model_dump_json()) for row in _with_ids(rows)]
     found["pairs"] = {key: one for key, one in pairs.items() if one}
     if first:
-        conditions = [one.model_dump(mode="json") for one in first.conditions]
+        versions, conditions = (one.version for one in answers), first.model_dump()["conditions"]
         found |= {"conditions": conditions, "about_intervals": first.about_intervals}
-        found["notes"] = [
-            "Scored by airzoo-bench " + ", ".join(sorted({a.version for a in answers}))
-        ]
+        found["notes"] = ["Scored by airzoo-bench " + ", ".join(sorted({*versions}))]
     return found
 
 
