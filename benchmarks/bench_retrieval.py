@@ -253,6 +253,7 @@ CASES = {
         {"queries": 1_000, "tiles": 100_000, "length": 8_448},
         {"queries": 100, "tiles": 10_000, "length": 1_024},
         compare_ranks,
+        repeats=3,
     ),
     "metrics": Case(
         "eight scores of {queries:,} queries x 100 ranks",

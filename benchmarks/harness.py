@@ -141,6 +141,7 @@ def main(cases: Mapping[str, Case]) -> None:
             run_side(case, options.side, options.place, size)
         elif options.side == "":
             case.make(options.place, **size)
+            os.sync()  # or the first sides pay for what is still being written
         else:
             with tempfile.TemporaryDirectory(dir=options.folder) as folder:
                 measure(name, case, size, Path(folder), options.small)

@@ -3,22 +3,27 @@
     python -m tests.mutants --count 300 --seed 0 [--only matching --only geometry]
 
 A mutant changes one comparison, operator, constant or condition in a copy of the checkout. It meets
-the tests that run the changed line, which a first run of the suite finds by coverage. A survivor is
-printed with its place: it is equivalent, or a test is missing.
+the tests that run the changed line, which a first run of the suite finds by coverage, in a fork of
+a process that has imported the libraries. A survivor is printed with its place: it is equivalent,
+or a test is missing.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import importlib
+import multiprocessing
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -112,9 +117,38 @@ def env_of(copy: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
 
 
-def is_killed(mutant: Mutant, copy: Path, lines: dict[Path, Lines]) -> tuple[bool, str]:
+def run_tests(copy: Path, tests: list[str]) -> None:
+    """Run tests in this process, a fork, and end it with 0 where all pass."""
+    os.setsid()
+    for stream in (1, 2):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
+    os.chdir(copy)
+    os.environ.update(env_of(copy))
+    sys.dont_write_bytecode = True
+    sys.path[:] = [str(copy), *(place for place in sys.path if place not in ("", str(ROOT)))]
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants"]
+    options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # of what is imported already
+    try:
+        code = int(pytest.main([*options, *tests]))
+    finally:
+        os._exit(code)
+
+
+def do_pass(copy: Path, tests: list[str]) -> bool:
+    """Return whether all tests pass in a fork of this process, in time."""
+    if not (child := os.fork()):
+        run_tests(copy, tests)
+    signal.signal(signal.SIGALRM, lambda *_: os.killpg(child, signal.SIGKILL))
+    signal.alarm(TIMEOUT_S)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    signal.alarm(0)
+    return code == 0
+
+
+def is_killed(mutant: Mutant, folder: Path, lines: dict[Path, Lines]) -> tuple[bool, str]:
     """Return whether a test fails on a mutant, and what the changed line was."""
     path, number = mutant
+    copy = copy_checkout(folder / str(os.getpid()))
     target, source = copy / path, (ROOT / path).read_text("utf-8")
     tree = ast.parse(source)
     node: Any = list(places(tree))[number]
@@ -122,36 +156,47 @@ def is_killed(mutant: Mutant, copy: Path, lines: dict[Path, Lines]) -> tuple[boo
     for name, value in changes_of(node).items():
         setattr(node, name, value)
     target.write_text(ast.unparse(tree), "utf-8")
-    options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants"]
-    command = [sys.executable, "-m", "pytest", *options, *tests_of(path, line, lines)]
-    try:
-        quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        done = subprocess.run(command, cwd=copy, env=env_of(copy), timeout=TIMEOUT_S, **quiet)
-        code = done.returncode
-    except subprocess.TimeoutExpired:
-        code = 1
+    survived = do_pass(copy, tests_of(path, line, lines))
     target.write_text(source, "utf-8")
-    return code != 0, f"{path}:{line}: {before} -> {ast.unparse(node)}"
+    return not survived, f"{path}:{line}: {before} -> {ast.unparse(node)}"
+
+
+def copy_checkout(copy: Path) -> Path:
+    """Copy the checkout, once."""
+    ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "site")
+    if not copy.exists():
+        shutil.copytree(ROOT, copy, symlinks=True, ignore=ignored)
+    return copy
+
+
+def import_libraries() -> None:
+    """Import what the package imports, but not the package, of which every mutant is another."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    for name in list(sys.modules):
+        if name.partition(".")[0] in (PACKAGE.name, "tests"):
+            del sys.modules[name]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", action="append", default=[], help="a room, such as matching")
     options = parser.parse_args()
     found = all_mutants(options.only)
     chosen = random.Random(options.seed).sample(found, min(options.count, len(found)))
     killed: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "checkout"
-        ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "site")
-        shutil.copytree(ROOT, copy, symlinks=True, ignore=ignored)
-        lines = read_lines(copy)
-        for mutant in chosen:
-            dead, text = is_killed(mutant, copy, lines)
-            killed[mutant[0].parts[1]] += dead
-            print("killed  " if dead else "SURVIVED", text, flush=True)  # noqa: T201
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        lines = read_lines(copy_checkout(folder / "lines"))
+        import_libraries()
+        with multiprocessing.get_context("fork").Pool(options.jobs) as pool:
+            work = partial(is_killed, folder=folder, lines=lines)
+            for mutant, (dead, text) in zip(chosen, pool.imap(work, chosen), strict=True):
+                killed[mutant[0].parts[1]] += dead
+                print("killed  " if dead else "SURVIVED", text, flush=True)  # noqa: T201
     tried = Counter(path.parts[1] for path, _ in chosen)
     rows = [f"{room}: {killed[room]} of {count} killed" for room, count in sorted(tried.items())]
     print(*rows, f"{killed.total()} of {len(chosen)} killed", sep="\n")  # noqa: T201

@@ -194,6 +194,7 @@ def test_absolute_and_step_errors_by_hand() -> None:
 
 TURNED = level(CORNER, np.stack((np.eye(3), np.eye(3), turned("z", 4.5))))
 FOUR = level(((0.0, 0, 0), (10, 0, 0), (0, 20, 0), (0, 20, 0)))
+MOVED = level(((0.0, 0, 0), (10, 0, 0), (0, 20, 0), (0, 25, 0)))
 # Predicted and true poses; the area below some whole degrees.
 OF_DEPTH_ANYTHING_3: dict[str, tuple[Poses, Poses, dict[int, float]]] = {
     # Two of three pairs are right from 5 degrees on.
@@ -203,6 +204,8 @@ OF_DEPTH_ANYTHING_3: dict[str, tuple[Poses, Poses, dict[int, float]]] = {
     # Of 6 pairs, 1 has cameras that share a place: 90 degrees off, even without an error. The last
     # bin of a histogram has both its borders: 90 degrees are right below 91, and at 90.
     "exact": (FOUR, FOUR, {3: 5 / 6, 90: (5 * 90 + 1) / 90 / 6}),
+    # 13 is seen 4.76 degrees off; 23 is 90 off, whatever the prediction has.
+    "one camera moved": (MOVED, FOUR, {3: 4 / 6, 90: (4 * 90 + 86 + 1) / 90 / 6}),
     "opposite directions are one": (level(-FOUR.centres), FOUR, {3: 5 / 6}),
     # 02 and 03 are right; 12 and 13 are seen at 26.6 degrees from where they are; 01 and 23 are at
     # 90 degrees, which is below 91 alone.

@@ -7,16 +7,20 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from airzoo_bench.statistics.samples import ResamplingConfig, Sample
+from airzoo_bench.statistics.samples import ResamplingConfig, Sample, resampled_averages
 from airzoo_bench.statistics.significance import (
+    LEVEL,
     compare_all,
+    correct_pairs,
+    mcnemar,
+    normal_tail,
     paired_tests,
     rank_ranges,
     unpaired_p_values,
 )
 from tests.statistics.simulations import KINDS, coverage_of_ranks
 
-CONFIG = ResamplingConfig(2_000)
+CONFIG, MEDIANS = ResamplingConfig(2_000), np.ones(2, bool)
 
 
 def made(kind: str, count: int, *sizes: int) -> Sample:
@@ -65,10 +69,27 @@ def test_the_tail_is_near_what_very_many_patterns_give() -> None:
     assert test.p_value / 2 < found < 3 * test.p_value
 
 
+def test_the_tail_of_medians_is_normal_and_without_spread_that_of_wins() -> None:
+    values = np.random.default_rng(2).normal(size=(3, 90)) * 0.1 + np.array([[0.1], [0.0], [0.01]])
+    made, few = Sample("query", ("a",), (values,), np.ones(3, bool)), (values[:2], MEDIANS)
+    drawn = resampled_averages(*few, "a", CONFIG)
+    gaps = drawn[0] - drawn[1]
+    found = compare_all(made, CONFIG)[2]
+    assert 0 < gaps.min() < gaps.max() < 1
+    assert found[0, 1] == pytest.approx(normal_tail(gaps.mean() / gaps.std()), rel=1e-9, abs=0)
+    # Where resamples lie on both sides of 0 there is no tail.
+    assert found[1, 2] == pytest.approx(paired_tests(made, CONFIG, [(1, 2)])[1][0].p_value)
+    # All resamples have a median of 1; three units are ties, and one is a loss.
+    steps = np.array([np.ones(60), np.zeros(60)])
+    steps[0, :4] = 0, 0, 0, -1
+    found = compare_all(Sample("query", ("a",), (steps,), MEDIANS), CONFIG)[2]
+    assert found[0, 1] == pytest.approx(float(mcnemar(56, 1)), rel=1e-9, abs=0)
+
+
 def test_a_median_that_is_always_infinite_is_far_from_a_finite_one() -> None:
     values = np.random.default_rng(0).random((2, 60))
     values[1, :50] = np.inf
-    sample = Sample("query", ("a",), (values,), np.ones(2, bool))
+    sample = Sample("query", ("a",), (values,), MEDIANS)
     assert 0 < compare_all(sample, CONFIG)[2, 0, 1] < 1e-9
 
 
@@ -80,17 +101,27 @@ def test_what_a_pair_has_does_not_depend_on_the_other_methods(kind) -> None:
     np.testing.assert_array_equal(alone, whole[:, few][:, :, few])
     wanted = np.zeros((7, 7), bool)
     wanted[1, 4] = True
-    assert compare_all(sample, CONFIG, wanted)[:, 1, 4].tolist() == whole[:, 1, 4].tolist()
+    asked = compare_all(sample, CONFIG, wanted)
+    assert asked[:, 1, 4].tolist() == whole[:, 1, 4].tolist()
+    wanted[4, 1] = True
+    assert (asked[2][~wanted] == 1).all()  # and all others have no test
 
 
 def test_ranges_by_hand() -> None:
     # The first two differ from the last two, and nothing else is told apart.
     corrected = np.ones((4, 4))
-    corrected[:2, 2:] = corrected[2:, :2] = 0.01
+    corrected[:2, 2:] = corrected[2:, :2] = LEVEL
     higher = rank_ranges(np.array([0.9, 0.8, 0.3, 0.2]), corrected, higher_is_better=True)
     assert higher.tolist() == [[1, 2], [1, 2], [3, 4], [3, 4]]
     lower = rank_ranges(np.array([0.9, 0.8, 0.3, 0.2]), corrected, higher_is_better=False)
     assert lower.tolist() == [[3, 4], [3, 4], [1, 2], [1, 2]]
+
+
+def test_every_pair_is_corrected_for_all_pairs() -> None:
+    found = correct_pairs(np.array([[1.0, 0.02, 0.01], [0.02, 1.0, 0.5], [0.01, 0.5, 1.0]]))
+    assert found[np.triu_indices(3, 1)] == pytest.approx([0.04, 0.03, 0.5])
+    assert (found == found.T).all()
+    assert (found.diagonal() == 1).all()
 
 
 def test_unpaired_tests_take_what_is_known() -> None:

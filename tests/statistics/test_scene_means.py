@@ -73,9 +73,11 @@ def test_distances_have_the_limits_of_a_log_normal_mean() -> None:
 
 
 def test_an_upper_limit_above_ten_times_the_mean_is_not_known() -> None:
-    found = interval([0.1, 9.0, 0.3, 4.0, 0.05])
-    assert found.low is not None
-    assert found.high == math.inf
+    for unit in (1.0, 1e3):
+        found = interval([0.1 * unit, 9.0 * unit, 0.3 * unit, 4.0 * unit, 0.05 * unit])
+        assert found.low is not None
+        assert found.high == math.inf
+        assert interval([value * unit for value in ONE]).high < math.inf
     assert "not known" in describe_intervals([found], PLAN, "scene")[0]
 
 
