@@ -9,25 +9,19 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from traceback import walk_tb
 from typing import Self
 
 FIX_COPY = "write or copy the file again"
+_SLIPS = (KeyError, IndexError, TypeError, AttributeError)
 _PANIC = "pyo3_runtime"  # of what Rust raises, which is no Exception and has no name
 
 
 class UserError(Exception):
     """Something in the input is wrong and the user can fix it.
 
-    Parameters
-    ----------
-    what : str
-        What is wrong, in one sentence without a full stop.
-    where : object, optional
-        The file, and the field or key in it.
-    expected : str, optional
-        What would have been right.
-    fix : str, optional
-        What to do about it.
+    `what` is wrong, in one sentence without a full stop; `where` is the file, and the field or key
+    in it; `expected` is what would have been right, and `fix` is what to do about it.
     """
 
     def __init__(
@@ -107,13 +101,18 @@ def readable(
     expected: str | None = None,
     fix: str = FIX_COPY,
 ) -> Iterator[None]:
-    """Turn what a library raises over a file's content into an error that says what is wrong."""
+    """Turn what a library raises over a file's content into an error that says what is wrong.
+
+    Slips in the code of another package come through, for `Registry.blaming` to name their line.
+    """
     try:
         with warnings.catch_warnings(action="ignore"):
             yield
     except BaseException as error:
         is_fault = isinstance(error, Exception) or type(error).__module__ == _PANIC
-        if isinstance(error, UserError) or not is_fault:
+        body = [frame.f_globals for frame, _ in walk_tb(error.__traceback__)][:2][-1]["__name__"]
+        is_slip = isinstance(error, _SLIPS) and not body.startswith("airzoo_bench.")
+        if isinstance(error, UserError) or is_slip or not is_fault:
             raise
         said = f"{what}: {printable(error) or type(error).__name__}"
         raise kind(said, where=path, expected=expected, fix=fix) from error

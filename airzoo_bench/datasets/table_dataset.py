@@ -12,6 +12,7 @@ import numpy as np
 from airzoo_bench.core.errors import BenchmarkError, first_of
 from airzoo_bench.core.files import data_root
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.cameras import attitudes_to_rotations, stated_cameras
 from airzoo_bench.datasets.content import metric_crs, photo_sizes, utm_zone
 from airzoo_bench.datasets.dataset import Dataset
@@ -145,34 +146,37 @@ class TableDataset(Dataset[SourceOptions]):
             raise TypeError(f"{type(self).__name__} lacks {', '.join(lacking)}")
 
     def scenes(self, options: SourceOptions) -> Mapping[str, Sequence[Path]]:
-        """Return the protocols' scenes that have a table."""
-        every = [find_protocol(name, data_root()).scenes for name in self.protocols]
-        found = {one.id: self._files(options, one.id) for scenes in every for one in scenes}
+        """Return the protocols' scenes that have a table: all, or some where they are named."""
+        every = {name: find_protocol(name, data_root()).scenes for name in self.protocols}
+        homes = {one.id: name for name, scenes in every.items() for one in scenes}
+        found = {one: self._files(options, one) for one in homes}
         there = {one: [*files.values()] for one, files in found.items() if files["poses"].is_file()}
-        if not there:
-            raise BenchmarkError(
-                "holds no scene",
-                where=options.source,
-                expected=f"files such as {first_of(files['poses'] for files in found.values())}",
-                fix="name the folder as it was downloaded and unpacked",
-            )
+        lost = [one for one in found if one not in there]
+        if not there or (lost and not options.scene):
+            path = first = found[lost[0]]["poses"]
+            while not first.parent.is_dir():
+                first = first.parent
+            known = {part for files in found.values() for part in files["poses"].parts}
+            others = [one.name for one in first.parent.iterdir() if one.name not in known]
+            what = f"lacks the poses of {first_of(lost, len(found), noun='scene')}"
+            expected = f"{path}{nearest(first.name, others, 1)}, for a scene of {homes[lost[0]]}"
+            fix = "correct the id, or --source, or make the scenes that are there with --scene"
+            raise BenchmarkError(what, where=options.source, expected=expected, fix=fix)
         return there
 
     def _files(self, options: SourceOptions, scene: str) -> dict[str, Path]:
         stated = {name: getattr(self, name) for name in ("images", "dom", "dsm", "cloud")}
         stated |= {"poses": self.poses.path, "priors": self.priors and self.priors.path}
-        return {
-            name: options.source / path.replace("{scene}", scene)
-            for name, path in stated.items()
-            if path is not None
-        }
+        paths = {one: path.replace("{scene}", scene) for one, path in stated.items() if path}
+        return {one: options.source / path for one, path in paths.items()}
 
     def read(self, options: SourceOptions, scene: str, progress: Progress) -> NativeScene:
         """Read a scene's tables, and the metadata of its photos."""
         files, by = self._files(options, scene), f"class {type(self).__name__}"
         images, path = files["images"], files["poses"]
         parts: dict[str, Any] = {one: files.get(one) for one in ("dom", "dsm", "cloud")}
-        crs, plane = (_of_scene(one, scene) for one in (self.crs, self.plane_height_m))
+        values: Any = (self.crs, self.plane_height_m)
+        crs, plane = (one.get(scene) if isinstance(one, Mapping) else one for one in values)
         surface = parts["dsm"] or parts["dom"]
         crs_from = f"{by}, crs" if crs or self.poses.is_plane else ""
         if self.poses.is_plane and surface and not crs:
@@ -191,7 +195,3 @@ class TableDataset(Dataset[SourceOptions]):
         stated = SurveyOptions(options.source, plane_height=plane)
         where = scene, images, sizes, photos, path, progress
         return posed_scene(stated, *where, crs_from=crs_from, **parts)
-
-
-def _of_scene(value: Any, scene: str) -> Any:
-    return value.get(scene) if isinstance(value, Mapping) else value

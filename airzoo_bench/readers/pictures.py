@@ -127,7 +127,7 @@ class MatchRows:
 
     def add(self, pair: Pair, xy: Pixels, source: str) -> None:
         """Take the matches of a pair, in pixels of the two pictures, corners being (0, 0)."""
-        one, other = (np.asarray(side, dtype=np.float64) for side in xy)
+        one, other = (np.asarray(side, float) if np.size(side) else np.zeros((0, 2)) for side in xy)
         if one.shape != other.shape or one.shape[1:] != (2,):
             what = f"reader {self.reader} takes matches of shapes {one.shape} and {other.shape}"
             raise PredictionError(what, expected="(N, 2) and (N, 2): x y in each picture")

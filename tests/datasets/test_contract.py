@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import shutil
 from contextlib import nullcontext
 from dataclasses import MISSING, fields, is_dataclass
@@ -228,6 +229,11 @@ def test_it_is_prepared_and_scored(tmp_path, monkeypatch, capsys) -> None:
     add_package(EXAMPLE, tmp_path / "package", monkeypatch)
     monkeypatch.setenv("AIRZOO_BENCH_DATA", str(tmp_path / "data"))
     command = ("prepare", "hills", "--source", make_hills(tmp_path / "Hills"))
+    (tmp_path / "Hills" / "south").rename(tmp_path / "Hills" / "sout")
+    assert run_main(*command) == 2
+    assert re.search(r"south.poses\.csv.*'sout'.*\.toml", capsys.readouterr().err)
+    assert run_main(*command, "--scene", "north", "--out", tmp_path / "part") == 0
+    (tmp_path / "Hills" / "sout").rename(tmp_path / "Hills" / "south")
     assert run_main(*command) == 0
     assert "licence: CC BY 4.0" in capsys.readouterr().out
     benchmark = Benchmark.open(tmp_path / "data" / "hills")

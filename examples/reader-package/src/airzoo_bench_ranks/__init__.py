@@ -27,7 +27,7 @@ class RanksCsv(RankedLists):
         """Read similarities by query and tile, both by name."""
         found: dict[str, dict[str, float]] = defaultdict(dict)
         with readable(path, "is no table of ranks", expected=HEADER), path.open() as stream:
-            for row in csv.DictReader(stream):
+            for row in csv.DictReader(stream, restval=""):
                 found[row["query"]][row["tile"]] = float(row["similarity"])
         return found
 
