@@ -67,6 +67,7 @@ def test_the_tail_is_near_what_very_many_patterns_give() -> None:
     assert test.p_value < 26 / 2001
     found = compare_all(sample, CONFIG)[2, 0, 1]
     assert test.p_value / 2 < found < 3 * test.p_value
+    assert paired_tests(sample, CONFIG, [(0, 1)])[1][0].p_value >= 1 / 2_001  # which has no tail
 
 
 def test_the_tail_of_medians_is_normal_and_without_spread_that_of_wins() -> None:
@@ -79,6 +80,14 @@ def test_the_tail_of_medians_is_normal_and_without_spread_that_of_wins() -> None
     assert found[0, 1] == pytest.approx(normal_tail(gaps.mean() / gaps.std()), rel=1e-9, abs=0)
     # Where resamples lie on both sides of 0 there is no tail.
     assert found[1, 2] == pytest.approx(paired_tests(made, CONFIG, [(1, 2)])[1][0].p_value)
+    # Over scenes the mean of their medians is drawn.
+    scenes = Sample("query", ("a", "b"), (values, 5 * values), np.ones(3, bool))
+    low, high, _ = compare_all(scenes, CONFIG)[:, 0, 1]
+    parts = [
+        resampled_averages(k * values[:2], MEDIANS, n, CONFIG) for k, n in ((1, "a"), (5, "b"))
+    ]
+    gaps = np.subtract(*np.mean(parts, axis=0))
+    assert (low, high) == pytest.approx(np.quantile(gaps, CONFIG.tails))
     # All resamples have a median of 1; three units are ties, and one is a loss.
     steps = np.array([np.ones(60), np.zeros(60)])
     steps[0, :4] = 0, 0, 0, -1

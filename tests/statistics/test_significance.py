@@ -60,6 +60,8 @@ def count_extreme(groups: Sequence[Group], patterns: Iterable[Sequence[bool]]) -
         ([[1, 1, 1, 5, 6], [0, 0, 0, 5, 6]], 2 / 8, 8),
         # 0.1 + 0.2 and 0.3 differ by rounding alone.
         ([[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]], 2 / 8, 8),
+        # The last three add up to 0, apart from rounding, which grows with size.
+        ([[8e6, 1e7 / 3, 1e7 / 7, 0.0], [0.0, 0.0, 0.0, 1e8 / 21]], 10 / 16, 16),
         # An infinite average is farther than any pattern can tell.
         ([[INF] * 8, [1.0] * 8], 1.0, 256),
         ([[INF, 1, 2], [3, INF, 4]], 1.0, 8),
