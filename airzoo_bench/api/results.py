@@ -80,7 +80,7 @@ class Result(Method):
         path = Path(folder, "result.json")
         path.parent.mkdir(parents=True, exist_ok=True)
         checksum = write_csv(self.records, path.with_name("records.csv"))
-        write_result(path, self.result.with_records(checksum))
+        write_result(path, self.result.with_checksum(records_sha256=checksum))
         return path
 
     def report(self, path: str | Path, data: str | Path | None = None) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -107,8 +107,7 @@ def baseline(
         raise UsageError("no protocol is named", fix="`airzoo-bench protocols` lists them")
     plain, jobs = _BASELINES[track], jobs or 2
     asked = {"max_features": features, "long_side_px": long_side, "doubled": double}
-    known = {field.name for field in fields(plain.settings)}
-    changes = {name: value for name, value in asked.items() if value is not None and name in known}
+    changes = {k: v for k, v in asked.items() if v is not None and k in vars(plain.settings)}
     path = out or Path(plain.out)
     with open_engine(engine, jobs=jobs, processes=jobs) as place:
         run_baseline(
@@ -120,8 +119,8 @@ def baseline(
             run=Run(jobs=jobs, progress=cli.progress, engine=place),
             note=cli.say,
         )
-    cli.say(f"wrote {path}")
-    cli.say(f"next: airzoo-bench eval {track} {path}{cli.with_data(data)}")
+    score = f"airzoo-bench eval {track} {path}{cli.with_data(data)} --out results/{path.stem}"
+    cli.say(f"wrote {path}\nnext: {score}")
 
 
 def demo(

@@ -100,7 +100,7 @@ def table(
     from airzoo_bench.results.comparison import check_score, scores_by_name
     from airzoo_bench.tables import layouts, marks
 
-    parts = _read_parts(results, published, every or bool(scores))
+    parts = _read_parts(asked)
     chosen, wanted, tables = _choose_layout(asked, parts), scores or (), []
     for name in wanted:
         check_score(name, [c for part in parts for c in part.table.scores], "--score")
@@ -152,7 +152,7 @@ def _choose_layout(asked: Any, parts: Sequence[_Part]) -> str:
     return layout
 
 
-def _read_parts(given: Sequence[str], published: bool, every: bool) -> list[_Part]:
+def _read_parts(asked: Any) -> list[_Part]:
     """Read the results by protocol, and protocols for the numbers that are published on them."""
     from airzoo_bench.benchmark.folder import data_here
     from airzoo_bench.core.registry import load_track
@@ -160,18 +160,19 @@ def _read_parts(given: Sequence[str], published: bool, every: bool) -> list[_Par
     from airzoo_bench.results.result import read_result, result_paths
     from airzoo_bench.tables.layouts import empty_table, method_table
 
-    names = [name for name in given if published and name in shipped_protocols()]
+    names = [name for name in asked.results if asked.published and name in shipped_protocols()]
+    wanted = asked.scores or (None if asked.every else ())
     groups: dict[str, list[tuple[Any, Path]]] = {}
-    for path in result_paths([one for one in given if one not in names]):
+    for path in result_paths([one for one in asked.results if one not in names]):
         result = read_result(path)
         groups.setdefault(result.protocol.name, []).append((result, path))
     parts = []
     for pairs in groups.values():
         some, files = zip(*pairs, strict=True)
-        parts.append(_Part(method_table(some, paths=files, every_score=every), some, files))
+        parts.append(_Part(method_table(some, paths=files, wanted=wanted), some, files))
     for protocol in (find_protocol(name, data_here()) for name in names):
         columns = load_track(protocol.track).scores(protocol)
-        scores = [column for column in columns if every or column.headline]
+        scores = [column for column in columns if asked.every or asked.scores or column.headline]
         parts.append(_Part(empty_table(protocol, scores)))
     return parts
 

@@ -290,7 +290,7 @@ def save(
     names = check_run_folder(folder, evaluation.opened.predictions.path)
     with files.atomic_entries(folder, names) as staged:
         checksum = write_csv(evaluation.records, staged / "records.csv")
-        result = evaluation.result.with_records(checksum)
+        result = evaluation.result.with_checksum(records_sha256=checksum)
         results.write_result(staged / _RESULT, result)
         for name, write in TRACKS.get(result.track).files.items():
             resolve(write)(evaluation, staged / name)

@@ -18,7 +18,7 @@ from airzoo_bench.results.comparison import (
     tied_with_best,
 )
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
-from airzoo_bench.statistics.intervals import Interval, sample_intervals
+from airzoo_bench.statistics.intervals import FEWEST, Interval, sample_intervals
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.statistics.significance import LEVEL
 from airzoo_bench.tables.breakdown import breakdown_table
@@ -80,11 +80,13 @@ def find(section: Section) -> Findings:
         return Findings(limits, notes=notes)
     scopes = {OVERALL: None} | {one: one for one in section.first.scenes if section.by_query}
     ties = {scope: tied_with_best(methods, scores, plan, scene) for scope, scene in scopes.items()}
-    notes.append(
-        f"★ marks the best, {TIED} what a paired test of the two alone does not tell from it (p "
-        f"above {100 * LEVEL:g} %, {plan.resamples} resamples, seed {plan.seed}); tested are the "
+    tested = (
+        f"{TIED} what a paired test of the two alone does not tell from it (p above "
+        f"{100 * LEVEL:g} %, {plan.resamples} resamples, seed {plan.seed}); tested are the "
         "headline scores, not pooled" + ("" if section.by_query else ", nor of single scenes")
     )
+    few = f"no test is possible of fewer than {FEWEST} scenes or queries"
+    notes.append(f"★ marks the best; {few if len(methods[0].records) < FEWEST else tested}")
     return Findings(limits, ties, notes)
 
 

@@ -147,11 +147,8 @@ def need_kept(section: Section) -> Arrays:
     """Read what the first method's run has left, or say how to have it."""
     found = read_kept(section, 0)
     if found is None:
-        raise UsageError(
-            "this run has left nothing to draw",
-            where=section.folders[0],
-            fix=f"score again with `eval {section.track} ... --out DIR --figures`",
-        )
+        fix = f"score again with `eval {section.track} ... --out DIR --figures`"
+        raise UsageError("this run has left nothing to draw", where=section.folders[0], fix=fix)
     return found
 
 

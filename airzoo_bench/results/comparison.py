@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from airzoo_bench.core.errors import ResultError, UsageError, first_of
+from airzoo_bench.core.errors import ResultError, UsageError, counted, first_of
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.results.result import Reference, Result, ScoreColumn
@@ -214,19 +214,22 @@ def value_of(method: Method, score: ScoreColumn, scene: str | None = None) -> fl
     return values[score.key]
 
 
-def notes_of(result: Result) -> tuple[str, ...]:
+def notes_of(result: Result, wanted: Sequence[str] = ()) -> tuple[str, ...]:
     """Return the notes of a result and `floor_note`, where there is one."""
-    return (*result.notes, *filter(None, [floor_note(result)]))
+    return (*result.notes, *filter(None, [floor_note(result, wanted)]))
 
 
-def floor_note(result: Result) -> str:
-    """Name the headline scores that do not beat `Result.references`, and the values of these."""
+def floor_note(result: Result, wanted: Sequence[str] = ()) -> str:
+    """Name the headline scores, if any are `wanted` of these, that do not beat the references."""
     parts: dict[tuple[str, str], list[str]] = {}
+    keys = score_keys(result, wanted)
     for name, reference in result.references.items():
         for column in result.columns:
-            if column.headline and column.key in reference.overall:
+            best = float(column.higher_is_better)  # all hits or no error, which nothing beats
+            floor = reference.overall.get(column.key, best)
+            if column.headline and column.key in keys and abs(floor - best) > TIE:
                 said = _compare_with_floor(result, reference, column)
-                floor = reference.overall[column.key] * (100 if column.unit == "share" else 1)
+                floor *= 100 if column.unit == "share" else 1
                 parts.setdefault((said, name), []).append(f"{column.title} {floor:.2f}")
     notes = [said.format(name, ", ".join(found)) for (said, name), found in parts.items() if said]
     return f"{FLOOR_MARK} {'; '.join(notes)}" if notes else ""
@@ -235,8 +238,7 @@ def floor_note(result: Result) -> str:
 def _compare_with_floor(result: Result, reference: Reference, column: ScoreColumn) -> str:
     value, floor = result.overall[column.key], reference.overall[column.key]
     if result.track != "retrieval":
-        no_better = value <= floor if column.higher_is_better else value >= floor
-        return _NO_BETTER * no_better
+        return _NO_BETTER * (value == floor or (value < floor) == column.higher_is_better)
     counts = [float(part["queries"]) for part in result.counts.values()]
     if not is_hit(result.track, column) or min(counts) < FEWEST:
         return ""
@@ -257,7 +259,7 @@ class Pair:
 
     The difference, the method's minus the reference's, is None where both are infinite. `p_holm` is
     adjusted for `MethodComparison.family`; `p_mcnemar` is over all queries, None where the score
-    is no hit. Wins, ties and losses count the queries, or scenes.
+    is no hit. Wins, ties and losses count queries, or scenes; `untested` is why there is no test.
     """
 
     score: ScoreColumn
@@ -273,17 +275,7 @@ class Pair:
     wins: int
     ties: int
     losses: int
-
-    @property
-    def is_better(self) -> bool:
-        """Whether the method's value is the better one, however sure that is."""
-        sign = 1 if self.score.higher_is_better else -1
-        return self.difference is not None and sign * self.difference > 0
-
-    @property
-    def p_floor(self) -> float:
-        """The least p that any values of these units could have; 0 of Student's t."""
-        return 0.0 if self.test.kind == "student" else float(p_floor(self.wins + self.losses))
+    untested: str = ""
 
 
 @dataclass(frozen=True)
@@ -326,6 +318,7 @@ def compare(
         what = f"--reference {reference[:80]!r} is no method here{nearest(reference[:80], names)}"
         raise UsageError(what, expected=f"{_BEST}, or one of " + ", ".join(names))
     sample, pairs, family = make_sample(methods, scores, scene), [], count - 1
+    wanted = [score.key for score in scores]
     if reference == _BEST and _BEST not in names:  # all pairs were looked at
         family = count * (count - 1) // 2
     for one, other, found in _test_others(sample, [base] * len(scores), family, resampling):
@@ -340,9 +333,19 @@ def compare(
         pairs=pairs,
         family=family,
         resampling=resampling,
-        notes=tuple(f"{m.name}: {note}" for m in methods for note in notes_of(m.result)),
-        no_better=frozenset(m.name for m in methods if floor_note(m.result)),
+        notes=tuple(f"{m.name}: {note}" for m in methods for note in notes_of(m.result, wanted)),
+        no_better=frozenset(m.name for m in methods if floor_note(m.result, wanted)),
     )
+
+
+def why_untested(test: PairedTest, unit: str, units: int) -> str:
+    """Say why no values of so many units could be a finding; empty where some could."""
+    if test.kind == "student" or (test.patterns and p_floor(units) <= LEVEL):
+        return ""
+    if not test.patterns:
+        return f"no test is possible where a scene has fewer than {FEWEST} queries"
+    needed = FEWEST + (unit == "query" or units >= FEWEST)  # Student's t needs the fewest
+    return f"{counted(units, unit)}: no test is possible ({needed} are needed)"
 
 
 def tied_with_best(
@@ -355,8 +358,9 @@ def tied_with_best(
     best = [_best_of(methods, score, scene) for score in scores]
     tied = np.ones((len(scores), len(methods)), np.bool_)
     sample = make_sample(methods, scores, scene)
+    units = sum(part.shape[1] for part in sample.values)
     for row, _, (_, test, _) in _test_others(sample, best, 0, resampling):
-        tied.flat[row] = test.p_value > LEVEL
+        tied.flat[row] = test.p_value > LEVEL and not why_untested(test, sample.unit, units)
     return {score.key: row.tolist() for score, row in zip(scores, tied, strict=True)}
 
 
@@ -412,4 +416,5 @@ def _pair(
         wins=wins,
         ties=len(ahead) - wins - losses,
         losses=losses,
+        untested=why_untested(test, method.result.unit, len(ahead)),
     )

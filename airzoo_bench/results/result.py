@@ -192,16 +192,13 @@ class Result(ResultModel):
         """The unit of a record, by the track; a query where the track is not installed."""
         return TRACKS.get(self.track).unit if self.track in TRACKS else "query"
 
-    def with_records(self, sha256: str) -> Result:
-        """Return the same result for records with that hash, with a new checksum."""
-        return self.model_copy(update={"records_sha256": sha256}).with_checksum()
-
-    def with_checksum(self) -> Result:
-        """Return the same result with the checksum of its content."""
-        content = json.loads(self.model_dump_json(by_alias=True, exclude={"checksum"}))
-        if not self.references:  # a field that older results lack
+    def with_checksum(self, **changes: Any) -> Result:
+        """Return the result with changes and the checksum of its content."""
+        changed = self.model_copy(update=changes)
+        content = json.loads(changed.model_dump_json(by_alias=True, exclude={"checksum"}))
+        if not changed.references:  # a field that older results lack
             del content["references"]
-        return self.model_copy(update={"checksum": fingerprint(content)})
+        return changed.model_copy(update={"checksum": fingerprint(content)})
 
 
 def write_result(path: Path, result: Result) -> None:
@@ -240,8 +237,9 @@ def result_paths(given: Sequence[str | Path]) -> tuple[Path, ...]:
                 fix = f"name the folder that holds it, perhaps {location}/*"
                 raise ResultError(f"a folder without a {_FILE}", where=location, fix=fix)
         elif not path.exists():
-            there = [one.name for one in path.parent.glob("*")]
-            raise ResultError(f"no such result file{nearest(path.name, there)}", where=location)
+            near = nearest(path.name, [one.name for one in path.parent.glob("*")])
+            fix = "`airzoo-bench demo` makes airzoo-demo in this folder, `eval --out DIR` others"
+            raise ResultError(f"no such result file{near}", where=location, fix=fix)
         elif path.suffix in (".npz", ".parquet"):
             fix = f"score it first: airzoo-bench eval TRACK {location} --out DIR"
             raise ResultError("a prediction file, not a result", where=location, fix=fix)
@@ -270,10 +268,7 @@ def method_names(paths: Sequence[Path], results: Sequence[Result]) -> list[str]:
 
 @dataclass(frozen=True)
 class Summary:
-    """Scores by key: for each scene, over scenes, and pooled over all rows.
-
-    Over scenes is the unweighted mean, of medians too, as the paper has it.
-    """
+    """Scores by key: of each scene, their unweighted mean (of medians too), and of all rows."""
 
     scenes: dict[str, dict[str, float]]
     overall: dict[str, float]

@@ -87,9 +87,7 @@ def group_records(
     sizes, least = column.value_counts(), min(FEWEST, len(column) // _MOST_BINS)
     too_many = len(sizes) > _MOST_CATEGORIES or (sizes < least).any()
     if bins is not None or (kind in "iuf" and too_many):
-        if bins is not None and not (
-            kind in "iuf" and bins and (np.diff([*bins, math.inf]) > 0).all()
-        ):
+        if bins is not None and not (kind in "iuf" and (np.diff([*bins, np.inf]) > 0).all()):
             what = f"--bins: {by} is no number, or its edges do not ascend"
             raise UsageError(what, expected="edges such as 50,100 of a column such as altitude_m")
         values = column.to_numpy(np.float64)
@@ -151,12 +149,8 @@ def _group_intervals(
     parts = tuple(np.ascontiguousarray(values[:, filled == name]) for name in names)
     found = sample_intervals(replace(sample, groups=names, values=parts), resampling).groups
     few = f"fewer than {FEWEST} {plural(sample.unit)}"
-    return {
-        name: [replace(i, reason=few) for i in found[name]]
-        if part.shape[1] < FEWEST
-        else found[name]
-        for name, part in zip(names, parts, strict=True)
-    }
+    small = {name for name, part in zip(names, parts, strict=True) if part.shape[1] < FEWEST}
+    return found | {name: [replace(i, reason=few) for i in found[name]] for name in small}
 
 
 def breakdown_table(

@@ -17,19 +17,20 @@ from airzoo_bench.results.comparison import (
     Pair,
     is_hit,
     score_intervals,
+    why_untested,
 )
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.statistics.intervals import Interval
 from airzoo_bench.statistics.samples import ResamplingConfig, difference
-from airzoo_bench.statistics.significance import LEVEL
+from airzoo_bench.statistics.significance import LEVEL, p_floor
 from airzoo_bench.tables.layouts import (
-    UNITS,
     MethodTable,
     limits_shown,
     method_table,
     scenes_table,
     score_cell,
+    score_column,
     share_notes,
 )
 from airzoo_bench.tables.model import Cell, Column, Row, Table
@@ -105,11 +106,11 @@ def verdict(pair: Pair) -> str:
     """Say what a pair shows in a word, at a level of 5 % after Holm's correction."""
     if pair.wins == pair.losses == 0:
         return "equal"
-    if not pair.test.patterns or pair.p_floor > LEVEL:
+    if pair.untested or why_untested(pair.test, "query", pair.wins + pair.losses):
         return "too few"
     if not pair.difference or pair.p_holm > LEVEL:
         return "unclear"
-    return "better" if pair.is_better else "worse"
+    return "better" if (pair.difference > 0) == pair.score.higher_is_better else "worse"
 
 
 def comparison_table(comparison: MethodComparison) -> Table:
@@ -126,24 +127,28 @@ def comparison_table(comparison: MethodComparison) -> Table:
     )
     rows = [
         (
-            Cell(f"{pair.score.title} [{UNITS[pair.score.unit]}]"),
+            Cell(score_column(pair.score).heading),
             Cell(pair.method, mark=FLOOR_MARK * (pair.method in comparison.no_better)),
             Cell(verdict(pair)),
             score_cell(pair.score, pair.value),
             score_cell(pair.score, pair.reference_value),
             score_cell(pair.score, pair.difference, pair.interval),
-            *(Cell(p, least=1e-4) for p in (pair.test.p_value, pair.p_holm, pair.p_mcnemar)),
+            *(
+                Cell(p, least=1e-4, hidden=bool(pair.untested))
+                for p in (pair.test.p_value, pair.p_holm, pair.p_mcnemar)
+            ),
             *map(Cell, (pair.wins, pair.ties, pair.losses)),
         )
         for pair in pairs
     ]
     where = "all scenes" if comparison.scene is None else f"scene {comparison.scene}"
+    where += f", {counted(comparison.units, comparison.unit)}"
     base, compact = comparison.reference, list[Row]()
     table = Table(
-        f"{base} against others, {where}, {counted(comparison.units, comparison.unit)}",
+        f"Others against {base} (the reference), {where}",
         columns,
         tuple(map(Row, rows)),
-        (*_explain_gaps(pairs, comparison.unit), *comparison.notes, *_explain_tests(comparison)),
+        (*_explain_gaps(pairs), *comparison.notes, *_explain_tests(comparison)),
         leading=2,
     )
     own = Cell(base, mark=FLOOR_MARK * (base in comparison.no_better))
@@ -155,22 +160,24 @@ def comparison_table(comparison: MethodComparison) -> Table:
     return replace(table, narrow=replace(table, columns=heads, rows=tuple(compact), leading=1))
 
 
-def _explain_gaps(pairs: Sequence[Pair], unit: str) -> list[str]:
+def _explain_gaps(pairs: Sequence[Pair]) -> list[str]:
     """Say where there are too few units or no interval, or where it and the verdict disagree."""
     reasons = []
     for pair in pairs:
-        name, said = f"{pair.score.title}, {pair.method}", verdict(pair)
+        name, said = f"{pair.score.title} of {pair.method}", verdict(pair)
         limits = limits_shown(pair.score, pair.interval)
-        if said == "too few":
-            differ = f"{counted(pair.wins + pair.losses, unit)} with a difference"
-            reasons.append((name, f"too few to tell; {differ}, so p is at least {pair.p_floor:g}"))
+        if pair.untested:
+            reasons.append((name, pair.untested))
+        elif said == "too few":
+            floor = f"p is at least {p_floor(pair.wins + pair.losses):g}"
+            reasons.append((name, f"too few to tell: {pair.wins + pair.losses} differ, so {floor}"))
         elif limits and said != "equal" and (limits[0] * limits[1] > 0) == (said == "unclear"):
             reasons.append(
                 (name, "interval and p disagree about 0; the verdict is by p after Holm")
             )
-        if pair.interval.reason:
+        if pair.interval.reason and not pair.untested:
             reasons.append((name, f"no interval; {pair.interval.reason}"))
-    return share_notes(reasons)
+    return share_notes(reasons, len(pairs))
 
 
 def _explain_tests(comparison: MethodComparison) -> list[str]:
@@ -185,7 +192,8 @@ def _explain_tests(comparison: MethodComparison) -> list[str]:
     )
     about = "intervals of the difference" + ", not corrected by Holm" * (family > 1)
     made = [pair.interval for pair in pairs]
-    return [*describe_intervals(made, plan, comparison.unit, what=about), note]
+    notes = [note] if not all(pair.untested for pair in pairs) else []
+    return [*describe_intervals(made, plan, comparison.unit, what=about), *notes]
 
 
 def differences_table(methods: Sequence[Method], score: ScoreColumn, count: int) -> Table:
@@ -201,12 +209,10 @@ def differences_table(methods: Sequence[Method], score: ScoreColumn, count: int)
     if is_hit(result.track, score):
         cells += [[Cell(HIT if v == 1 else MISS) for v in row] for row in values[:, chosen]]
     else:
-        numbers, unit = [*values, difference(values[1], values[0])], UNITS[score.unit]
+        numbers, shown = [*values, difference(values[1], values[0])], score_column(score)
         cells += [[score_cell(score, v) for v in row[chosen].tolist()] for row in numbers]
-        heads[1:] = [
-            replace(c, unit=unit, higher_is_better=score.higher_is_better) for c in heads[1:]
-        ]
-        heads.append(Column("Difference", unit))
+        heads[1:] = [replace(shown, title=method.name) for method in methods]
+        heads.append(Column("Difference", shown.unit))
         notes.append(f"difference: {methods[1].name} minus {methods[0].name}")
     return Table(
         f"Where the methods differ most on {score.title}",

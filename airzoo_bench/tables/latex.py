@@ -1,7 +1,7 @@
 """Tables for LaTeX: booktabs, groups in blocks; everything that strangers wrote is escaped.
 
 ``booktabs`` is needed, and ``xcolor`` with its option ``table`` for coloured rows, gains and
-floors; ``graphicx`` shrinks a wide one. Title and notes are comments; what ‡ means is a foot too.
+floors; ``graphicx`` shrinks a wide one. Title and notes are comments, some of them feet too.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ _SPECIAL = {
     "–": r"--",
 }
 _ROOMY = 8  # columns of scores that fit a line of a page
+_FEET = re.compile("‡|no test is possible")
 _LIGATURE = re.compile(r"([-,'])(?=\1)")
 
 
@@ -83,10 +84,12 @@ def latex(table: Table) -> str:
 
 
 def _foot(notes: Sequence[str], pieces: Sequence[Table], columns: int) -> list[str]:
-    """Return the notes on ‡ in lines as long as the longest of the table, or a column's."""
+    """Return the notes on ‡ and on tests in lines as long as the longest of the table."""
     rows = (row for one in pieces for row in ([c.heading for c in one.columns], *one.texts()))
     width = max(55, *(len("  ".join(row)) for row in rows))
-    said = (line for note in notes if "‡" in note for line in textwrap.wrap(plain(note), width))
+    said = (
+        line for note in notes if _FEET.search(note) for line in textwrap.wrap(plain(note), width)
+    )
     return [rf"\multicolumn{{{columns}}}{{l}}{{\footnotesize {escape(line)}}} \\" for line in said]
 
 

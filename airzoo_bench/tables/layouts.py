@@ -101,27 +101,28 @@ class MethodTable:
 
 
 def method_table(
-    results: Sequence[Result], *, paths: Sequence[Path] = (), every_score: bool = False
+    results: Sequence[Result], *, paths: Sequence[Path] = (), wanted: Sequence[str] | None = ()
 ) -> MethodTable:
-    """Put results of one protocol and one truth into one table of methods."""
+    """Put results of one protocol and truth into a table, with ‡ by `wanted` scores; None: all."""
+    every = wanted is None or bool(wanted)
     names = method_names(paths, results) if paths else [r.predictions.method for r in results]
     files = [f"{name} ({path})" for name, path in zip(names, paths, strict=False)]
     check_comparable(files or names, results)
     first, named = results[0], list(zip(names, results, strict=True))
-    floors = {name: floor_note(result) for name, result in named}
+    floors = {name: floor_note(result, wanted or ()) for name, result in named}
     rows = (
         MethodRow(name, _values_shown(r.columns, r), mark=FLOOR_MARK * bool(floors[name]))
         for name, r in named
     )
     prints = f"protocol {first.protocol.fingerprint[:12]}, truth {first.truth.fingerprint[:12]}"
-    hidden = {c.title for r in results for c in r.columns if not (every_score or c.headline)}
+    hidden = {c.title for r in results for c in r.columns if not (every or c.headline)}
     noted = ((name, note) for name, r in named for note in r.notes)
     # A note may begin with the titles of the scores that it is about.
     seen = [pair for pair in noted if {*pair[1].split(": ")[0].split(", ")} - hidden]
     notes = share_notes(seen, len(names))
     marks = share_notes((pair for pair in floors.items() if pair[1]), len(names) == 1)
     # A score that a method has not stays empty.
-    scores = {c.key: c for r in results for c in r.columns if every_score or c.headline}
+    scores = {c.key: c for r in results for c in r.columns if every or c.headline}
     return MethodTable(
         f"{first.protocol.name} v{first.protocol.version}",
         first.truth.benchmark,
@@ -203,15 +204,9 @@ def shared_references(results: Sequence[Result]) -> dict[str, Reference]:
 
 
 def _rows(methods: MethodTable, scenes: Sequence[str]) -> tuple[Row, ...]:
-    return tuple(
-        Row(
-            (Cell(row.method, mark=row.mark), *row.cells(scenes, methods.scores)),
-            summary=row.floor,
-            reported=row.reported,
-            floor=row.floor,
-        )
-        for row in methods.rows
-    )
+    rows = ((Cell(m.method, mark=m.mark), *m.cells(scenes, methods.scores)) for m in methods.rows)
+    pairs = zip(rows, methods.rows, strict=True)
+    return tuple(Row(cells, reported=m.reported, floor=m.floor) for cells, m in pairs)
 
 
 def methods_layout(methods: MethodTable, scene: str | None = None) -> Table:
@@ -270,7 +265,7 @@ def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
         pairs = zip(found, parts, strict=True)
         cells = (cell for row, part in pairs for cell in row.cells([OVERALL], part.scores))
         reported = "; ".join(dict.fromkeys(row.reported for row in found if row.reported))
-        rows.append(Row((Cell(name), *cells), is_floor, reported=reported, floor=is_floor))
+        rows.append(Row((Cell(name), *cells), reported=reported, floor=is_floor))
     scores = [(score, title) for title, part in named for score in part.scores]
     notes = share_notes(((t, note) for t, part in named for note in part.notes), len(parts))
     return Table(

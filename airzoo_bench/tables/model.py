@@ -53,7 +53,7 @@ class Cell:
 
     `gain` is the difference from the baseline's printed value, `uncertainty` an interval; a note
     says what `mark` means. A number below `least` is shown as less than it, since a p-value is
-    never 0.0000.
+    never 0.0000; one that says nothing is `hidden` outside JSON.
     """
 
     value: float | int | str | None
@@ -62,10 +62,11 @@ class Cell:
     uncertainty: tuple[float, float] | None = None
     mark: str = ""
     least: float = 0.0
+    hidden: bool = False
 
     def text(self, decimals: int) -> str:
         """Return the value as it is shown; a missing one is a dash, an infinite one says so."""
-        if self.value is None:
+        if self.value is None or self.hidden:
             return "–"
         if isinstance(self.value, str | int):
             return plain(str(self.value))

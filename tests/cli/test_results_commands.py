@@ -93,7 +93,8 @@ def headline(methods: list[Method]) -> list[ScoreColumn]:
 
 
 def title_of(column: ScoreColumn) -> str:
-    return f"{column.title} [{'%' if column.unit == 'share' else column.unit}]"
+    unit = "%" if column.unit == "share" else column.unit
+    return f"{column.title} [{unit}] {'↓↑'[column.higher_is_better]}"
 
 
 def test_tables_hold_the_results(methods: list[Method], paths: list[Path], run: Run) -> None:
@@ -113,9 +114,7 @@ def test_tables_hold_the_results(methods: list[Method], paths: list[Path], run: 
             assert one_of(rows, Scene=title)[column.title] == pytest.approx(value)
 
 
-def test_comparisons_hold_the_differences(
-    methods: list[Method], paths: list[Path], run: Run
-) -> None:
+def test_comparisons_hold_differences(methods: list[Method], paths: list[Path], run: Run) -> None:
     last = list(methods[0].result.scenes)[-1]
     for options, base, scene in (
         ((), 0, None),
@@ -139,7 +138,7 @@ def test_comparisons_hold_the_differences(
 def test_the_numbers_of_a_comparison(methods: list[Method], paths: list[Path], run: Run) -> None:
     columns, rows, table = read(run, "compare", *paths, "--score", "MRR")
     row, beside = rows[0], table["uncertainties"][0][columns.index("Difference")]
-    assert (row["Score"], row["Method"]) == ("MRR [%]", NAMES[2])  # the best comes first
+    assert (row["Score"], row["Method"]) == ("MRR [%] ↑", NAMES[2])  # the best comes first
     assert beside["low"] < row["Difference"] < beside["high"]
     assert row["p Paired"] <= row["p Holm"]
     assert row["p McNemar"] is None
@@ -159,13 +158,11 @@ def test_the_best_of_a_scene(tmp_path: Path, run: Run) -> None:
     for name, (first, second) in values.items():
         scenes = {"x": {"recall@1": first}, "y": {"recall@1": second}}
         paths.append(write_method(tmp_path / name, made_method(scenes, name=name)))
-    for scene, said in (("X", "a against others"), ("y", "b against others")):
+    for scene, said in (("X", "against a ("), ("y", "against b (")):
         assert said in run("compare", *paths, "--reference", "best", "--scene", scene)
 
 
-def test_groups_are_averages_of_their_queries(
-    methods: list[Method], paths: list[Path], run: Run
-) -> None:
+def test_groups_have_their_averages(methods: list[Method], paths: list[Path], run: Run) -> None:
     records = methods[2].records
     edges = sorted({float(f"{e:.1f}") for e in records["altitude_m"].quantile([0.3, 0.7])})
     bins = ("--bins", ",".join(map(str, edges)))
@@ -233,9 +230,7 @@ def test_wrong_calls(
     write_method(tmp_path / "other", Method("other", result, other.records))
     write_result(tmp_path / "alone.json", result)
     truth = result.truth.model_copy(update={"fingerprint": "u" * 64})
-    write_result(
-        tmp_path / "moved.json", result.model_copy(update={"truth": truth}).with_checksum()
-    )
+    write_result(tmp_path / "moved.json", result.with_checksum(truth=truth))
     for call, named in WRONG.items():
         assert named in run(*call.split(), code=2), call
     assert not list(tmp_path.glob("x.*"))

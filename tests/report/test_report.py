@@ -173,14 +173,10 @@ def test_every_score_of_every_protocol_has_a_meaning() -> None:
 
 def test_the_hardest_queries_are_worst_on_average_then_by_error_and_no_hits() -> None:
     methods = [retrieval_method("a", 0, 8), retrieval_method("b", 1, 8)]
-    hits = [[1, 0, 0, 1, 0, 1, 1, 1], [0, 0, 0, 0, 0, 1, 1, 1]]
+    hits = np.array([[1, 0, 0, 1, 0, 1, 1, 1], [0, 0, 0, 0, 0, 1, 1, 1]], float)
     errors = [[1, 5, 9, 1, np.inf, 1, 1, 1], [1, 5, 9, 2, 1, 1, 1, 1]]
     made = [
-        Method(
-            one.name,
-            one.result,
-            one.records.assign(**{"recall@1": np.array(hit, float), "error_m": error}),
-        )
+        Method(one.name, one.result, one.records.assign(**{"recall@1": hit, "error_m": error}))
         for one, hit, error in zip(methods, hits, errors, strict=True)
     ]
     # Rows 1, 2, 4 are missed by both; by rank of error 2 leads, then 1, then 4; 3 leads 0.
@@ -205,9 +201,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path]]:
     return write_photo_results(tmp_path_factory.mktemp("photos"), ["first", "second"])
 
 
-def test_a_folder_adds_maps_tiles_and_pictures(
-    photos: tuple[Path, list[Path]], tmp_path: Path
-) -> None:
+def test_a_folder_adds_maps_and_pictures(photos: tuple[Path, list[Path]], tmp_path: Path) -> None:
     data, results = photos
     page = made_page(tmp_path, *results, "--data", data, "--pictures", 3)
     [found] = page.parts[0]["maps"]

@@ -138,6 +138,9 @@ def test_ties_with_the_best_are_those_of_compare_with_the_best_alone() -> None:
             pairs = compare(methods, [score], reference="best", scene=scene, resampling=FAST)
             p_values = {pairs.reference: 1.0} | {p.method: p.test.p_value for p in pairs.pairs}
             assert found[score.key] == [p_values[method.name] > 0.05 for method in methods]
+    for name, values in {"Five queries": [0.0] * 5, "Six": [0.0] * 6}.items():
+        few = [made_method({"s": {"recall@1": values}}, name=name) for name in "ab"]
+        assert tied_with_best(few, [HIT], FAST)[HIT.key] == [True, name == "Six"]
 
 
 # --- floors ---
@@ -152,8 +155,8 @@ def scored(
     scenes = {s: {score.key: [1.0] * n + [0.0] * (20 - n)} for s, n in hits.items()}
     method, part = made_method(scenes, (score,), name), {score.key: floor}
     reference = Reference(meaning="m", scenes=dict.fromkeys(hits, part), overall=part, pooled=part)
-    update = {"references": {"Floor": reference}, **parts}
-    return Method(name, method.result.model_copy(update=update).with_checksum(), method.records)
+    result = method.result.with_checksum(references={"Floor": reference}, **parts)
+    return Method(name, result, method.records)
 
 
 def test_a_method_is_no_better_than_a_floor_that_it_does_not_beat() -> None:
@@ -164,9 +167,11 @@ def test_a_method_is_no_better_than_a_floor_that_it_does_not_beat() -> None:
         note = floor_note(scored("a", low + 1e-9, some).result)
         assert all(part in note for part in (FLOOR_MARK, "Floor", f"R@1 {100 * low:.2f}"))
     cases = [(0.525, HIT, True), (0.52, HIT, False), (0.525, ERROR, False), (0.5, ERROR, True)]
+    cases += [(1.0, HIT, False), (0.0, ERROR, False)]  # which nothing could beat
     for floor, score, told in cases:  # the errors' medians are 0 and 1
         found = scored("a", floor, HITS, score, track="matching").result
         assert bool(floor_note(found)) is told
+        assert not floor_note(found, ["another score"])
 
 
 def test_every_face_marks_it_and_says_so() -> None:

@@ -132,7 +132,7 @@ def test_hostile_files_end_in_one_message(text: str | bytes, tmp_path: Path) -> 
     content = text if isinstance(text, bytes) else text.encode()
     (tmp_path / "records.csv").write_bytes(content)
     result, path = made_method({"s": {"recall@1": [1.0, 0.0]}}).result, tmp_path / "result.json"
-    write_result(path, result.with_records(hashlib.sha256(content).hexdigest()))
+    write_result(path, result.with_checksum(records_sha256=hashlib.sha256(content).hexdigest()))
     with pytest.raises(ResultError, match=r"records\.csv"):
         read_records(path)
 

@@ -63,7 +63,7 @@ def show(capsys: pytest.CaptureFixture[str]) -> Show:
 
 
 def test_one_result_by_scene() -> None:
-    table = scenes_table(small_result(), methods=method_table([small_result()], every_score=True))
+    table = scenes_table(small_result(), methods=method_table([small_result()], wanted=None))
     assert table.texts() == [
         ["Scene", "3", "30.00", "inf"],
         ["Average", "–", "30.00", "inf"],
