@@ -289,6 +289,6 @@ def _poses_line(facts: SceneFacts) -> str:
     if facts.is_metadata:
         return "the photos' own positions and angles"
     if gps is None:
-        return "no photo has a GPS position to hold them against"
+        return "not compared: the photos' metadata have no GPS position"
     up = f", {gps.up_m:+.1f} m in height" if math.isfinite(gps.up_m) else ""
     return f"{gps.distance_m:.1f} m from the GPS of {counted(gps.photos, 'photo')}{up} (medians)"

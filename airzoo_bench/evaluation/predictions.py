@@ -116,9 +116,7 @@ def read_fields(arrays: Arrays, forms: tuple[Fields[C], ...], expected: str) -> 
 def check_npz(out: Path) -> None:
     """Refuse, before any work, an output name that does not end in ``.npz``."""
     if out.suffix != ".npz":
-        raise errors.UsageError(
-            "predictions are written as .npz", where=out, fix=f"name it {out}.npz"
-        )
+        raise errors.UsageError("predictions end in .npz", where=out, fix=f"name it {out}.npz")
 
 
 def write_predictions(out: Path, protocol: str, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -323,7 +321,8 @@ def _track_by_kind(path: Path, fields: frozenset[str], track: str | None) -> str
             return str(info.name)
     kind = "a folder" if path.is_dir() else f"a file of kind {path.suffix[:20]!r}"
     expected = f"a method's own files, or {_list_kinds(track)}"
-    what = f"{kind} that no installed reader recognises"
+    added = ", ".join(name for name in READERS.names() if name not in READERS.places)
+    what = f"{kind} that no installed reader recognises" + f" ({added} declined it)" * bool(added)
     raise UnreadableError(what, where=path, expected=expected, fix=FIX_READER)
 
 

@@ -6,6 +6,7 @@ import ast
 import csv
 import pickle
 import re
+import runpy
 import sys
 import zipfile
 from types import SimpleNamespace
@@ -103,6 +104,20 @@ def test_the_example_reads(worlds, tmp_path, monkeypatch, capsys) -> None:
     said = capsys.readouterr()
     assert "read by reader ranks-csv" in said.out + said.err
     assert "100.0" in said.out
+    assert run_main(*command[:2], tmp_path / "package", *command[3:], "--data", home / "data") == 2
+    assert "ranks-csv" in capsys.readouterr().err
     monkeypatch.setattr(csv, "DictReader", lambda *_, **__: [{}])  # a slip, inside of `readable`
     assert run_main(*command, "--data", home / "data") == 2
     assert re.search(r"ranks-csv.*similarity.*__init__\.py.*ranks\.csv", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "key", "best"),
+    [("made-retrieval", "recall@1", 1), ("hills-matching", "error_m", 0)],
+)
+def test_true_answers_are_perfect(protocol, key, best, worlds, tmp_path, monkeypatch) -> None:
+    track, out = protocol.split("-")[1], tmp_path / "perfect.npz"
+    monkeypatch.setenv("AIRZOO_BENCH_DATA", str(worlds.home / track / "data"))
+    monkeypatch.setattr(sys, "argv", ["perfect.py", protocol, str(out)])
+    runpy.run_path(str(ROOT / "examples" / "benchmark-package" / "perfect.py"))
+    assert worlds.evaluate(track, out).overall[key] == pytest.approx(best, abs=1e-6)
