@@ -13,7 +13,7 @@ from traceback import walk_tb
 from typing import Self
 
 FIX_COPY = "write or copy the file again"
-_SLIPS = (KeyError, IndexError, TypeError, AttributeError)
+_SLIPS = (KeyError, IndexError, TypeError, AttributeError)  # of others, see Registry.blaming
 _PANIC = "pyo3_runtime"  # of what Rust raises, which is no Exception and has no name
 
 
@@ -101,10 +101,7 @@ def readable(
     expected: str | None = None,
     fix: str = FIX_COPY,
 ) -> Iterator[None]:
-    """Turn what a library raises over a file's content into an error that says what is wrong.
-
-    Slips in the code of another package come through, for `Registry.blaming` to name their line.
-    """
+    """Turn what a library raises over a file's content into an error that says what is wrong."""
     try:
         with warnings.catch_warnings(action="ignore"):
             yield

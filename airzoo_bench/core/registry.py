@@ -80,9 +80,10 @@ class Registry:
         try:
             yield
         except Exception as error:
-            if name in self.places or isinstance(error, (UserError, MemoryError)):
+            point = self._installed().get(name)
+            if point is None or isinstance(error, (UserError, MemoryError)):
                 raise
-            point, calls = self._installed()[name], traceback.extract_tb(error.__traceback__)
+            calls = traceback.extract_tb(error.__traceback__)
             own = [one for one in calls if point.module.split(".")[0] in one.filename][-1:]
             line = "".join(f", line {one.lineno} of {Path(one.filename).name}" for one in own)
             what = f"{type(error).__name__}: {printable(error)}{line}{printable(task)}"

@@ -20,6 +20,7 @@ from airzoo_bench.benchmark.folder import Benchmark, SceneFile
 from airzoo_bench.core.errors import BenchmarkError, UsageError, UserError, counted
 from airzoo_bench.core.files import atomic_folder, fingerprint, only_writer, temporary_folder
 from airzoo_bench.core.progress import with_progress
+from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.core.version import __version__
 from airzoo_bench.datasets.content import make_content
 from airzoo_bench.datasets.folder import (
@@ -164,8 +165,7 @@ class Run:
                 prepared = self.assemble()
             except BaseException:
                 if len(self.keys) > 1 and self.staging.is_dir() and any(self.staging.iterdir()):
-                    said = f"finished scenes are kept in {self.staging} for the next run"
-                    self.settings.note(said)
+                    self.settings.note(f"finished scenes stay in {self.staging} for the next run")
                 else:
                     shutil.rmtree(self.staging, ignore_errors=True)
                 raise
@@ -243,7 +243,8 @@ def _task(run: Run, scene: str) -> Record:
     if Path.cwd() != run.home:  # on a cluster
         os.chdir(run.home)
     try:
-        native = run.dataset.read(run.options, scene, run.settings.progress)
+        with DATASETS.blaming(run.dataset.name, f", reading scene {scene}"):
+            native = run.dataset.read(run.options, scene, run.settings.progress)
         content = make_content(native, run.protocols)
         summary = summary_of(content, run.protocols, native.notes)
         with temporary_folder(run.staging, scene) as temporary:

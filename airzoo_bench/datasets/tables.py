@@ -123,9 +123,7 @@ def read_table(
         has = ", ".join(map(repr, names))[:300]
         what = f"lacks the columns {listed}, or has two columns of one meaning; it has {has}"
         expected = ", ".join("/".join(called) for ours, called in columns.items())
-        raise BenchmarkError(
-            what, where=path, expected=f"a first line with each once of {expected}"
-        )
+        raise BenchmarkError(what, where=path, expected=f"a first line with each of {expected}")
     kept, numbers = [], []
     for number, line in enumerate(lines[place + 1 :], place + 2):
         row = _split(path, line, separator)
