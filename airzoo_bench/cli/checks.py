@@ -113,12 +113,11 @@ def _check_scene(scene: PosedScene, depth: Path | None, sampling: dict[str, Any]
 
     folder = depth or scene.folder.resolve().parent / "depth"
     folder = folder / scene.name if (folder / scene.name).is_dir() else folder
-    chain, found = None, None
-    if scene.crs is not None:
-        chain = check_frame_chain(scene.cameras, scene.poses, scene.crs)
+    posed, found = (scene.cameras, scene.poses), None
+    chain = None if scene.crs is None else check_frame_chain(*posed, scene.crs)
     if depth is not None or folder.is_dir():
-        posed = (scene.ids, scene.cameras, scene.poses, find_depths(folder, scene.images))
-        found = check_depth_consistency(*posed, **sampling, progress=cli.progress)
+        photos = scene.ids, *posed, find_depths(folder, scene.images)
+        found = check_depth_consistency(*photos, **sampling, progress=cli.progress)
     if chain is None and found is None:
         said = f"nothing can be checked of {scene.name}: its poses have no CRS, and it has no depth"
         raise UsageError(said, where=folder, fix="name --depth or --crs")

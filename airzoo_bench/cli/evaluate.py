@@ -60,6 +60,7 @@ def evaluate(
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.predictions import ReadRequest
     from airzoo_bench.evaluation.track import Run
+    from airzoo_bench.reconstruction.track import describe_alignments
     from airzoo_bench.results.result import read_result
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -85,8 +86,9 @@ def evaluate(
     with open_engine(engine, jobs=jobs) as place:
         place.progress = cli.progress
         threads = jobs if engine == LOCAL else 1
-        limits = Limits(memory) if untrusted else None
-        run = Run(memory, threads, cli.progress, figures, place, limits)
+        run = Run(
+            memory, threads, cli.progress, figures, place, Limits(memory) if untrusted else None
+        )
         evaluation = score(
             cli.predictions_here(predictions),
             data=cli.resolve_data(data),
@@ -105,11 +107,13 @@ def evaluate(
         cli.echo(evaluation.result.model_dump_json(by_alias=True, indent=1) + "\n", form)
     else:
         cli.show(scenes_table(evaluation.result, floors=True), form)
+    said = describe_alignments(evaluation.records)
     if out is None:
-        cli.say("nothing was written; add --out DIR to keep the result and its records")
+        said.append("nothing was written; add --out DIR to keep the result and its records")
     else:
-        cli.say(f"{verb} {', '.join(map(str, written))} of method {method}")
-        cli.say(f"next: airzoo-bench report {out}, or airzoo-bench table {out} --format latex")
+        said.append(f"{verb} {', '.join(map(str, written))} of method {method}")
+        said.append(f"next: airzoo-bench report {out}, or airzoo-bench table {out} --format latex")
+    cli.say("\n".join(said))
 
 
 def check(

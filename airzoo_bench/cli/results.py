@@ -145,10 +145,8 @@ def plot(
     needed = [name for name in ("by", "query") if name in takes and name not in given]
     if needed or not given.keys() <= {*takes}:
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in takes)
-        raise UsageError(
-            f"plot {kind} " + (f"needs --{needed[0]}" if needed else "takes other options"),
-            expected=f"of these: {flags}",
-        )
+        what = f"needs --{needed[0]}" if needed else "takes other options"
+        raise UsageError(f"plot {kind} {what}", expected=f"of these: {flags}")
     check_ending(out)
     check_output_file(out)
     if "bins" in takes:

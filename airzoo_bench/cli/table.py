@@ -145,10 +145,9 @@ def _choose_layout(asked: Any, parts: Sequence[_Part]) -> str:
         "benchmarks": not asked.scene,
     }
     if not allowed[layout]:
-        raise UsageError(
-            f"layout {layout} does not go with these results or options",
-            expected="result: one result alone; methods, scenes: of one protocol; --scene: methods",
-        )
+        what = f"layout {layout} does not go with these results or options"
+        expected = "result: one result alone; methods, scenes: of one protocol; --scene: methods"
+        raise UsageError(what, expected=expected)
     return layout
 
 

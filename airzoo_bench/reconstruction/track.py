@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,8 @@ def score_scene(
             comparison = compare(geometry, cameras, truth, true_cloud, protocol, run)
         except AlignmentError as error:
             # The method failed here; its file is not to blame.
-            worst = _worst_cloud(protocol.scores) | _worst_poses(protocol.scores)
+            worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), protocol.scores)
+            worst |= _worst_poses(protocol.scores)
             scored = _make_scores(truth.scene, worst, {"failed": 1, "points": 0})
             notes = [*prediction.notes, f"failed, scored at its worst: {error.what}"]
         else:
@@ -227,20 +229,13 @@ def _cloud_columns(
 ) -> dict[str, float]:
     limits = np.array(sorted({*settings.f1_below_m, settings.headline_below_m}))
     most = None if isinstance(settings.max_distance_m, str) else settings.max_distance_m
-    columns = {
-        f"{name}_m": one
-        for name, one in metrics.mean_distances(to_truth, to_prediction, most).items()
-    }
+    means = metrics.mean_distances(to_truth, to_prediction, most)
+    columns = {f"{name}_m": one for name, one in means.items()}
     shares = metrics.curve(to_truth, to_prediction, limits)
     for row, limit in enumerate(limits.tolist()):
         for share in ("precision", "recall", "f1"):
             columns[f"{share}_{limit:g}m"] = float(getattr(shares, share)[row])
     return columns
-
-
-def _worst_cloud(settings: ReconstructionScores) -> dict[str, float]:
-    """Return the scores of a cloud without points."""
-    return _cloud_columns(np.zeros(0), np.full(1, np.inf), settings)
 
 
 def _worst_poses(settings: ReconstructionScores) -> dict[str, float]:
@@ -291,12 +286,8 @@ def pose_scores(
 
 def reconstruction_scores(settings: ReconstructionScores) -> list[ScoreColumn]:
     """Return the scores of a protocol; without cameras, records lack the pose scores."""
-
-    def distance(column: str, title: str, *, headline: bool = False) -> ScoreColumn:
-        return ScoreColumn.error(column, title, "m", "mean", headline=headline)
-
-    main = settings.headline_below_m
-    means = ("Chamfer", "Accuracy", "Completeness")
+    distance = partial(ScoreColumn.error, unit="m", average="mean")
+    main, means = settings.headline_below_m, ("Chamfer", "Accuracy", "Completeness")
     scores = [distance(f"{title.lower()}_m", title, headline=True) for title in means]
     for limit in (main, *(other for other in settings.f1_below_m if other != main)):
         for share, title in (("precision", "P"), ("recall", "R"), ("f1", "F1")):
@@ -372,7 +363,7 @@ class ReconstructionTrack(Track):
         """See `Track.score`."""
         predictions, scene = part
         if scene not in predictions.entries:
-            worst = _worst_cloud(protocol.scores)
+            worst = _cloud_columns(np.zeros(0), np.full(1, np.inf), protocol.scores)
             return _make_scores(scene, worst, {"missing": 1, "points": 0}, answered=False)
         return score_scene(predictions, truth, protocol, run)
 
@@ -438,10 +429,18 @@ def _random_views(
     }
 
 
+def describe_alignments(records: pd.DataFrame) -> list[str]:
+    """Say by what each scene of a result was aligned, and how well."""
+    said = "scene {scene}: aligned by {inlier_cameras:g} of {cameras:g} cameras, scale {scale:.4g}"
+    said += ", centres rms {centres_rms_m:.2f} m"
+    rows = (row for row in records.to_dict("records") if row.get("scale", 0) > 0)
+    return [said.format_map(row) for row in rows if row["inlier_cameras"] > 0]
+
+
 def write_alignments(evaluation: Evaluation, path: Path) -> None:
     """Write ``alignment.json``: how each scene was aligned, its scale and its residuals."""
-    alignments = {name: one.facts.get("alignment") for name, one in evaluation.scored.items()}
-    values = {name: one for name, one in alignments.items() if one is not None}
+    facts = {name: one.facts for name, one in evaluation.scored.items()}
+    values = {name: one["alignment"] for name, one in facts.items() if one}
     with atomic_write(path, "w") as stream:
         stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
 

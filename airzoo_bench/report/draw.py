@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _STEPS, _MARKS = 256, 9
 _KS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
-_PERCENT, _FLAT = (-2.0, 102.0), 99.0
+_PERCENT = (-2.0, 102.0)
 _THRESHOLD = re.compile(r"(precision|recall|f1)_([0-9.e+-]+)m")
 _LETTER_IN = 0.0625  # of the names along an axis
 _PLAN = ResamplingConfig()
@@ -155,14 +155,13 @@ def thresholds(methods: Sequence[Method], sheet: Sheet | None = None) -> Figure:
     distances = np.array(list(keys["f1"]))
     values = [[[m.result.overall[k] for k in at.values()] for m in methods] for at in keys.values()]
     curves = dict(zip(keys, 100 * np.array(values), strict=True))
-    shown = {what: lines for what, lines in curves.items() if lines.min() < _FLAT} or curves
-    wide = sheet.wide(3.0 * max(2, len(shown)))
-    narrow = wide < 2.4 * len(shown)
-    figure = new_canvas(wide, 1.4 * len(shown) if narrow else 2.8)
-    shape: Any = {"nrows": len(shown), "sharex": True} if narrow else {"ncols": len(shown)}
+    wide = sheet.wide(3.0 * len(curves))
+    narrow = wide < 2.4 * len(curves)
+    figure = new_canvas(wide, 1.4 * len(curves) if narrow else 2.8)
+    shape: Any = {"nrows": len(curves), "sharex": True} if narrow else {"ncols": len(curves)}
     panels = figure.subplots(**shape, sharey=True, squeeze=False).ravel()
     headline = result.protocol.settings.get("scores", {}).get("headline_below_m")
-    for axes, (what, lines) in zip(panels, shown.items(), strict=True):
+    for axes, (what, lines) in zip(panels, curves.items(), strict=True):
         _draw_lines(axes, [distances] * len(methods), lines)
         if headline:
             axes.axvline(headline, color="0.45", linewidth=0.9, linestyle="--", zorder=0)
@@ -174,9 +173,7 @@ def thresholds(methods: Sequence[Method], sheet: Sheet | None = None) -> Figure:
     for axes in panels[-1:] if narrow else panels:
         axes.set_xlabel("distance d [m]")
     dashed = f"dashed: d = {headline:g} m, of the headline scores" if headline else ""
-    left = " and ".join(what for what in curves if what not in shown)
-    flat = f"{left}: at least {_FLAT:g} % everywhere" if left else ""
-    sheet = sheet.noting(over_scenes(methods).removeprefix(", "), dashed, flat)
+    sheet = sheet.noting(over_scenes(methods).removeprefix(", "), dashed)
     finish(figure, sheet, [method.name for method in methods])
     return figure
 

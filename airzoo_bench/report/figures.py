@@ -24,7 +24,6 @@ from airzoo_bench.tables.layouts import UNITS
 from airzoo_bench.tables.model import plain
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -209,15 +208,14 @@ def error_palette() -> NDArray[np.uint8]:
     return np.asarray(np.vstack([(table * 255).round(), _BEYOND]), np.uint8)
 
 
-def add_error_bar(axes: Axes, limit: float, label: str) -> None:
-    """Add the colour bar of `error_colours`."""
+def add_error_bar(figure: Figure, axes: Any, limit: float, label: str) -> None:
+    """Add the colour bar of `error_colours`, beside one of the axes or several."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     colours = colormaps[_PALETTE]
     shown = ScalarMappable(Normalize(0, limit), colours.with_extremes(over=COLOURS[1]))
-    figure: Any = axes.get_figure(root=True)
     figure.colorbar(shown, ax=axes, label=label, extend="max", shrink=0.85, pad=0.02)
 
 

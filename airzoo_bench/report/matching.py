@@ -157,7 +157,7 @@ def draw_matches(
     if bare:
         figure.set_layout_engine("constrained", w_pad=0, h_pad=0)
     else:
-        add_error_bar(axes, limit, "residual under the true pose [px]")
+        add_error_bar(figure, axes, limit, "residual under the true pose [px]")
         finish(figure, sheet.noting(f"{query}: {matches_text(section, 0, query)}"))
     return figure
 

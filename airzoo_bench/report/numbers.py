@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 
+from airzoo_bench.reconstruction.track import describe_alignments
 from airzoo_bench.report.sections import Section
 from airzoo_bench.results.comparison import (
     FLOOR_MARK,
@@ -183,8 +184,10 @@ def counts_table(section: Section) -> Table:
 
 
 def notes_by_method(section: Section) -> list[str]:
-    """Return the notes of all results, each once, with the methods that have it."""
-    return share_notes((m.name, note) for m in section.methods for note in m.result.notes)
+    """Return the notes of all results, and how they were aligned, with the methods."""
+    notes = [(m.name, note) for m in section.methods for note in m.result.notes]
+    every = [(m.name, said) for m in section.methods for said in describe_alignments(m.records)]
+    return share_notes([*notes, *every])
 
 
 @cache

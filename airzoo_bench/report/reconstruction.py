@@ -111,6 +111,7 @@ def draw_clouds(section: Section, scene: str, sheet: Sheet | None = None) -> Fig
     for axes, name, errors in ((left, "predicted", "precision_m"), (right, "true", "recall_m")):
         _draw_above(axes, found[name].astype(np.float64), found[errors], limit, low, high)
         axes.set(title=f"{name} points", xlabel="east [m]")
+    add_error_bar(figure, [left, right], limit, "distance to the other cloud [m]")
     left.set(ylabel="north [m]")
     distances, precision, recall = found["curve"]
     last.plot(distances, 100 * precision, color=COLOURS[0], label="precision")
@@ -144,7 +145,6 @@ def _draw_above(
     picture = np.dstack([error_colours(mean, limit), np.where(count > 0, 255, 0)]).astype(np.uint8)
     width, height = (shape * side).tolist()
     axes.imshow(picture, origin="lower", extent=(0, width, 0, height), zorder=1)
-    add_error_bar(axes, limit, "distance to the other cloud [m]")
 
 
 def pack_clouds(section: Section, places: Sequence[Place], blobs: Blobs) -> list[dict[str, Any]]:
