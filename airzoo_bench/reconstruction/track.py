@@ -433,8 +433,8 @@ def describe_alignments(records: pd.DataFrame) -> list[str]:
     """Say by what each scene of a result was aligned, and how well."""
     said = "scene {scene}: aligned by {inlier_cameras:g} of {cameras:g} cameras, scale {scale:.4g}"
     said += ", centres rms {centres_rms_m:.2f} m"
-    rows = (row for row in records.to_dict("records") if row.get("scale", 0) > 0)
-    return [said.format_map(row) for row in rows if row["inlier_cameras"] > 0]
+    rows = records.to_dict("records") if "inlier_cameras" in records else []
+    return [said.format_map(row) for row in rows if row["scale"] > 0 and row["inlier_cameras"] > 0]
 
 
 def write_alignments(evaluation: Evaluation, path: Path) -> None:
