@@ -60,7 +60,6 @@ def evaluate(
     from airzoo_bench.evaluation.evaluate import evaluate as score
     from airzoo_bench.evaluation.predictions import ReadRequest
     from airzoo_bench.evaluation.track import Run
-    from airzoo_bench.reconstruction.track import describe_alignments
     from airzoo_bench.results.result import read_result
     from airzoo_bench.tables.layouts import scenes_table
 
@@ -107,7 +106,8 @@ def evaluate(
         cli.echo(evaluation.result.model_dump_json(by_alias=True, indent=1) + "\n", form)
     else:
         cli.show(scenes_table(evaluation.result, floors=True), form)
-    said = describe_alignments(evaluation.records)
+    about = "airzoo_bench.reconstruction.track:describe_alignments"  # slow to import
+    said = resolve(about)(evaluation.records) if track == "reconstruction" else []
     if out is None:
         said.append("nothing was written; add --out DIR to keep the result and its records")
     else:
