@@ -107,7 +107,7 @@ def evaluate(
     else:
         cli.show(scenes_table(evaluation.result, floors=True), form)
     about = "airzoo_bench.reconstruction.track:describe_alignments"  # slow to import
-    said = resolve(about)(evaluation.records) if track == "reconstruction" else []
+    said = resolve(about)(evaluation) if track == "reconstruction" else []
     if out is None:
         said.append("nothing was written; add --out DIR to keep the result and its records")
     else:

@@ -45,6 +45,7 @@ from airzoo_bench.reconstruction.info import INFO
 from airzoo_bench.reconstruction.predictions import ScenePrediction, open_reconstruction
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol, ReconstructionScores
 from airzoo_bench.reconstruction.truth import ReconstructionTruth, open_true_cloud, read_truth
+from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import ScoreColumn
 
 Geometry = CloudSource | fusion.DepthMaps | fusion.PointMaps
@@ -271,8 +272,7 @@ def pose_scores(
     placed = np.isfinite(given.centres).all(axis=1)
     scores["cameras_placed"] = float(placed.mean())
     if placed.sum() < LEAST_CAMERAS:
-        # A similarity brings two cameras to any other two.
-        return scores
+        return scores  # a similarity brings two cameras to any other two
     if settings.trajectory_alignment == "umeyama":
         # All predicted cameras are brought nearest to the true ones, as evo does.
         ((transform,), _) = fit_sim3(given.centres[placed][None], true.centres[placed][None])
@@ -298,8 +298,7 @@ def reconstruction_scores(settings: ReconstructionScores) -> list[ScoreColumn]:
     for angle in settings.pose_auc_below_deg:
         scores.append(ScoreColumn.share(f"pose_auc_{angle:g}deg", f"AUC@{angle:g}°"))
     scores += [ScoreColumn.share("cameras_placed", "Cameras placed"), distance("ate_m", "ATE")]
-    turn = ScoreColumn.error("rpe_deg", "RPE, rotation", "deg", "mean")
-    return [*scores, distance("rpe_m", "RPE"), turn]
+    return [*scores, distance("rpe_m", "RPE"), distance("rpe_deg", "RPE, rotation", unit="deg")]
 
 
 # --- the contract ---
@@ -429,11 +428,12 @@ def _random_views(
     }
 
 
-def describe_alignments(records: pd.DataFrame) -> list[str]:
-    """Say by what each scene of a result was aligned, and how well."""
+def describe_alignments(method: Method | Evaluation) -> list[str]:
+    """Say by what each scene was aligned, how well, and from which confidence on."""
+    above = method.result.protocol.settings.get("fusion", {}).get("confidence_above", "none")
     said = "scene {scene}: aligned by {inlier_cameras:g} of {cameras:g} cameras, scale {scale:.4g}"
-    said += ", centres rms {centres_rms_m:.2f} m"
-    rows = records.to_dict("records") if "inlier_cameras" in records else []
+    said += f", centres rms {{centres_rms_m:.2f}} m; confidence threshold: {above}"
+    rows = method.records.to_dict("records") if "inlier_cameras" in method.records else []
     return [said.format_map(row) for row in rows if row["scale"] > 0 and row["inlier_cameras"] > 0]
 
 

@@ -186,7 +186,7 @@ def counts_table(section: Section) -> Table:
 def notes_by_method(section: Section) -> list[str]:
     """Return the notes of all results, and how they were aligned, with the methods."""
     notes = [(m.name, note) for m in section.methods for note in m.result.notes]
-    every = [(m.name, said) for m in section.methods for said in describe_alignments(m.records)]
+    every = [(m.name, said) for m in section.methods for said in describe_alignments(m)]
     return share_notes([*notes, *every])
 
 

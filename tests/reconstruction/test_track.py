@@ -23,14 +23,9 @@ from airzoo_bench.reconstruction import track
 from airzoo_bench.reconstruction.alignment import umeyama
 from airzoo_bench.reconstruction.clouds import bounding_box, cloud_of, observed_cells
 from airzoo_bench.reconstruction.settings import ReconstructionProtocol
-from airzoo_bench.reconstruction.track import (
-    CloudComparison,
-    compare,
-    pose_scores,
-    score_comparison,
-)
+from airzoo_bench.reconstruction.track import CloudComparison, compare, score_comparison
 from airzoo_bench.reconstruction.truth import build_truth, open_true_cloud, read_truth
-from airzoo_bench.results.result import read_result
+from airzoo_bench.results.records import read_methods
 from tests.formats.cloud_support import LIMIT, SAMPLING
 from tests.reconstruction.world import (
     ORIGIN,
@@ -100,10 +95,11 @@ def test_sim3_brings_back_a_cloud_of_any_frame(world: World, tmp_path: Path) -> 
     points = (true_points("lot") - ORIGIN) @ turn.T * 0.02
     path, out = predict_clouds(world, tmp_path / "p", {"lot": points}), tmp_path / "out"
     save(path / "lot.cameras.npz", cameras)
-    ask = ("--data", world.root, "--out", out)
-    assert run_main("eval", "reconstruction", path, *ask) == 0
+    assert run_main("eval", "reconstruction", path, "--data", world.root, "--out", out) == 0
     assert files_below(out) == {"result.json", "records.csv", "alignment.json"}
-    assert read_result(out / "result.json").scenes["lot"]["f1_0.2m"] == 1.0
+    [method] = read_methods([out])
+    assert method.result.scenes["lot"]["f1_0.2m"] == 1.0
+    assert "4 of 4 cameras, scale 50," in track.describe_alignments(method)[0]
     # A scene that the prediction lacks has no alignment.
     ((name, found),) = json.loads((out / "alignment.json").read_text()).items()
     assert name == "lot"
@@ -303,7 +299,7 @@ def compared(
     run = Run(memory_bytes=block * track._BYTES_A_POINT, jobs=jobs)
     cloud, true = (cloud_of(one) if isinstance(one, np.ndarray) else one for one in (points, truth))
     found = compare(cloud, TRUTH.posed, TRUTH, true, used, run)
-    posed = pose_scores(TRUTH.posed, found.alignment.transform, TRUTH.posed, used.scores)
+    posed = track.pose_scores(TRUTH.posed, found.alignment.transform, TRUTH.posed, used.scores)
     scored = score_comparison("yard", found, posed, used.scores)
     record: dict[str, Any] = scored.records.iloc[0].to_dict()
     return record, found
