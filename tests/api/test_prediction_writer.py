@@ -184,7 +184,7 @@ def test_an_exception_leaves_what_was_there(field, tmp_path) -> None:
 def test_places_and_protocols(field, data, tmp_path) -> None:
     other, out = data / "made" / "protocols" / "made-retrieval.toml", tmp_path / "mine.npz"
     for path, protocol, message in (
-        (tmp_path / "mine", RETRIEVAL, r"written as \.npz"),
+        (tmp_path / "mine", RETRIEVAL, r"\.npz"),
         (out, str(other), "lacks the scenes east, west"),
         (out, "nothing", "unknown protocol"),
     ):
