@@ -71,14 +71,14 @@ def evaluate(
         raise UsageError(f"--figures: the {track} track does not draw any")
     if out is None and (figures or resume):
         raise UsageError("--figures and --resume write into a folder", fix="add --out DIR")
+    verb = "replaced" if out and (out / "result.json").exists() else "wrote"
     if out is not None:
         check_run_folder(out, predictions)
-        with suppress(ResultError):  # there is none, or it is of an older version
-            if (earlier := read_result(out / "result.json")).track != track:
+        with suppress(ResultError):  # it is of an older version
+            if verb == "replaced" and (earlier := read_result(out / "result.json")).track != track:
                 what = f"holds a result of {earlier.protocol.name}"
                 raise UsageError(what, where=out, fix="name another --out")
         method = method or out.resolve().name or None
-    verb = "replaced" if out and (out / "result.json").exists() else "wrote"
     memory, jobs, unfinished = cli.memory_bytes(max_memory), jobs or info.jobs, None
     if out is not None and resume and not figures:
         unfinished = out.resolve().with_name(f"{out.resolve().name}.unfinished")
