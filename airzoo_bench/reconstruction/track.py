@@ -433,14 +433,14 @@ def describe_alignments(method: Method | Evaluation) -> list[str]:
     above = method.result.protocol.settings.get("fusion", {}).get("confidence_above", "none")
     said = "scene {scene}: aligned by {inlier_cameras:g} of {cameras:g} cameras, scale {scale:.4g}"
     said += f", centres rms {{centres_rms_m:.2f}} m; confidence threshold: {above}"
-    rows = method.records.to_dict("records") if "inlier_cameras" in method.records else []
-    return [said.format_map(row) for row in rows if row["scale"] > 0 and row["inlier_cameras"] > 0]
+    keys = ["scene", "inlier_cameras", "cameras", "scale", "centres_rms_m"]
+    rows = method.records.reindex(columns=keys).query("scale * inlier_cameras > 0", engine="python")
+    return [*map(said.format_map, rows.to_dict("records"))]
 
 
 def write_alignments(evaluation: Evaluation, path: Path) -> None:
     """Write ``alignment.json``: how each scene was aligned, its scale and its residuals."""
-    facts = {name: one.facts for name, one in evaluation.scored.items()}
-    values = {name: one["alignment"] for name, one in facts.items() if one}
+    values = {name: one.facts["alignment"] for name, one in evaluation.scored.items() if one.facts}
     with atomic_write(path, "w") as stream:
         stream.write(json.dumps(values, indent=1, allow_nan=False) + "\n")
 

@@ -222,12 +222,12 @@ def notes_of(result: Result, wanted: Sequence[str] = ()) -> tuple[str, ...]:
 def floor_note(result: Result, wanted: Sequence[str] = ()) -> str:
     """Name the headline scores, if any are `wanted` of these, that do not beat the references."""
     parts: dict[tuple[str, str], list[str]] = {}
-    keys = score_keys(result, wanted)
     for name, reference in result.references.items():
         for column in result.columns:
             best = float(column.higher_is_better)  # all hits or no error, which nothing beats
             floor = reference.overall.get(column.key, best)
-            if column.headline and column.key in keys and abs(floor - best) > TIE:
+            is_asked = not wanted or {column.key, column.title} & set(wanted)
+            if column.headline and is_asked and abs(floor - best) > TIE:
                 said = _compare_with_floor(result, reference, column)
                 floor *= 100 if column.unit == "share" else 1
                 parts.setdefault((said, name), []).append(f"{column.title} {floor:.2f}")
