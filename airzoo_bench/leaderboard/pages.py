@@ -47,7 +47,7 @@ def build_board(scored: Path, submissions: Path, board: Board, data: Path, out: 
     """Build a site of the runs in `scored` in place of an earlier one; return what is not shown."""
     check_new_folder(out, replace=True, mark=BOARD_JSON)
     cache = out.with_name(f"{out.name}.cache")
-    with _kept_texts(cache / "texts.json") as keep:
+    with _open_texts(cache / "texts.json") as keep:
         entries = read_entries(scored / "runs", submissions, keep)
         content = board_json(entries, board, data, cache, keep)
         pages = render_pages(content, scored, keep)
@@ -64,16 +64,16 @@ def build_board(scored: Path, submissions: Path, board: Board, data: Path, out: 
 
 
 @contextmanager
-def _kept_texts(file: Path) -> Iterator[Keep]:
-    """Yield a function that makes a part, or knows it of the last build by this code and inputs."""
+def _open_texts(file: Path) -> Iterator[Keep]:
+    """Yield a function that makes a part, or takes the last build's of the same code and input."""
     known, used = json.loads(file.read_text("utf-8")) if file.is_file() else {}, dict[str, Any]()
-    sources = sorted(Path(__file__).parent.glob("*.py"))
+    home = Path(__file__).parents[1]  # tables, tests and the report's parts are on pages too
+    sources = sorted([*home.rglob("*.py"), *home.rglob("html/*")])
     code = fingerprint([one.read_text("utf-8") for one in sources])
 
     def keep(shown: Any, make: Callable[[], Any]) -> Any:
         key = fingerprint([code, shown])
-        used[key] = known[key] if key in known else make()
-        return used[key]
+        return used.setdefault(key, known[key] if key in known else make())
 
     yield keep
     with atomic_write(file, "w") as stream:

@@ -429,7 +429,7 @@ def _random_views(
 
 
 def describe_alignments(method: Method | Evaluation) -> list[str]:
-    """Say by what each scene was aligned, how well, and from which confidence on."""
+    """Describe the alignment of each scene: its cameras, scale, residual, least confidence."""
     above = method.result.protocol.settings.get("fusion", {}).get("confidence_above", "none")
     said = "scene {scene}: aligned by {inlier_cameras:g} of {cameras:g} cameras, scale {scale:.4g}"
     said += f", centres rms {{centres_rms_m:.2f}} m; confidence threshold: {above}"

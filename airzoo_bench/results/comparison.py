@@ -339,7 +339,7 @@ def compare(
 
 
 def why_untested(test: PairedTest, unit: str, units: int) -> str:
-    """Say why no values of so many units could be a finding; empty where some could."""
+    """Say why a test of this number of units finds nothing; empty where it could."""
     if test.kind == "student" or (test.patterns and p_floor(units) <= LEVEL):
         return ""
     if not test.patterns:
