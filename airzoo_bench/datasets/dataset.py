@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from airzoo_bench.core.errors import ProtocolError, UsageError
 from airzoo_bench.core.progress import Progress
+from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.core.validation import nearest
 from airzoo_bench.datasets.about import About
 from airzoo_bench.datasets.prepare import Run
@@ -59,8 +60,7 @@ class Dataset(Generic[OptionsT]):
 
     def folder_name(self, options: OptionsT, root: Path) -> str:
         """Name the folder, which is another where only some of the scenes are there or wanted."""
-        scenes = self._wanted(options)
-        return self.benchmark_protocols(options, root).restrict(scenes).benchmark
+        return self.benchmark_protocols(options, root).restrict(self._wanted(options)).benchmark
 
     def is_prepared(self, options: OptionsT, settings: PrepareSettings) -> bool:
         """Whether the folder is complete, and made from files that did not change since."""
@@ -80,9 +80,10 @@ class Dataset(Generic[OptionsT]):
 
     def _wanted(self, options: Any) -> dict[str, Sequence[Path]]:
         """Return the requested scenes in the dataset's order."""
-        there, only = self.scenes(options), getattr(options, "scene", None)
-        unknown = [scene for scene in only or () if scene not in there]
-        if unknown:
+        only = getattr(options, "scene", None)
+        with DATASETS.blaming(self.name, ", finding its scenes"):
+            there = self.scenes(options)
+        if unknown := [scene for scene in only or () if scene not in there]:
             what = f"there is no scene {', '.join(map(repr, unknown))} below {options.source}"
             what += nearest(unknown[0], list(there), 1)
             raise UsageError(what, where="--scene", expected=f"some of {', '.join(there)}")
@@ -91,5 +92,4 @@ class Dataset(Generic[OptionsT]):
 
 def path_options(options: Any) -> list[Path]:
     """Return the options that are paths."""
-    values = [getattr(options, one.name) for one in fields(options)]
-    return [value for value in values if isinstance(value, Path)]
+    return [path for one in fields(options) if isinstance(path := getattr(options, one.name), Path)]

@@ -130,7 +130,7 @@ class MatchingTrack(Track):
         ]
         scores, scenes = matching_scores(protocol.scores), [truth.scene for truth in truths]
         summary = summarise(pd.concat(records, ignore_index=True), scores, scenes)
-        meaning = "what the photos' own GPS and gimbal angles score, without any matching"
+        meaning = "what the priors score as poses, without any matching"
         return {"Prior itself": Reference(meaning=meaning, **asdict(summary))}
 
     def template(

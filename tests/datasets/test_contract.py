@@ -249,8 +249,9 @@ def test_it_is_prepared_and_scored(tmp_path, monkeypatch, capsys) -> None:
     capsys.readouterr()
     assert run_main(*command) == 0
     assert "nothing to do" in "".join(capsys.readouterr())
-    monkeypatch.setattr(type(DATASETS.get("hills")), "read", lambda *_: {}["dsm"])
-    assert run_main(*command, "--force") == 2
-    assert "KeyError: 'dsm'" in capsys.readouterr().err
+    for method in ("read", "scenes"):  # a slip of the package
+        monkeypatch.setattr(type(DATASETS.get("hills")), method, lambda *_: {}["dsm"])
+        assert run_main(*command, "--force") == 2
+        assert "KeyError: 'dsm'" in capsys.readouterr().err
     assert run_main("protocols", "photos-matching") == 0  # of data that have no page
     assert ": \n" not in capsys.readouterr().out

@@ -51,8 +51,6 @@ _LIFT_M = 0.02
 _BLUR, _EDGE_BLUR = np.float32(0.08), np.float32(0.08)
 _VIGNETTE, _SHOULDER = np.float32(0.12), np.float32(0.88)
 _DROPS = {"rain": 420, "snow": 520}
-
-
 IMAGE_SUFFIX = ".jpg"
 PLACE_COLUMNS = ("longitude", "latitude", "altitude", "roll", "pitch", "yaw")
 
