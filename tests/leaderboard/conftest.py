@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import datetime
-import hashlib
 import json
 import os
 import subprocess
+import tempfile
 import tomllib
-import zlib
-from collections.abc import Mapping, Sequence
-from functools import reduce
+from collections.abc import Sequence
+from functools import cache, partial, reduce
+from itertools import product
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -82,9 +82,11 @@ def submission(**changes: Any) -> Submission:
 
 
 def write_submission(root: Path, arrays: Any, folder: str = "salad", **changes: Any) -> Path:
-    """Write predictions and what states them, in place of earlier ones; return their folder."""
+    """Write predictions, or other bytes, and what states them; return their folder."""
     (home := root / HOME / folder).mkdir(parents=True, exist_ok=True)
-    file = write_predictions(home / "preds.npz", PROTOCOL, **arrays)
+    (file := home / "preds.npz").write_bytes(arrays if isinstance(arrays, bytes) else b"")
+    if isinstance(arrays, dict):
+        write_predictions(file, PROTOCOL, **arrays)
     stated = {"file": file.name, "sha256": sha256_of_tree(file), "bytes": file.stat().st_size}
     keys = values(**({"predictions": stated} | changes))
     (home / SUBMISSION_FILE).write_text(tomli_w.dumps(keys), encoding="utf-8")
@@ -153,75 +155,55 @@ def write_template(track: str, data: Path, folder: Path) -> Path:
 
 # --- a hosted repository ---
 
-AUTHOR = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_NOSYSTEM": "1"}
-AUTHOR |= {f"GIT_{role}_NAME": "someone" for role in ("AUTHOR", "COMMITTER")}
-AUTHOR |= {f"GIT_{role}_EMAIL": "someone@example.org" for role in ("AUTHOR", "COMMITTER")}
+ROLES = product(("AUTHOR", "COMMITTER"), ("NAME", "EMAIL"))
+AUTHOR = {f"GIT_{role}_{key}": "someone@example.org" for role, key in ROLES}
+AUTHOR |= {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_NOSYSTEM": "1"}
 
-File = bytes | tuple[str, bytes | str] | dict[str, Any] | None
-"""A plain file, a mode with a content or the id of an object, or a folder; None removes one."""
+Files = dict[str, Any]
+"""By path: bytes, a mode with bytes or the id of an object, or a folder; None is no file."""
 
 
-def git(folder: Path, *arguments: str) -> str:
-    line, own = ["git", *arguments], os.environ | AUTHOR
-    done = subprocess.run(line, cwd=folder, capture_output=True, text=True, env=own)
+def git(folder: Path, *arguments: object, stdin: bytes = b"") -> str:
+    line, own = ["git", *map(str, arguments)], os.environ | AUTHOR
+    done = subprocess.run(line, cwd=folder, input=stdin, env=own, capture_output=True)
     assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+    return done.stdout.decode().strip()
 
 
 class Hosted:
     """A bare repository as GitHub keeps it, into which objects are written as they are given."""
 
-    def __init__(self, folder: Path, files: Mapping[str, File]) -> None:
-        self.folder, self.files = folder, dict[str, dict[str, File]]()  # of commits made here
-        folder.mkdir(parents=True)
-        git(folder, "init", "--quiet", "--bare", "--initial-branch=main")
+    def __init__(self, folder: Path, files: Files) -> None:
+        self.folder, self.git = folder, cache(partial(git, folder))  # an object is written once
+        git(Path(), "init", "--quiet", "--bare", "--initial-branch=main", folder)
         git(folder, "config", "uploadpack.allowFilter", "true")
         self.first = self.move("heads/main", self.commit(files))
 
-    def resolve(self, name: str) -> str:
-        return (self.folder / "refs" / name).read_text().strip()
-
     def move(self, name: str, commit: str) -> str:
         """Let a branch or a pull request point to a commit, as after a push to it."""
-        (path := self.folder / "refs" / name).parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f"{commit}\n")
+        git(self.folder, "update-ref", f"refs/{name}", commit)
         return commit
 
-    def store(self, kind: str, content: bytes) -> str:
-        whole = b"%s %d\0%s" % (kind.encode(), len(content), content)
-        name = hashlib.sha1(whole, usedforsecurity=False).hexdigest()
-        path = self.folder / "objects" / name[:2] / name[2:]
-        if not path.exists():
-            path.parent.mkdir(exist_ok=True)
-            path.write_bytes(zlib.compress(whole, 1))
-        return name
-
-    def store_file(self, file: File) -> tuple[str, str]:
-        """Store a file or a folder, whatever its names, and return its mode and id."""
+    def store(self, file: Any) -> str:
+        """Store a file or a folder, whatever its names, and return its line in a tree."""
         if isinstance(file, dict):
             kinds = {id(one): one for one in file.values()}  # a bomb is one object many times
-            stored, lines = {key: self.store_file(one) for key, one in kinds.items()}, []
-            for name, one in file.items():
-                (mode, of), raw = stored[id(one)], os.fsencode(name)
-                line = b"%s %s\0%s" % (mode.encode(), raw, bytes.fromhex(of))
-                lines.append((raw + b"/" * (mode == "40000"), line))  # git's order
-            return "40000", self.store("tree", b"".join(line for _, line in sorted(lines)))
+            stored = {key: self.store(one) for key, one in kinds.items()}
+            lines = "".join(f"{stored[id(one)]}\t{name}\0" for name, one in file.items())
+            made = self.git("mktree", "-z", "--missing", stdin=os.fsencode(lines))
+            return f"040000 tree {made}"
         mode, content = file if isinstance(file, tuple) else ("100644", file or b"")
-        return mode, self.store("blob", content) if isinstance(content, bytes) else content
+        if isinstance(content, bytes):
+            content = self.git("hash-object", "-w", "--stdin", stdin=content)
+        return f"{mode} {'commit' if mode == '160000' else 'blob'} {content}"
 
-    def commit(self, changes: Mapping[str, File], *parents: str) -> str:
-        """Commit changes of the first parent's files."""
-        files = dict(self.files[parents[0]] if parents else {}) | dict(changes)
-        tree: dict[str, Any] = {}
-        for path, file in files.items():
+    def commit(self, files: Files, *parents: str) -> str:
+        tree: Files = {}
+        for path, file in ((path, file) for path, file in files.items() if file is not None):
             *folders, name = path.split("/")
-            if file is not None:
-                reduce(lambda at, part: at.setdefault(part, {}), folders, tree)[name] = file
-        lines = [f"tree {self.store_file(tree)[1]}", *(f"parent {one}" for one in parents)]
-        lines += [f"{role} a <a@example.org> 1700000000 +0000" for role in ("author", "committer")]
-        commit = self.store("commit", "\n".join([*lines, "", "x\n"]).encode())
-        self.files[commit] = files
-        return commit
+            reduce(lambda at, part: at.setdefault(part, {}), folders, tree)[name] = file
+        before = [f"-p{parent}" for parent in parents]
+        return git(self.folder, "commit-tree", "-m", "x", *before, self.store(tree).split()[-1])
 
 
 class Board:
@@ -230,8 +212,7 @@ class Board:
     log: Result
 
     def __init__(self, home: Path) -> None:
-        self.home, self.jobs = home, 0
-        self.hosted = Hosted(home / "hosted.git", {".keep": b""})
+        self.home, self.hosted = home, Hosted(home / "hosted.git", {".keep": b""})
         self.main = self.clone("main")
         run("leaderboard", "init", self.main, "--repository", "lab/board")
         (self.main / BOARD_FILE).write_text(BOARD)
@@ -244,7 +225,7 @@ class Board:
     def push(self, clone: Path, ref: str = "heads/main") -> str:
         """Commit everything in a clone, push it, and return the commit."""
         git(clone, "add", "--all")
-        git(clone, "commit", "--quiet", "-m", f"change of {ref}")
+        git(clone, "commit", "--quiet", "--allow-empty", "-m", f"change of {ref}")
         git(clone, "push", "--quiet", "--force", "origin", f"HEAD:refs/{ref}")
         return git(clone, "rev-parse", "HEAD")
 
@@ -254,8 +235,7 @@ class Board:
 
     def score(self, number: int, head: str, account: int = ADA, *, code: int = 0) -> Path:
         """Play the job that checks a pull request, and return its findings."""
-        self.jobs += 1
-        (work := self.home / f"run{self.jobs}").mkdir()
+        (work := self.home / f"{head}-{account}").mkdir()
         pull = {"number": number, "head": {"sha": head}, "base": {"ref": "main"}}
         pull |= {"user": {"id": account}}
         (event := work / "event.json").write_text(json.dumps({"pull_request": pull}))
@@ -267,29 +247,29 @@ class Board:
         run("leaderboard", "comment", *findings, "--out", self.home / "comment.md")
         return (self.home / "comment.md").read_text()
 
-    def ci(self, number: int, head: str, account: int = ADA, *, code: int = 0) -> str:
+    def ci(self, number: int, clone: Path, account: int = ADA, *, code: int = 0) -> str:
+        """Push a clone to a pull request, and return the comment on it."""
+        head = self.push(clone, f"pull/{number}/head")
         return self.comment(self.score(number, head, account, code=code))
 
-    def merge(self, number: int, head: str) -> None:
+    def merge(self, number: int, head: str = "FETCH_HEAD") -> None:
         git(self.main, "fetch", "--quiet", "origin", f"refs/pull/{number}/head")
         git(self.main, "merge", "--quiet", "--squash", head)
         self.push(self.main)
 
-    def rescore(self, *, said: str | None = None, code: int = 0) -> Path:
+    def rescore(self, *, said: str = "", code: int = 0) -> Path:
         """Score what was merged, and return the folder of all runs; `said` is in the log."""
-        self.jobs += 1
-        data = self.home / f"data{self.jobs}"
-        done = self.step("score", "--out", data, code=code)
-        assert said is None or (said in done.stderr and bool(said) == bool(done.stderr))
+        data = Path(tempfile.mkdtemp(dir=self.home))
+        self.log = self.step("score", "--out", data, code=code)
+        assert said in self.log.stderr
         return data
 
-    def build(self, *, said: str | None = None) -> Path:
+    def build(self, *, said: str = "") -> Path:
         """Play the workflow of the board, and return the site."""
         data = self.rescore(said=said)
-        site = self.home / f"site{self.jobs}"
-        run("leaderboard", "build", "--runs", data, "--out", site, "--root", self.main)
+        run("leaderboard", "build", "--runs", data, "--out", data / "site", "--root", self.main)
         self.step("keep", data)
-        return site
+        return data / "site"
 
     def data_file(self, path: str) -> str:
         return git(self.hosted.folder, "show", f"leaderboard-data:{path}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -26,19 +27,18 @@ def worse(perfect: Arrays) -> Arrays:
 
 
 def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: Arrays) -> None:
-    ada, preds = board.clone("ada"), board.home / "preds.npz"
-    write_predictions(preds, PROTOCOL, **worse(perfect))
+    ada, bob = board.clone("ada"), board.clone("bob")
+    preds = write_predictions(board.home / "preds.npz", PROTOCOL, **worse(perfect))
     for name in ("Vinegar", "Salad"):  # the second begins at the board's branch too
         made = world.run("submit", preds, *world.OPTIONS, "--method", name, "--board", ada)
     push, create = made.stdout.splitlines()[-2:]
-    branch = push.removeprefix("git push --force -u origin ")
-    assert (branch, create) == ("submit-made-retrieval-salad", "gh pr create --fill")
+    assert push == "git push --force -u origin submit-made-retrieval-salad"
+    assert create == "gh pr create --fill"
     world.git(ada, *push.split()[1:])
-    head = board.hosted.move("pull/1/head", board.hosted.resolve(f"heads/{branch}"))
-    comment = board.ci(1, head)
+    comment, head = board.ci(1, ada), world.git(ada, "rev-parse", "HEAD")
     for said in ("### `Salad` by `Example Lab`", "Rank **1** of 1", "| `Scene east` | 6 |", head):
         assert said in comment
-    board.merge(1, head)
+    board.merge(1)
     site = world.files_of(board.build(said="scored"))
     assert b"Salad" in site["index.html"]
     assert b'"near_best":true' not in site["board.json"]  # of one method alone
@@ -46,41 +46,40 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     assert not [text for text in (comment.encode(), *shown) if b"ada@example.org" in text]
 
     # Nothing is scored twice, and the pages are the same to the last byte.
-    tip = board.hosted.resolve("heads/leaderboard-data")
-    assert world.files_of(board.build(said="")) == site
-    assert board.hosted.resolve("heads/leaderboard-data") == tip
+    tip = board.data_file("")
+    assert world.files_of(board.build()) == site
+    assert (board.log.stderr, board.data_file("")) == ("", tip)
 
-    # The next version of the same account says what has changed.
+    # The next version of the same account says what has changed; a stale branch may be another's.
+    write_submission(ada, perfect, method="Salad")
+    assert "has changed on the board since" in board.ci(1, ada, code=1)
     write_submission(ada := board.clone("ada2"), perfect, method="Salad")
-    head = board.push(ada, "pull/2/head")
-    assert "| the last version | 10 |" in board.ci(2, head)
-    board.merge(2, head)
+    assert "| the last version | 10 |" in board.ci(2, ada)
+    board.merge(2)
     board.step("keep", board.rescore())
     assert json.loads(board.data_file(f"{RUNS}/salad/2/run.json"))["tree"]
 
     # A second method is placed beside the first; anybody can write a team's name. Answers that
     # are another team's are told, whatever file they come in.
-    bob, copied = board.clone("bob"), {name: rows[::-1] for name, rows in perfect.items()}
+    copied = {name: rows[::-1] for name, rows in perfect.items()}
     facts = {"method": "Vinegar", "account": BOB}
     write_submission(bob, copied, "vinegar", team="Other Lab", **facts)
-    head = board.push(bob, "pull/3/head")
-    assert f"write account = {ADA}" in board.ci(3, head, ADA, code=1)
-    comment = board.ci(3, head, world.MAINTAINER)
+    assert f"write account = {ADA}" in board.ci(3, bob, ADA, code=1)
+    comment = board.ci(3, bob, world.MAINTAINER)
     assert "of 2 by" in comment
     assert "100 % of the records are those of 'Salad' of team 'Example Lab'" in comment
     write_submission(bob, worse(perfect), "vinegar", **facts)
-    comment = board.ci(3, board.push(bob, "pull/3/head"), BOB)
-    assert "team 'Example Lab' is on the board already, by another account" in comment
+    said = "team 'Example Lab' is on the board already, by another account"
+    assert said in board.ci(3, bob, BOB)
 
     # A withdrawn submission leaves the board, and its folder keeps its owner.
-    shutil.rmtree(board.clone("ada3") / HOME / "salad")
-    head = board.push(board.home / "ada3", "pull/4/head")
-    assert "is withdrawn" in board.ci(4, head)
-    board.merge(4, head)
+    shutil.rmtree((ada := board.clone("ada3")) / HOME / "salad")
+    assert "is withdrawn" in board.ci(4, ada, world.MAINTAINER)  # who may change every folder
+    board.merge(4)
     assert not list(board.rescore().rglob("run.json"))
     assert board.data_file(f"{RUNS}/salad/1/run.json")
     write_submission(bob := board.clone("bob2"), perfect, team="Other Lab", account=BOB)
-    assert "belongs to another account" in board.ci(5, board.push(bob, "pull/5/head"), BOB, code=1)
+    assert "belongs to another account" in board.ci(5, bob, BOB, code=1)
 
 
 def test_only_changes_are_scored_again(
@@ -88,16 +87,15 @@ def test_only_changes_are_scored_again(
 ) -> None:
     write_submission(board.main, perfect)
     board.push(board.main)
+    read = mock.Mock(wraps=predictions.call_limited)
     with monkeypatch.context() as patched:
         patched.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
-        read = mock.Mock(wraps=predictions.call_limited)
         patched.setattr(predictions, "call_limited", read)
         board.step("keep", board.rescore())
     assert read.called  # strangers' predictions are read under limits
     write_submission(board.main, perfect, summary="Other words")
     board.push(board.main)
-    with monkeypatch.context() as patched:
-        patched.setattr(CheckedSubmission, "score", None)
+    with mock.patch.object(CheckedSubmission, "score", None):
         board.step("keep", board.rescore(said="new words, the same scores"))
     assert "Other words" in board.data_file(f"{RUNS}/salad/1/submission.toml")
     protocol = data / f"made/protocols/{PROTOCOL}.toml"
@@ -110,10 +108,7 @@ def test_only_changes_are_scored_again(
     first = [[(tile + 1) % scenes[0].n_tiles for tile in found] for found in scenes[0].positives]
     changed = [replace(scenes[0], positives=first), *scenes[1:]]
     write_benchmark(data / "made", made_protocol(changed), changed)
-    site = board.build(said="scored again")
-    rows = json.loads((site / "board.json").read_text())["tables"][PROTOCOL]["rows"]
-    [row] = [row for row in rows if row["kind"] == "re-scored"]
-    assert (row["version"], [one["number"] for one in row["history"]]) == (2, [2, 1])
+    board.rescore(said="scored again")
 
 
 def test_what_is_merged_past_ci_stops_no_other(board: Board, perfect: Arrays) -> None:
@@ -121,9 +116,9 @@ def test_what_is_merged_past_ci_stops_no_other(board: Board, perfect: Arrays) ->
     write_submission(board.main, perfect, method="Salad")
     board.push(board.main)
     board.step("keep", board.rescore())
-    for name in ("aaa", "cress", "sound"):
-        facts = {"method": "SALAD" if name == "cress" else name, "team": f"Team {name}"}
-        write_submission(board.main, worse(perfect), name, account=BOB, **facts)
+    for name, method in {"aaa": "aaa", "cress": "SALAD", "sound": "sound"}.items():
+        facts = {"method": method, "team": f"Team {name}", "account": BOB}
+        write_submission(board.main, worse(perfect), name, **facts)
     (board.main / HOME / "aaa/link").symlink_to("/")
     (board.main / HOME / "whole").symlink_to("salad")
     board.push(board.main)
@@ -138,15 +133,14 @@ def test_what_is_merged_past_ci_stops_no_other(board: Board, perfect: Arrays) ->
 
 
 def test_faults_of_the_board_are_no_refusal(board: Board, tmp_path: Path, capsys: Any) -> None:
-    head = board.hosted.commit({f"{HOME}/x/submission.toml": b"x"}, board.hosted.first)
-    event = board.score(1, board.hosted.move("pull/1/head", head), code=1).with_name("event.json")
+    head = board.push(board.main, "pull/1/head")
+    event = board.score(1, head).with_name("event.json")
     (wrong := tmp_path / "wrong").mkdir()  # no sound board, no repository, and not empty
     (file := wrong / "leaderboard.toml").write_text("{}")
-    for option in ("--event", "--root", "--remote", "--work"):
-        sound = {"--event": event, "--root": board.main, "--remote": board.hosted.folder}
-        sound |= {"--work": tmp_path / f"work{option}", "--out": tmp_path / "found.json"}
-        fault = {option: file if option == "--event" else wrong}
-        options = [part for pair in (sound | fault).items() for part in pair]
-        assert run_main("leaderboard", "score", *options) == 2
+    sound = {"--event": event, "--root": board.main, "--remote": board.hosted.folder}
+    for option in (*sound, "--work"):
+        places = sound | {"--work": tmp_path / f"work{option}", "--out": tmp_path / "found.json"}
+        places[option] = file if option == "--event" else wrong
+        assert run_main("leaderboard", "score", *chain(*places.items())) == 2
         assert capsys.readouterr().err.count("airzoo-bench: ") == 1
     assert not (tmp_path / "found.json").exists()
