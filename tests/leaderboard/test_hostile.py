@@ -13,9 +13,8 @@ import pytest
 from markdown_it import MarkdownIt
 
 from airzoo_bench.core.errors import SubmissionError
+from airzoo_bench.leaderboard import board as rules
 from airzoo_bench.leaderboard import git
-from airzoo_bench.leaderboard.board import Board as Rules
-from airzoo_bench.leaderboard.board import Place
 from airzoo_bench.leaderboard.comment import MARK, Found, comment_on
 from airzoo_bench.leaderboard.submission import submission_text
 from tests.leaderboard import conftest as world
@@ -23,7 +22,7 @@ from tests.leaderboard.conftest import ADA, BOB, HOME, Board, Files, Hosted
 from tests.statistics.support import HIT
 
 LIMITS = {"limits": {"committed_bytes": 1_000_000}}
-RULES = Rules.model_validate(tomllib.loads(world.BOARD) | LIMITS)
+RULES = rules.Board.model_validate(tomllib.loads(world.BOARD) | LIMITS)
 
 
 def toml(folder: str, **changes: Any) -> Files:
@@ -151,17 +150,14 @@ def test_against_the_later_of_two_bases_another_folder_looks_untouched(tmp_path:
 
 
 IDS = [f"{scene}/q{n:05d}" for scene, count in (("east", 6), ("west", 4)) for n in range(count)]
-# A pickle, NaN, and what is no archive.
-PREDICTIONS: list[Any] = [
-    {"query_ids": np.array([print], object)},
-    {"query_ids": IDS, "query_descriptors": np.full((10, 4), np.nan, np.float32)},
-    *(b"PK\x03\x04" + bytes(200), b"\x93NUMPY\x01\x00", b""),
-]
+NANS = np.full((10, 4), np.nan, np.float32)
+PICKLE = np.array([print], object)
 
 
 def test_hostile_files_are_one_refusal_and_no_command_to_the_runner(board: Board) -> None:
     fork = board.clone("fork")
-    for number, arrays in enumerate(PREDICTIONS, 1):
+    cases: list[Any] = [{"query_ids": PICKLE}, {"query_ids": IDS, "query_descriptors": NANS}, {}]
+    for number, arrays in enumerate(cases, 1):
         home = world.write_submission(fork, arrays)
         if not arrays:
             (home / "a\n::set-output\x1b[2J").touch()
@@ -203,7 +199,7 @@ def comments(text: str) -> list[str]:
     names = {"method": text or "x", "team": text}
     scored = Found(kind="scored", answer=answer, **names, **pull)
     problems = (str(SubmissionError(text, where=text, expected=text, fix=text)),) * 500
-    pull |= {"place": Place("made", "retrieval", "mine")}
+    pull |= {"place": rules.Place("made", "retrieval", "mine")}
     return [comment_on(scored), comment_on(Found(kind="refused", problems=problems, **pull))]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from airzoo_bench.core import sandbox
+from airzoo_bench.core.sandbox import Limits, call_limited
 from airzoo_bench.evaluation import predictions
 from airzoo_bench.leaderboard.checks import CheckedSubmission
 from tests.leaderboard import conftest as world
@@ -27,13 +27,12 @@ def worse(perfect: Arrays) -> Arrays:
 
 
 def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: Arrays) -> None:
-    ada, bob = board.clone("ada"), board.clone("bob")
+    ada = board.clone("ada")
     preds = write_predictions(board.home / "preds.npz", PROTOCOL, **worse(perfect))
     for name in ("Vinegar", "Salad"):  # the second begins at the board's branch too
         made = world.run("submit", preds, *world.OPTIONS, "--method", name, "--board", ada)
-    push, create = made.stdout.splitlines()[-2:]
-    assert push == "git push --force -u origin submit-made-retrieval-salad"
-    assert create == "gh pr create --fill"
+    push = "git push --force -u origin submit-made-retrieval-salad"
+    assert made.stdout.splitlines()[-2:] == [push, "gh pr create --fill"]
     world.git(ada, *push.split()[1:])
     comment, head = board.ci(1, ada), world.git(ada, "rev-parse", "HEAD")
     for said in ("### `Salad` by `Example Lab`", "Rank **1** of 1", "| `Scene east` | 6 |", head):
@@ -46,9 +45,10 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     assert not [text for text in (comment.encode(), *shown) if b"ada@example.org" in text]
 
     # Nothing is scored twice, and the pages are the same to the last byte.
-    tip = board.data_file("")
+    tip = world.git(board.hosted.folder, "rev-parse", "leaderboard-data")
     assert world.files_of(board.build()) == site
-    assert (board.log.stderr, board.data_file("")) == ("", tip)
+    assert board.log.stderr == ""
+    assert world.git(board.hosted.folder, "rev-parse", "leaderboard-data") == tip
 
     # The next version of the same account says what has changed; a stale branch may be another's.
     write_submission(ada, perfect, method="Salad")
@@ -62,13 +62,13 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     # A second method is placed beside the first; anybody can write a team's name. Answers that
     # are another team's are told, whatever file they come in.
     copied = {name: rows[::-1] for name, rows in perfect.items()}
-    facts = {"method": "Vinegar", "account": BOB}
-    write_submission(bob, copied, "vinegar", team="Other Lab", **facts)
+    facts = {"folder": "vinegar", "method": "Vinegar", "account": BOB}
+    write_submission(bob := board.clone("bob"), copied, team="Other Lab", **facts)
     assert f"write account = {ADA}" in board.ci(3, bob, ADA, code=1)
     comment = board.ci(3, bob, world.MAINTAINER)
     assert "of 2 by" in comment
     assert "100 % of the records are those of 'Salad' of team 'Example Lab'" in comment
-    write_submission(bob, worse(perfect), "vinegar", **facts)
+    write_submission(bob, worse(perfect), **facts)
     said = "team 'Example Lab' is on the board already, by another account"
     assert said in board.ci(3, bob, BOB)
 
@@ -82,54 +82,48 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     assert "belongs to another account" in board.ci(5, bob, BOB, code=1)
 
 
-def test_only_changes_are_scored_again(
-    board: Board, data: Path, scenes: Any, perfect: Arrays, monkeypatch: Any
+def test_only_changes_are_scored_again_and_what_is_merged_past_ci_stops_no_other(
+    board: Board, data: Path, scenes: Any, perfect: Arrays
 ) -> None:
-    write_submission(board.main, perfect)
-    board.push(board.main)
-    read = mock.Mock(wraps=predictions.call_limited)
-    with monkeypatch.context() as patched:
-        patched.setattr("airzoo_bench.cli.leaderboard.Limits", sandbox.Limits)
-        patched.setattr(predictions, "call_limited", read)
-        board.step("keep", board.rescore())
-    assert read.called  # strangers' predictions are read under limits
-    write_submission(board.main, perfect, summary="Other words")
-    board.push(board.main)
-    with mock.patch.object(CheckedSubmission, "score", None):
-        board.step("keep", board.rescore(said="new words, the same scores"))
-    assert "Other words" in board.data_file(f"{RUNS}/salad/1/submission.toml")
-    protocol = data / f"made/protocols/{PROTOCOL}.toml"
-    text = protocol.read_text()
-    protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
-    again = board.rescore(said="scored again")
-    assert sorted(path.name for path in again.glob(f"{RUNS}/salad/*")) == ["1", "2"]
-    protocol.write_text(text)
-    shutil.rmtree(data / "made")
-    first = [[(tile + 1) % scenes[0].n_tiles for tile in found] for found in scenes[0].positives]
-    changed = [replace(scenes[0], positives=first), *scenes[1:]]
-    write_benchmark(data / "made", made_protocol(changed), changed)
-    board.rescore(said="scored again")
-
-
-def test_what_is_merged_past_ci_stops_no_other(board: Board, perfect: Arrays) -> None:
-    """Of two names that look alike the one that has a run stays."""
     write_submission(board.main, perfect, method="Salad")
     board.push(board.main)
-    board.step("keep", board.rescore())
+    limits = mock.patch("airzoo_bench.cli.leaderboard.Limits", Limits)
+    with limits, mock.patch.object(predictions, "call_limited", wraps=call_limited) as read:
+        board.step("keep", board.rescore())
+    assert read.called  # strangers' predictions are read under limits
+
+    # Of two names that look alike the one that has a run stays.
+    write_submission(board.main, perfect, method="Salad", summary="Other words")
     for name, method in {"aaa": "aaa", "cress": "SALAD", "sound": "sound"}.items():
-        facts = {"method": method, "team": f"Team {name}", "account": BOB}
-        write_submission(board.main, worse(perfect), name, **facts)
+        facts = {"folder": name, "method": method, "team": f"Team {name}", "account": BOB}
+        write_submission(board.main, worse(perfect), **facts)
     (board.main / HOME / "aaa/link").symlink_to("/")
     (board.main / HOME / "whole").symlink_to("salad")
     board.push(board.main)
-    data = board.rescore(code=1, said="differs from 'Salad' only in case")
-    assert sorted(path.parent.name for path in data.glob(f"{RUNS}/*/1")) == ["salad", "sound"]
-    faults = {p.parent.name: p.read_text() for p in data.glob(f"{RUNS}/*/fault.txt")}
+    own = {"side_effect": CheckedSubmission.score, "autospec": True}
+    with mock.patch.object(CheckedSubmission, "score", **own) as score:
+        found = board.rescore(code=1, said="new words, the same scores")
+    assert [call.args[0].folder.name for call in score.call_args_list] == ["sound"]
+    assert sorted(path.parent.name for path in found.glob(f"{RUNS}/*/1")) == ["salad", "sound"]
+    faults = {p.parent.name: p.read_text() for p in found.glob(f"{RUNS}/*/fault.txt")}
     assert sorted(faults) == ["aaa", "cress"]
     assert "link" in faults["aaa"]
-    board.step("keep", data)
-    kept = world.git(board.hosted.folder, "ls-tree", "-r", "--name-only", "leaderboard-data")
-    assert "fault" not in kept
+    assert "differs from 'Salad' only in case" in faults["cress"]
+    board.step("keep", found)
+    assert "fault" not in world.git(board.hosted.folder, "ls-tree", "-r", "leaderboard-data")
+    assert "Other words" in board.data_file(f"{RUNS}/salad/1/submission.toml")
+
+    # Another version of the protocol, and another truth.
+    protocol = data / f"made/protocols/{PROTOCOL}.toml"
+    text = protocol.read_text()
+    protocol.write_text(text.replace("\nversion = 3", "\nversion = 4", 1))
+    again = board.rescore(code=1, said="scored again")
+    assert sorted(path.name for path in again.glob(f"{RUNS}/salad/*")) == ["1", "2"]
+    protocol.write_text(text)
+    shutil.rmtree(data / "made")
+    changed = [replace(scenes[0], positives=scenes[0].positives[::-1]), *scenes[1:]]
+    write_benchmark(data / "made", made_protocol(changed), changed)
+    board.rescore(code=1, said="scored again")
 
 
 def test_faults_of_the_board_are_no_refusal(board: Board, tmp_path: Path, capsys: Any) -> None:
