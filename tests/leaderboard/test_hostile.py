@@ -16,18 +16,12 @@ from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard import board as rules
 from airzoo_bench.leaderboard import git
 from airzoo_bench.leaderboard.comment import MARK, Found, comment_on
-from airzoo_bench.leaderboard.submission import submission_text
 from tests.leaderboard import conftest as world
 from tests.leaderboard.conftest import ADA, BOB, HOME, Board, Files, Hosted
 from tests.statistics.support import HIT
 
 LIMITS = {"limits": {"committed_bytes": 1_000_000}}
 RULES = rules.Board.model_validate(tomllib.loads(world.BOARD) | LIMITS)
-
-
-def toml(folder: str, **changes: Any) -> Files:
-    text = submission_text(world.submission(**changes))
-    return {f"{HOME}/{folder}/submission.toml": text.encode()}
 
 
 def only(path: str, content: Any = b"x") -> Files:
@@ -42,12 +36,12 @@ def many(count: int, content: Any = b"x") -> Files:
     return dict.fromkeys(map("{:06}".format, range(count)), content)
 
 
-# 300 to the power of five copies of a folder, in five trees.
-BOMBS = [reduce(lambda of, _: many(300, of), range(5), one) for one in ({"x": b"x"}, {})]
-SOUND = toml("mine", method="Mine") | only("mine/p.npz", b"1")
-THEIRS = toml("theirs", method="Theirs", account=BOB) | only("theirs/p.npz", b"theirs")
+SOUND = only("mine/submission.toml") | only("mine/p.npz", b"1")
+THEIRS = only("theirs/submission.toml", b"account = %d" % BOB) | only("theirs/p.npz", b"theirs")
 ON_MAIN = {"README.md": b"a board\n"} | THEIRS
 MINE_NOW, THEIRS_GONE = only("theirs/p.npz", b"mine now"), dict.fromkeys(THEIRS)
+# 300 to the power of five copies of a folder, in five trees.
+BOMBS = [reduce(lambda of, _: many(300, of), range(5), one) for one in ({"x": b"x"}, {})]
 
 OTHER_FILES = ".github/workflows/x.yml .github/CODEOWNERS .ci/requirements.txt leaderboard.toml "
 OTHER_FILES += ".gitattributes .gitmodules README.md Submissions/made/retrieval/x/submission.toml"
@@ -59,23 +53,20 @@ NOT_PLAIN = [
 HOSTILE: dict[str, list[Files]] = {
     "another account": [
         *(MINE_NOW, THEIRS_GONE, only("theirs/p.npz", None), only("theirs/more.npz")),
-        *(toml(folder, method="Theirs") for folder in ("theirs", "gone")),
+        *(only(f"{folder}/submission.toml") for folder in ("theirs", "gone")),
         only("theirs/empty", {}),  # a merge would add a folder, and no file
     ],
     "more than one folder": [
         *(SOUND | MINE_NOW, SOUND | THEIRS_GONE),  # the latter renames theirs
-        *(SOUND | toml("second", method="Second"), SOUND | {"submissions/x.toml": b"x"}),
+        *(SOUND | only("second/submission.toml"), SOUND | {"submissions/x.toml": b"x"}),
         {f"{HOME}/m{n}/submission.toml": b"x" for n in range(30)},
         {f"submissions/m{n}/a/b/x": b"x" for n in range(30)},
     ],
-    "changes other files": [
-        *(SOUND | {path: b"x"} for path in OTHER_FILES.split()),
-        toml("mine") | {".github/workflows/board.yml": b"x"},
-    ],
+    "changes other files": [SOUND | {path: b"x"} for path in OTHER_FILES.split()],
     "not the folder of a submission": [
         *({f"{at}/x.toml": b"x"} for at in ("submissions", "submissions/made", HOME)),
         *(only("mine", of) for of in (("120000", b"theirs"), ("160000", "a" * 40))),
-        *(toml(name) for name in ("--help", ".hidden", "a\x07b", "aux")),
+        *(only(f"{name}/p.npz") for name in ("--help", ".hidden", "a\x07b", "aux")),
     ],
     "only in case": [beside("Ab") | beside("aB"), beside("a/x") | beside("A/y")],
     "a link, a submodule": [
@@ -91,8 +82,7 @@ HOSTILE: dict[str, list[Files]] = {
         beside("1", b"1" * 600_000) | beside("2", b"2" * 600_000),
     ],
     "2,000 files": [
-        *(only("mine", many(4_100)), only("mine", many(2_100, {"x": b"x"}))),
-        *(only("mine", bomb) for bomb in BOMBS),
+        *(only("mine", of) for of in (many(4_100), many(2_100, {"x": b"x"}), *BOMBS)),
         only("mine", many(300_000, ("100644", "a" * 40))),  # git looks for what is there
     ],
     # Trees that no program would make.
@@ -128,41 +118,36 @@ def test_hostile_changes_are_refused(hosted: Hosted, tmp_path: Path, said: str, 
     message = look(hosted, tmp_path, hosted.commit(ON_MAIN | files, hosted.first))
     assert said in message
     assert "\x1b" not in message
-    assert not [path for path in tmp_path.glob("out/**/*") if path.is_file()]
+    assert not world.files_of(tmp_path / "out")
 
 
-def test_the_commit_of_the_event_is_scored_and_no_later_one(tmp_path: Path) -> None:
-    hosted = Hosted(tmp_path / "hosted.git", ON_MAIN)
-    sound = hosted.commit(ON_MAIN | SOUND, hosted.first)
+def test_the_commit_of_the_event_is_scored_against_one_base(tmp_path: Path) -> None:
+    hosted, newer = Hosted(tmp_path / "hosted.git", ON_MAIN), {"README.md": b"newer\n"}
+    changes = (SOUND, newer, MINE_NOW)
+    sound, own, theirs = (hosted.commit(ON_MAIN | files, hosted.first) for files in changes)
+    hosted.move("heads/main", own)
     later = hosted.commit(ON_MAIN | SOUND | MINE_NOW, sound)
-    hosted.move("heads/main", hosted.commit(ON_MAIN | only("x/1"), hosted.first))
     assert look(hosted, tmp_path, sound, pulled=later) == ""
     assert world.files_of(tmp_path / "out") == SOUND
+    # Against the later of two bases another's folder looks untouched.
+    hosted.move("heads/main", hosted.commit(ON_MAIN | MINE_NOW | newer, theirs, own))
+    across = hosted.commit(ON_MAIN | newer | SOUND, own, theirs)
+    assert "has 2 merge bases" in look(hosted, tmp_path / "across", across)
 
 
-def test_against_the_later_of_two_bases_another_folder_looks_untouched(tmp_path: Path) -> None:
-    hosted = Hosted(tmp_path / "hosted.git", ON_MAIN)
-    changed = {"README.md": b"newer\n"}
-    theirs, own = (hosted.commit(ON_MAIN | f, hosted.first) for f in (MINE_NOW, changed))
-    hosted.move("heads/main", hosted.commit(ON_MAIN | MINE_NOW | changed, theirs, own))
-    across = hosted.commit(ON_MAIN | changed | SOUND, own, theirs)
-    assert "has 2 merge bases" in look(hosted, tmp_path, across)
-
-
-IDS = [f"{scene}/q{n:05d}" for scene, count in (("east", 6), ("west", 4)) for n in range(count)]
-NANS = np.full((10, 4), np.nan, np.float32)
-PICKLE = np.array([print], object)
-
-
-def test_hostile_files_are_one_refusal_and_no_command_to_the_runner(board: Board) -> None:
-    fork = board.clone("fork")
-    cases: list[Any] = [{"query_ids": PICKLE}, {"query_ids": IDS, "query_descriptors": NANS}, {}]
-    for number, arrays in enumerate(cases, 1):
-        home = world.write_submission(fork, arrays)
-        if not arrays:
-            (home / "a\n::set-output\x1b[2J").touch()
+def test_hostile_files_are_one_refusal_and_no_command_to_the_runner(
+    board: Board, scenes: Any, perfect: Any
+) -> None:
+    fork, tiles = board.clone("fork"), [tile for scene in scenes for tile in scene.tile_ids]
+    nans = {"query_ids": perfect["query_ids"], "query_descriptors": np.full((10, 4), np.nan)}
+    nans |= {"gallery_ids": tiles, "gallery_descriptors": np.ones((20, 4))}
+    pickle, command = {"query_ids": np.array([print], object)}, "\n::set-output\x1b["
+    cases = [("pickle", pickle, "a"), ("NaN", nans, "a"), ("set-output", perfect, command)]
+    for number, (said, arrays, name) in enumerate(cases, 1):
+        (world.write_submission(fork, arrays) / name).touch()
         comment = board.ci(number, fork, code=1)
         assert "is refused" in comment
+        assert said in comment
         assert not [text for text in ("Traceback", str(board.home)) if text in comment]
         assert "set-output" not in rendered(comment)
         assert board.log.stdout == "refused\n"
