@@ -117,12 +117,6 @@ def run(*arguments: object, code: int = 0, answers: Sequence[object] = ()) -> Re
 SCENE, TRUE_PLACE = f"scenes/{NAME}", "401234.5 3120234.5"
 
 
-def write_sums(folder: Path) -> None:
-    """Write the checksums of a folder whose files were changed by hand."""
-    stated = tomllib.loads((folder / "benchmark.toml").read_text())
-    write_benchmark_file(folder, BenchmarkFile.model_validate(stated))
-
-
 def make_host(root: Path) -> None:
     """Make a benchmark of every track with all files that `prepare` can write, and a host's own."""
     with mock.patch.dict("os.environ", {"AIRZOO_BENCH_DATA": str(root / "data")}):
@@ -135,7 +129,8 @@ def make_host(root: Path) -> None:
     pd.read_parquet(tiles).assign(seen_share=0.5).to_parquet(tiles)
     photos = folder / SCENE / "reconstruction/photos.csv"
     pd.read_csv(photos).assign(seen_share=0.5).to_csv(photos, index=False)
-    write_sums(folder)
+    stated = tomllib.loads((folder / "benchmark.toml").read_text())
+    write_benchmark_file(folder, BenchmarkFile.model_validate(stated))
 
 
 @pytest.fixture(scope="session")
@@ -191,7 +186,7 @@ class Hosted:
             lines = "".join(f"{stored[id(one)]}\t{name}\0" for name, one in file.items())
             made = self.git("mktree", "-z", "--missing", stdin=os.fsencode(lines))
             return f"040000 tree {made}"
-        mode, content = file if isinstance(file, tuple) else ("100644", file or b"")
+        mode, content = file if isinstance(file, tuple) else ("100644", file)
         if isinstance(content, bytes):
             content = self.git("hash-object", "-w", "--stdin", stdin=content)
         return f"{mode} {'commit' if mode == '160000' else 'blob'} {content}"
