@@ -1,7 +1,4 @@
-"""What 480 tries a year, of ten accounts, teach: ``python -m tests.leaderboard.attack FOLDER``.
-
-A try changes a tile in each scene of a folder with its truth, and is kept if its score rises.
-"""
+"""Print what tries at a sealed truth teach: python -m tests.leaderboard.attack WHOLE_FOLDER."""
 
 import sys
 from pathlib import Path
@@ -14,7 +11,7 @@ from tests.statistics.support import HIT
 
 
 def attack(truths: list[RetrievalTruth], seed: int, *, rounded: bool) -> list[float]:
-    """Return the true R@1 of tiles at random, and after each try."""
+    """Return the true R@1 of tiles at random, and after tries that change a tile in each scene."""
     random, best, reached = np.random.default_rng(seed), -1.0, [0.0]
     kept = tried = [random.integers(len(of.tiles), size=len(of.queries)) for of in truths]
     for _ in range(481):
