@@ -17,16 +17,14 @@ from tests.leaderboard import conftest as world
 from tests.leaderboard.conftest import ADA, BOB, HOME, PROTOCOL, RUNS, Board, write_submission
 from tests.support import made_protocol, run_main, write_benchmark, write_predictions
 
-Arrays = dict[str, list[Any]]
 
-
-def worse(perfect: Arrays) -> Arrays:
+def worse(perfect: Any) -> Any:
     """Return predictions whose every second query is answered badly."""
     ranked = [row[::-1] if n % 2 else row for n, row in enumerate(perfect["ranked_ids"])]
     return {**perfect, "ranked_ids": ranked}
 
 
-def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: Arrays) -> None:
+def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: Any) -> None:
     ada = board.clone("ada")
     preds = write_predictions(board.home / "preds.npz", PROTOCOL, **worse(perfect))
     for name in ("Vinegar", "Salad"):  # the second begins at the board's branch too
@@ -83,7 +81,7 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
 
 
 def test_only_changes_are_scored_again_and_what_is_merged_past_ci_stops_no_other(
-    board: Board, data: Path, scenes: Any, perfect: Arrays
+    board: Board, data: Path, scenes: Any, perfect: Any
 ) -> None:
     write_submission(board.main, perfect, method="Salad")
     board.push(board.main)
