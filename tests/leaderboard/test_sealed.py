@@ -73,7 +73,7 @@ def test_only_what_was_sealed_is_opened(host: Path, public: Path, tmp_path: Path
     assert {n for n in whole if found[n] != whole[n]} == {f"data/{NAME}/images/a.png"}  # metadata
     forged = sealing.load_pyrage().encrypt(b"tar", [KEY.to_public()])  # as anybody can
     content = archive.read_bytes()
-    damaged = [content[:at] + b"?" + content[at + 1 :] for at in (3, 40_000)]
+    damaged = [content.replace(content[at : at + 9], bytes(9)) for at in (3, 40_000)]
     for data in (*damaged, content[:-1], content, forged):
         path.write_bytes(data)
         with pytest.raises(BenchmarkError, match="is damaged, or not of this"):
