@@ -11,6 +11,7 @@ import shutil
 import zlib
 from itertools import combinations, product
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urldefrag, urljoin
 
@@ -57,25 +58,22 @@ FILES = {
 }
 
 
-def build(root: Path) -> list[str]:
-    """Build the board of a folder with runs and submissions, and return the notes."""
+def build(root: Path) -> Any:
+    """Build the board of a folder with runs and submissions."""
     text = world.BOARD.replace('"made"', '"denseuav"').replace(world.PROTOCOL, EMPTY)
     (file := root / "leaderboard.toml").write_text(text)
-    rules = board.read_board(file)
-    return pages.build_board(root, root / "submissions", rules, root, root / "site")
-
-
-def table_of(root: Path) -> tuple[Any, dict[str, Any]]:
-    """Return the table of a built board, and its rows by id."""
-    text = (root / "site/board.json").read_text(encoding="utf-8")
+    rules, path = board.read_board(file), root / "site"
+    notes = pages.build_board(root, root / "submissions", rules, root, path)
+    text = (path / "board.json").read_text(encoding="utf-8")
     assert "NaN" not in text
     table = json.loads(text)["tables"][PROTOCOL]
-    return table, {row["id"]: row for row in table["rows"]}
+    rows = {row["id"]: row for row in table["rows"]}
+    return SimpleNamespace(root=root, path=path, table=table, rows=rows, notes="\n".join(notes))
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the runs of twelve methods and of what cannot be shown, and the site."""
+def site(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Return a board of the runs of twelve methods, and of what cannot be shown."""
     root = tmp_path_factory.mktemp("board")
     for n, made in enumerate(METHODS):
         made.records["weather"] = np.where(np.arange(50) < 12, "fog", "sun")
@@ -92,30 +90,30 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for path, text in FILES.items():
         (root / path).parent.mkdir(parents=True, exist_ok=True)
         (root / path).write_text(text)
-    build(root)
-    return root
+    return build(root)
 
 
-def test_rows_their_facts_numbers_and_history(root: Path) -> None:
-    table, rows = table_of(root)
-    ranked = [row["scores"] for row in table["rows"] if row["kind"] == "re-scored"]
+def test_rows_their_facts_numbers_and_history(site: Any) -> None:
+    ranked = [row["scores"] for row in site.table["rows"] if row["kind"] == "re-scored"]
     values = [scores["recall@1"]["value"] for scores in ranked]
     assert (len(values), values) == (12, sorted(values, reverse=True))  # the best first
-    row, score, made = rows["method-2"], rows["method-2"]["scores"]["recall@1"], METHODS[2]
+    row, made = site.rows["method-2"], METHODS[2]
+    score = row["scores"]["recall@1"]
     assert score["low"] < score["value"] == made.result.overall["recall@1"] < score["high"]
     assert row["scenes"]["east"]["recall@1"][0] == made.result.scenes["east"]["recall@1"]
     facts = {"version": 2, "team": NAMES[-3], "date": "2026-03-01", "rescored": "2026-04-03"}
     assert row | facts == row
     assert [one["files"] for one in row["history"]] == [f"{RUNS}/method-2/{n}" for n in (2, 1)]
     assert "run.json" in row["notes"][-1]  # the third version is not shown
-    fails = {"value": "Infinity", "rank": [10, 12], "near_best": False}
-    assert rows["method-11"]["scores"]["error_m"] | fails == rows["method-11"]["scores"]["error_m"]
-    [condition] = table["conditions"]
+    fails = site.rows["method-11"]["scores"]["error_m"]
+    assert (fails["value"], fails["rank"], fails["near_best"]) == ("Infinity", [10, 12], False)
+    [condition] = site.table["conditions"]
     assert (condition["labels"], condition["counts"]) == (["fog", "sun"], [12, 38])
     fog = made.records["recall@1"].to_numpy()[:12].mean()
     assert row["conditions"]["weather"]["recall@1"][0] == pytest.approx(fog)
-    [salad] = [r for r in rows.values() if r["method"] == "SALAD" and "airzoo-paper" in r["source"]]
-    assert (salad["kind"], salad["scores"]["recall@1"]["rank"]) == ("reported", None)
+    printed = site.rows["reported~salad"]
+    assert (printed["kind"], printed["scores"]["recall@1"]["rank"]) == ("reported", None)
+    assert "airzoo-paper" in printed["source"]
 
 
 def pairs_of(table: Any, key: str) -> dict[tuple[str, str], list[float]]:
@@ -126,38 +124,35 @@ def pairs_of(table: Any, key: str) -> dict[tuple[str, str], list[float]]:
     return dict(zip(combinations(pairs["ids"], 2), numbers.tolist(), strict=True))
 
 
-def test_any_two_as_compare_prints_them(root: Path) -> None:
-    methods, table = [METHODS[7], METHODS[2]], table_of(root)[0]
+def test_any_two_as_compare_prints_them(site: Any) -> None:
+    methods = [METHODS[7], METHODS[2]]
     for pair in compare(methods, COLUMNS[:2], resampling=ResamplingConfig()).pairs:
-        low, high, p, holm = pairs_of(table, pair.score.key)["method-2", "method-7"]
+        low, high, p, holm = pairs_of(site.table, pair.score.key)["method-2", "method-7"]
         expected = [pair.interval.low, pair.interval.high, pair.test.p_value]
         assert [low, high, p] == pytest.approx(expected, rel=1e-5)
         assert holm > p
 
 
-def test_what_cannot_be_shown_is_a_row_with_its_reason(root: Path) -> None:
-    rows, notes = table_of(root)[1], "\n".join(build(root))
+def test_what_cannot_be_shown_is_a_row_with_its_reason(site: Any) -> None:
     reasons = {"broken": "run.json", "late": "too late", "waits": "submission.toml"}
     reasons |= {"early": "another protocol or truth"}
-    assert {one for one, row in rows.items() if row["kind"] == "failed"} == {*reasons}
+    assert {one for one, row in site.rows.items() if row["kind"] == "failed"} == {*reasons}
     for name, said in reasons.items():
-        assert said in rows[name]["reason"]
-        assert rows[name]["reason"] in notes
+        assert said in site.rows[name]["reason"]
+        assert site.rows[name]["reason"] in site.notes
 
 
-def test_others_move_nobody_near_the_best_and_a_cache_no_byte(root: Path, tmp_path: Path) -> None:
+def test_others_move_nobody_near_the_best_and_a_cache_no_byte(site: Any, tmp_path: Path) -> None:
     few = ("method-0", "method-1", "method-2")  # the last is near only after a correction
     for name in (*few, "method-10"):
-        shutil.copytree(root / RUNS / name, tmp_path / RUNS / name)
+        shutil.copytree(site.root / RUNS / name, tmp_path / RUNS / name)
     (tmp_path / RUNS / "method-10").rename(tmp_path / RUNS / "gone")
-    build(tmp_path)
-    for rows in (table_of(at)[1] for at in (root, tmp_path)):
+    for rows in (site.rows, build(tmp_path).rows):
         near = [rows[name]["scores"]["recall@1"]["near_best"] for name in few]
         assert near == [True, True, False]
     shutil.rmtree(tmp_path / RUNS / "gone")
-    shutil.copytree(root, tmp_path, ignore=shutil.ignore_patterns("site*"), dirs_exist_ok=True)
-    build(tmp_path)
-    assert world.files_of(tmp_path / "site") == world.files_of(root / "site")
+    shutil.copytree(site.root, tmp_path, ignore=shutil.ignore_patterns("site*"), dirs_exist_ok=True)
+    assert world.files_of(build(tmp_path).path) == world.files_of(site.path)
 
 
 def test_sealed_answers_have_conservative_ranges_and_no_pairs(tmp_path: Path) -> None:
@@ -167,15 +162,14 @@ def test_sealed_answers_have_conservative_ranges_and_no_pairs(tmp_path: Path) ->
         answer = world.made_answer(["A"], sealed=True, kind="sealed", scores=scores)
         given = world.submission(method=name, protocol=PROTOCOL)
         answers.write_run(tmp_path / RUNS / name / "1", given, answer)
-    build(tmp_path)
-    table, rows = table_of(tmp_path)
-    assert (table["sealed"], table["pairs"]) == (True, {})
-    ranks = [row["scores"]["recall@1"]["rank"] for row in rows.values()]
+    site = build(tmp_path)
+    assert (site.table["sealed"], site.table["pairs"]) == (True, {})
+    ranks = [row["scores"]["recall@1"]["rank"] for row in site.rows.values()]
     assert ranks == [[1, 3], [1, 3], [3, 4], [1, 4]]  # the last is told from no other
 
 
-def test_links_lead_to_places_and_pages_load_and_run_their_own_alone(root: Path) -> None:
-    files = {path.as_uri(): path.read_text("utf-8") for path in (root / "site").rglob("*.*")}
+def test_links_lead_to_places_and_pages_load_and_run_their_own_alone(site: Any) -> None:
+    files = {path.as_uri(): path.read_text("utf-8") for path in site.path.rglob("*.*")}
     links = 0
     for place, text in ((place, files[place]) for place in files if place.endswith(".html")):
         for address in re.findall(r'href="([^"]*)"', text):
@@ -192,11 +186,11 @@ def test_links_lead_to_places_and_pages_load_and_run_their_own_alone(root: Path)
         assert policy == content_policy("".join(scripts), style).replace("'", "&#39;"), place
         assert "unsafe" not in policy
     assert links > 100
-    assert "No entry yet" in (root / "site/tables" / EMPTY / "index.html").read_text()
+    assert "No entry yet" in (site.path / "tables" / EMPTY / "index.html").read_text()
 
 
-def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(root: Path) -> None:
-    rows, file = table_of(root)[1], root / "site" / TABLE / "table.csv"
+def test_csv_has_the_numbers_of_the_board_and_no_name_ends_a_bibtex_entry(site: Any) -> None:
+    rows, file = site.rows, site.path / TABLE / "table.csv"
     lines = {line["id"]: line for line in csv.DictReader(file.read_text("utf-8").split("\n"))}
     score = rows["method-1"]["scores"]["recall@1"]
     assert float(lines["method-1"]["recall@1 value"]) == score["value"]
@@ -223,8 +217,8 @@ def test_a_run_keeps_its_pictures(track: str, host: Path, tmp_path: Path) -> Non
 
 
 @pytest.fixture(scope="module")
-def page(root: Path) -> Path:
-    return root / "site" / TABLE / "index.html"  # which `opened` opens
+def page(site: Any) -> Path:
+    return site.path / TABLE / "index.html"  # which `opened` opens
 
 
 def column(opened: Opened, number: int) -> list[str]:
@@ -233,9 +227,9 @@ def column(opened: Opened, number: int) -> list[str]:
 
 
 @NEEDS_CHROMIUM
-def test_columns_are_sorted_and_rows_filtered(opened: Opened, root: Path) -> None:
-    table, rows = table_of(root)
-    reported = [row["method"] for row in table["rows"] if row["kind"] == "reported"]
+def test_columns_are_sorted_and_rows_filtered(opened: Opened, site: Any) -> None:
+    reported = [r["method"] for r in site.table["rows"] if r["kind"] == "reported"]
+    row = site.rows["method-7"]
     averages = sorted(column(opened, 4))
     parts, ways = ("average over scenes", "East (30 queries)"), ("ascending", "descending")
     for part, way in product(parts, ways):
@@ -249,7 +243,7 @@ def test_columns_are_sorted_and_rows_filtered(opened: Opened, root: Path) -> Non
     assert sorted(column(opened, 2)) == sorted(reported)
     opened.one("#filters button").click()
     opened.until(lambda: sorted(column(opened, 4)) == averages)
-    fog, east = rows["method-7"]["conditions"]["weather"], rows["method-7"]["scenes"]["east"]
+    fog, east = row["conditions"]["weather"], row["scenes"]["east"]
     for option, part in (("fog (12 queries), few", fog), ("East (30 queries)", east)):
         opened.choose("#filters", "Numbers", option)
         shown = dict(zip(column(opened, 2), column(opened, 4), strict=True))
@@ -264,18 +258,17 @@ def test_columns_are_sorted_and_rows_filtered(opened: Opened, root: Path) -> Non
 
 
 @NEEDS_CHROMIUM
-def test_two_that_are_chosen_are_compared_as_the_board_states(opened: Opened, root: Path) -> None:
-    table, rows = table_of(root)
+def test_two_that_are_chosen_are_compared_as_the_board_states(opened: Opened, site: Any) -> None:
     for name in ("method-10", "method-0"):
         opened.one(f"[data-id={name}] input").click()
     opened.one(".tray a").click()
     for a, b in (("method-0", "method-10"), ("method-10", "method-0"), ("method-1", "method-0")):
         opened.go(f"a={a}&b={b}")  # the first is there already
-        begins = f"R@1: {rows[a]['method']} − {rows[b]['method']} is "
+        begins = f"R@1: {site.rows[a]['method']} − {site.rows[b]['method']} is "
         opened.until(lambda begins=begins: opened.status("main").startswith(begins))
         for line, score in zip(opened.all("#overall tbody tr"), COLUMNS[:2], strict=True):
-            x, y = (rows[name]["scores"][score.key]["value"] for name in (a, b))
-            low, high, *p_values = pairs_of(table, score.key)[min(a, b), max(a, b)]
+            x, y = (site.rows[name]["scores"][score.key]["value"] for name in (a, b))
+            low, high, *p_values = pairs_of(site.table, score.key)[min(a, b), max(a, b)]
             low, high = (low, high) if a < b else (-high, -low)
             numbers = [x, y, x - y, low, high] * np.array(100 if score.unit == "share" else 1)
             shown = re.findall(r"[+-]?\d+\.\d+", line.text.replace("−", "-"))
