@@ -104,27 +104,23 @@ def drip() -> Iterator[bytes]:
         yield b"X"
 
 
-BEGUN = b"HTTP/1.1 200 OK\r\n"
-# What a host answers, and what is said; the last three have no end.
-REFUSED: list[tuple[Iterable[bytes], str]] = [
-    (answer(CONTENT + b"x"), f"more than {len(CONTENT)} bytes"),
-    (answer(CONTENT[:-1]), f"{len(CONTENT) - 1} bytes"),
-    (answer(CONTENT[::-1]), hashlib.sha256(CONTENT[::-1]).hexdigest()),
-    (answer(b"x", "Content-Length: 9"), "breaks off"),
-    ([b"no HTTP at all\r\n\r\n"], f"https://{HOST}{PATH}"),
-    (answer(b"", status="206 No"), "answers 206"),
-    (answer(b"", status="500 \x1b[31mred"), "answers 500"),
-    (redirect(PATH), "leads on more than 5 times"),
-    (chain([BEGUN + b"\r\n"], repeat(bytes(1 << 16))), "more than"),
-    (chain([BEGUN], drip()), "too slow"),
-    (chain(answer(b"", "Content-Length: 330000"), drip()), "too slow"),
-]
-
-
 def test_other_answers_are_refused(web: Any, tmp_path: Path, monkeypatch: Any) -> None:
-    for web.answers[PATH], said in REFUSED:
+    refused: list[tuple[Iterable[bytes], str]] = [  # the last three have no end
+        (answer(CONTENT + b"x"), f"more than {len(CONTENT)} bytes"),
+        (answer(CONTENT[:-1]), f"{len(CONTENT) - 1} bytes"),
+        (answer(CONTENT[::-1]), hashlib.sha256(CONTENT[::-1]).hexdigest()),
+        (answer(b"x", "Content-Length: 9"), "breaks off"),
+        ([b"no HTTP at all\r\n\r\n"], f"https://{HOST}{PATH}"),
+        (answer(b"", status="206 No"), "answers 206"),
+        (answer(b"", status="500 \x1b[31mred"), "answers 500"),
+        (redirect(PATH), "leads on more than 5 times"),
+        (chain([b"HTTP/1.1 200 OK\r\n\r\n"], repeat(bytes(1 << 16))), "more than"),
+        (chain([b"HTTP/1.1 200 OK\r\n"], drip()), "too slow"),
+        (chain(answer(b"", "Content-Length: 330000"), drip()), "too slow"),
+    ]
+    for web.answers[PATH], said in refused:
         assert said in refusal(tmp_path, seconds=0.3 if said == "too slow" else 60.0)
-    assert len(web.requests) == len(REFUSED) + 5
+    assert len(web.requests) == len(refused) + 5
     monkeypatch.delenv("SSL_CERT_FILE")
     assert "certificate" in refusal(tmp_path)
 
