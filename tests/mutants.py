@@ -3,9 +3,9 @@
     python -m tests.mutants --count 300 --seed 0 [--only matching --only geometry]
 
 A mutant changes one comparison, operator, constant or condition in a copy of the checkout. It meets
-the tests that run the changed line, which a first run of the suite finds by coverage, in a fork of
-a process that has imported the libraries. A survivor is printed with its place: it is equivalent,
-or a test is missing.
+the test files that run the changed statement, which a first run of the suite finds by probes, in a
+fork of a process that has imported the libraries; files that fail there without a mutant are left
+out. A survivor is printed with its place: it is equivalent, or a test is missing.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import coverage
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,35 +81,63 @@ def all_mutants(rooms: list[str]) -> list[Mutant]:
     return found
 
 
-Lines = dict[int, list[str]]
-"""For each line of a file the test files that run it."""
+PROBES = """
+import os
+SEEN = set()
+def hit(number):
+    test = os.environ.get("PYTEST_CURRENT_TEST", "").partition("::")[0]
+    if (number, test) not in SEEN:
+        SEEN.add((number, test))
+        out = os.open({place!r}, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        os.write(out, f"{{number}} {{test}}\\n".encode())
+        os.close(out)
+"""
 
 
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    if measured := coverage.Coverage.current():
-        measured.switch_context(item.nodeid.partition("::")[0])
+def with_probes(source: str, numbers: Mapping[int, int]) -> str:
+    """Put a call before the statement of each place; the numbers are the mutants' own."""
+    tree = ast.parse(source)
+    # Statements come before those within them: the last that holds a node is the innermost.
+    blocks = [one for one in ast.walk(tree) if isinstance(one, ast.stmt)]
+    home = {id(child): one for one in blocks for child in ast.walk(one)}
+    probes = defaultdict[int, list[ast.stmt]](list)
+    for place, node in enumerate(places(tree)):
+        if place in numbers:
+            call = f"__import__('probes').hit({numbers[place]})"
+            probes[id(home[id(node)])] += ast.parse(call).body
+    for parent in [*ast.walk(tree)]:
+        for _, block in ast.iter_fields(parent):
+            if isinstance(block, list) and isinstance(next(iter(block), None), ast.stmt):
+                block[:] = [one for old in block for one in (*probes[id(old)], old)]
+    return ast.unparse(tree)
 
 
-def read_lines(copy: Path) -> dict[Path, Lines]:
-    """Run the whole suite once and return which test files run each line of the package."""
-    settings = ["source = ['airzoo_bench']", "parallel = true", "patch = ['subprocess']"]
-    (copy / "lines.toml").write_text("\n".join(["[tool.coverage.run]", *settings]), "utf-8")
-    measure = ["coverage", "run", "--rcfile=lines.toml", "-m", "pytest", "-q", "-n2"]
-    combine = ["coverage", "combine", "-q", "--rcfile=lines.toml"]
-    for command in ([*measure, "--dist=loadfile", "-ptests.mutants"], combine):
-        subprocess.run([sys.executable, "-m", *command], cwd=copy, env=env_of(copy), check=False)
-    data = coverage.CoverageData(str(copy / ".coverage"))
-    data.read()
-    home = copy / "airzoo_bench"
-    files = [file for file in data.measured_files() if Path(file).is_relative_to(home)]
-    return {Path(file).relative_to(copy): data.contexts_by_lineno(file) for file in files}
+def find_tests(chosen: Sequence[Mutant], copy: Path) -> list[list[str]]:
+    """Run the whole suite once; return the test files that each mutant will meet."""
+    by_file = defaultdict[Path, dict[int, int]](dict)
+    for number, (path, place) in enumerate(chosen):
+        by_file[path][place] = number
+    for path, numbers in by_file.items():
+        (copy / path).write_text(with_probes((ROOT / path).read_text("utf-8"), numbers), "utf-8")
+    (copy / "probes.py").write_text(PROBES.format(place=str(copy / "hits")), "utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-n2", "--dist=loadfile"]
+    subprocess.run(command, cwd=copy, env=env_of(copy), check=False)
+    found: list[set[str]] = [set() for _ in chosen]
+    for line in (copy / "hits").read_text("utf-8").splitlines():
+        number, _, test = line.partition(" ")
+        found[int(number)].add(test)
+    return [tests_of(path, tests) for (path, _), tests in zip(chosen, found, strict=True)]
 
 
-def tests_of(path: Path, line: int, lines: dict[Path, Lines]) -> list[str]:
-    """Return the first test files that run a line, those of its room before the goldens."""
-    found, room = set(lines.get(path, {}).get(line, ())) - {""}, f"tests/{path.parts[1]}/"
-    near = sorted(found, key=lambda test: (not test.startswith(room), "goldens" in test, test))
-    return near[:FILES] or [room if (ROOT / room).is_dir() else "tests/goldens"]
+def tests_of(path: Path, found: set[str]) -> list[str]:
+    """Return the first test files that run a statement, those of its room before the goldens."""
+    room = f"tests/{path.parts[1]}/"
+    if found <= {""}:  # it runs in no test, or at imports alone
+        found = {str(one.relative_to(ROOT)) for one in (ROOT / room).rglob("test_*.py") if found}
+    near = sorted(
+        found - {""}, key=lambda test: (not test.startswith(room), "goldens" in test, test)
+    )
+    return near[:FILES]
 
 
 def env_of(copy: Path) -> dict[str, str]:
@@ -145,20 +172,25 @@ def do_pass(copy: Path, tests: list[str]) -> bool:
     return code == 0
 
 
-def is_killed(mutant: Mutant, folder: Path, lines: dict[Path, Lines]) -> tuple[bool, str]:
+def is_killed(job: tuple[Mutant, list[str]], folder: Path) -> tuple[bool, str]:
     """Return whether a test fails on a mutant, and what the changed line was."""
-    path, number = mutant
+    (path, number), tests = job
     copy = copy_checkout(folder / str(os.getpid()))
     target, source = copy / path, (ROOT / path).read_text("utf-8")
     tree = ast.parse(source)
     node: Any = list(places(tree))[number]
-    before, line = ast.unparse(node), node.lineno
+    before = ast.unparse(node)
     for name, value in changes_of(node).items():
         setattr(node, name, value)
     target.write_text(ast.unparse(tree), "utf-8")
-    survived = do_pass(copy, tests_of(path, line, lines))
+    survived = not tests or do_pass(copy, tests)
     target.write_text(source, "utf-8")
-    return not survived, f"{path}:{line}: {before} -> {ast.unparse(node)}"
+    return not survived, f"{path}:{node.lineno}: {before} -> {ast.unparse(node)}"
+
+
+def is_sound(test: str, folder: Path) -> bool:
+    """Return whether a test file passes in a fork without a mutant."""
+    return do_pass(copy_checkout(folder / str(os.getpid())), [test])
 
 
 def copy_checkout(copy: Path) -> Path:
@@ -185,16 +217,22 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", action="append", default=[], help="a room, such as matching")
     options = parser.parse_args()
-    found = all_mutants(options.only)
-    chosen = random.Random(options.seed).sample(found, min(options.count, len(found)))
+    every = all_mutants(options.only)
+    chosen = random.Random(options.seed).sample(every, min(options.count, len(every)))
     killed: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        lines = read_lines(copy_checkout(folder / "lines"))
+        found = find_tests(chosen, copy_checkout(folder / "probed"))
         import_libraries()
         with multiprocessing.get_context("fork").Pool(options.jobs) as pool:
-            work = partial(is_killed, folder=folder, lines=lines)
-            for mutant, (dead, text) in zip(chosen, pool.imap(work, chosen), strict=True):
+            files = sorted({test for tests in found for test in tests})
+            passed = dict(
+                zip(files, pool.map(partial(is_sound, folder=folder), files), strict=True)
+            )
+            print("left out:", *(test for test in files if not passed[test]))  # noqa: T201
+            jobs = [(m, [*filter(passed.get, f)]) for m, f in zip(chosen, found, strict=True)]
+            work = partial(is_killed, folder=folder)
+            for mutant, (dead, text) in zip(chosen, pool.imap(work, jobs), strict=True):
                 killed[mutant[0].parts[1]] += dead
                 print("killed  " if dead else "SURVIVED", text, flush=True)  # noqa: T201
     tried = Counter(path.parts[1] for path, _ in chosen)

@@ -275,8 +275,11 @@ def spoil_arrays(random: Random, content: bytes) -> bytes:
     """Change an npz by its arrays; sometimes spoil its bytes."""
     if random.random() < 0.25:
         return spoil_bytes(random, content)
-    with np.load(io.BytesIO(content)) as file:
-        fields = {name: file[name] for name in file.files}
+    try:
+        with np.load(io.BytesIO(content)) as file:
+            fields = {name: file[name] for name in file.files}
+    except ValueError:  # a pickle, which is refused as it stands
+        return spoil_bytes(random, content)
     raw: dict[str, bytes] = {}
     for _ in range(int(random.choice((1, 1, 2)))):
         if not fields:
