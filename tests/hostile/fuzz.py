@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import pkgutil
 import re
 import resource
 import shlex
@@ -23,6 +24,7 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout, suppress
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -31,6 +33,7 @@ from unittest import mock
 import numpy as np
 import typer
 
+import airzoo_bench
 from airzoo_bench.cli import main as cli
 from airzoo_bench.core import sandbox
 from tests.hostile.inputs import Input, make_inputs, spoilt
@@ -132,6 +135,8 @@ def run_cases(seed: int, numbers: list[int], only: str, keep: Path) -> int:
     """Run cases and print what fails; return how many did."""
     keep.mkdir(parents=True, exist_ok=True)
     failures = 0
+    for module in pkgutil.walk_packages(airzoo_bench.__path__, "airzoo_bench."):
+        import_module(module.name)  # or each fork would
     # Typer builds its tree of commands anew for every call, which takes longer than most cases.
     build = typer.main.get_command
     tree = build(cli.app)
