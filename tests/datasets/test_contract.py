@@ -143,7 +143,8 @@ def test_scenes_are_pure_tasks(name, workers, tmp_path, tree) -> None:
     elif workers == "cluster":
         with local_cluster(2) as cluster:
             cluster.client.run(os.chdir, "/")
-            cluster.client.run(os.environ.update, {"AIRZOO_BENCH_DATA": str(home / "data")})
+            data = {"AIRZOO_BENCH_DATA": str(home / "data")}
+            cluster.client.run(lambda: os.environ.update(data))  # its method would change a copy
             assert prepared(source, home, cluster) == here
     else:
         engine = Scattered()

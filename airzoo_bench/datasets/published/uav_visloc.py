@@ -156,7 +156,7 @@ def _flight_map(folder: Path, flight: str, notes: list[str]) -> Path:
     if not tiles or any(re.fullmatch(whole, path.stem, re.IGNORECASE) for path in tifs):
         return _only(folder, rf"{whole}\.tiff?", f"satellite{flight}.tif")
     path = join_maps(tiles, data_root() / "made" / "uav-visloc", f"satellite{flight}")
-    notes.append(f"{path} was made of the {len(tiles)} tiles of its map")
+    notes.append(f"{path.name} was made of the {len(tiles)} tiles of its map")
     return path
 
 
