@@ -195,7 +195,7 @@ def is_sound(test: str, folder: Path) -> bool:
 
 def copy_checkout(copy: Path) -> Path:
     """Copy the checkout, once."""
-    ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__", "site")
+    ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__")
     if not copy.exists():
         shutil.copytree(ROOT, copy, symlinks=True, ignore=ignored)
     return copy

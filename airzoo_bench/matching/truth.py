@@ -31,7 +31,7 @@ from airzoo_bench.benchmark.queries import (
     with_unposed,
 )
 from airzoo_bench.benchmark.tables import read_table, refuse_cells
-from airzoo_bench.core.errors import BenchmarkError, RasterError
+from airzoo_bench.core.errors import BenchmarkError, RasterError, readable
 from airzoo_bench.core.files import atomic_write, read_text
 from airzoo_bench.geometry.arrays import Ints
 from airzoo_bench.geometry.cameras import Cameras, anchor_pixels, back_project
@@ -174,8 +174,7 @@ def write_truth(folder: Path, truth: MatchingTruth) -> None:
         parts = (ids, grids[["width", "height"]], letters, grids["crs"], sums)
         tables["maps.csv"] = pd.concat(parts, axis=1)
     else:
-        text = json.dumps(truth.maps[0].grid, indent=1)
-        (home / "map.json").write_text(text + "\n", encoding="utf-8")
+        (home / "map.json").write_text(json.dumps(truth.maps[0].grid, indent=1) + "\n", "utf-8")
     for name, table in tables.items():
         table.to_csv(home / name, index=False, lineterminator="\n")
 
@@ -194,7 +193,8 @@ def read_truth(benchmark: Benchmark, scene: str) -> MatchingTruth:
     home, ids = folder / "matching", queries["id"].tolist()
     if entry.maps is None:
         dom = benchmark.resolve(needed(entry.dom, "map", scene))
-        prepared = json.loads(read_text(home / "map.json", BenchmarkError, "grid of the map"))
+        with readable(grid := home / "map.json", "not valid", kind=BenchmarkError, fix=_ANEW):
+            prepared = dict(json.loads(read_text(grid, BenchmarkError, "grid of the map")))
         files = [(dom, benchmark.resolve(entry.dsm or ""), entry.dsm_sha256, prepared)]
     else:
         table, own = home / "maps.csv", benchmark.resolve(entry.maps)

@@ -42,8 +42,7 @@ class AlignmentError(PredictionError):
 class Similarity:
     """The transform y = scale * rotation (x - origin) + translation.
 
-    With the origin amid the points, projected coordinates of millions of metres keep their last
-    bits.
+    With the origin amid the points, coordinates of millions of metres keep their last bits.
     """
 
     scale: float
@@ -67,7 +66,8 @@ class Similarity:
     def apply(self, points: Floats) -> Floats:
         """Transform points (..., 3)."""
         turned = apply_matrix(self.rotation, points - self.origin)
-        return np.asarray(self.scale * turned + self.translation)
+        with np.errstate(over="ignore", invalid="ignore"):  # such points are left out
+            return np.asarray(self.scale * turned + self.translation)
 
     def apply_poses(self, poses: Poses) -> Poses:
         """Transform the world that world-to-camera poses are in."""
