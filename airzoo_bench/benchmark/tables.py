@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
-from airzoo_bench.core.errors import BenchmarkError
+from airzoo_bench.core.errors import BenchmarkError, readable
 from airzoo_bench.geometry.arrays import Bools, Floats
 
 _POSE = ("qw", "qx", "qy", "qz", "x", "y", "z")
@@ -53,15 +53,9 @@ def read_table(path: Path, columns: Sequence[str], *, complete: Sequence[str] = 
             where=path,
             fix=f"{_AGAIN}; `check` needs no truth, `eval` does",
         )
-    try:
+    expected = "a table in UTF-8" if path.suffix == ".csv" else None
+    with readable(path, "not a readable table", kind=BenchmarkError, expected=expected, fix=_AGAIN):
         table: Any = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
-    except (ValueError, OSError, OverflowError, csv.Error, pa.ArrowException) as error:
-        raise BenchmarkError(
-            "not a readable table: " + (str(error) or type(error).__name__).splitlines()[0][:200],
-            where=path,
-            expected="a table in UTF-8" if path.suffix == ".csv" else None,
-            fix=_AGAIN,
-        ) from error
     typed = {
         name: _typed(path, name, table[name]) if name in _KNOWN else table[name] for name in table
     }
