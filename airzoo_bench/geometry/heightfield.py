@@ -122,8 +122,8 @@ class HeightField:
     def heights_at(self, column: Ints, row: Ints) -> Floats:
         """Return heights (...) of pixels of the raster; NaN where there is none."""
         flat = self.heights.reshape(-1)
-        picked: Floats = flat.take(row * self.heights.shape[1] + column).astype(np.float64)
-        return picked
+        with np.errstate(invalid="ignore"):  # of a signalling NaN
+            return np.asarray(flat.take(row * self.heights.shape[1] + column), np.float64)
 
     def _surface(self, pixel: Floats) -> Floats:
         """Return heights at pixel coordinates (P, 2) on the raster."""
