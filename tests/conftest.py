@@ -34,7 +34,8 @@ LONGEST = """goldens/test_goldens leaderboard/test_walk_through leaderboard/test
  report/test_pictures readers/test_contract storage/test_urls leaderboard/test_sealed
  reconstruction/test_track evaluation/test_runs report/test_report engines/test_tracks
  engines/test_engines leaderboard/test_hostile datasets/mini/test_frames datasets/test_contract
- oracles/test_paper_tables report/test_browser audit/test_honest_tables"""
+ datasets/mini/test_prepare oracles/test_paper_tables report/test_browser
+ audit/test_honest_tables"""
 PLACES = {Path(__file__).parent / f"{name}.py": place for place, name in enumerate(LONGEST.split())}
 
 # What a shell starts in its background ignores Ctrl-C, and so would the processes that tests stop.
