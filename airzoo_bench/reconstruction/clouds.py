@@ -74,9 +74,7 @@ def transform_cloud(
             kept = piece.points
             if confidence_above is not None and piece.confidence is not None:
                 kept = kept[piece.confidence > confidence_above]
-            # Infinite points become NaN at worst, and are counted where the cloud is prepared.
-            with np.errstate(invalid="ignore", over="ignore"):
-                yield Cloud(transform.apply(kept))
+            yield Cloud(transform.apply(kept))
 
     return PieceCloud(source.count, read)
 
@@ -185,7 +183,10 @@ def bounding_box(source: CloudSource) -> Floats:
     if not corners:
         raise BenchmarkError("the true cloud holds no finite point", expected="at least one point")
     low, high = np.swapaxes(corners, 0, 1)
-    return np.stack((low.min(axis=0), high.max(axis=0)))
+    box = np.stack((low.min(axis=0), high.max(axis=0)))
+    if (most := np.abs(box).max()) > 1e9:
+        raise BenchmarkError(f"the true cloud reaches {most:.3g} m", expected="places on Earth")
+    return box
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,8 +50,7 @@ def mean_distances(
 ) -> dict[str, float]:
     """Average the distances of P predicted points to the truth, and of T true ones to them.
 
-    A distance above `max_distance` counts as this in all but medians; an empty prediction stays
-    infinitely far.
+    Distances above `max_distance` count as it in all but medians; without points all are infinite.
     """
     limit = math.inf if max_distance is None or len(to_truth) == 0 else max_distance
     accuracy, completeness = exact_mean(to_truth, limit), exact_mean(to_prediction, limit)

@@ -233,3 +233,9 @@ def test_nothing_predicted_is_infinitely_far_and_no_truth_an_error(nothing: Floa
         assert (found.to_truth.tolist(), found.to_prediction.tolist()) == ([], [np.inf] * 5)
         with pytest.raises(BenchmarkError):
             cloud_distances(some, cloud_of(nothing), block_points=block_points, jobs=1)
+
+
+@pytest.mark.parametrize("place", [np.nan, 1e10])
+def test_a_true_cloud_has_places_on_earth(place: float) -> None:
+    with pytest.raises(BenchmarkError, match="the true cloud"):
+        bounding_box(cloud_of(np.full((2, 3), place)))
