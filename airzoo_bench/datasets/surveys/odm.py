@@ -160,7 +160,7 @@ def _numbers(path: Path, lines: slice, shape: tuple[int, int]) -> Floats:
     text, expected = _text(path), f"{shape[0]} lines of {shape[1]} numbers"
     with readable(path, "holds other numbers", kind=BenchmarkError, expected=expected):
         rows = [line.split()[: shape[1]] for line in text.splitlines()[lines] if line.strip()]
-        return np.array(rows, dtype=np.float64).reshape(shape)
+        return np.asarray_chkfinite(rows, np.float64).reshape(shape)
 
 
 def _lens(camera: Mapping[str, Any], size: tuple[int, int], where: object) -> Lens:
