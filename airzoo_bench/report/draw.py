@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from airzoo_bench.core.errors import UsageError, plural
 from airzoo_bench.core.validation import nearest
@@ -49,18 +50,17 @@ _PLAN = ResamplingConfig()
 
 def recall_curve(method: Method, up_to: int) -> Floats:
     """Recall at K = 1 ... `up_to`, the unweighted mean over scenes, from first hits."""
-    scenes = method.records.groupby("scene")["first_hit_rank"]
-    ranks = [np.where((r >= 1) & (r <= up_to), r, up_to + 1) for _, r in scenes]
+    first = pd.to_numeric(method.records["first_hit_rank"], errors="coerce")
+    scenes = first.groupby(method.records["scene"])
+    ranks = [np.where((r >= 1) & (r <= up_to), r, up_to + 1).astype(np.int64) for _, r in scenes]
     hits = [np.bincount(r, minlength=up_to + 2)[1:-1] / len(r) for r in ranks]
     return np.asarray(np.mean(np.cumsum(hits, axis=1), axis=0))
 
 
 def error_shares(method: Method, key: str, limits: Floats) -> Floats:
     """Return the share of queries with an error strictly below each limit, mean over scenes."""
-    shares = []
-    for _, found in method.records.groupby("scene")[key]:
-        values = np.sort(found.to_numpy(np.float64))
-        shares.append(np.searchsorted(values, limits, side="left") / len(values))
+    every = (np.sort(v.to_numpy(np.float64)) for _, v in method.records.groupby("scene")[key])
+    shares = [np.searchsorted(values, limits, side="left") / len(values) for values in every]
     return np.asarray(np.mean(shares, axis=0))
 
 
