@@ -1,4 +1,4 @@
-"""Print what tries at a sealed truth teach: python -m tests.leaderboard.attack WHOLE_FOLDER."""
+"""Print what tries at a sealed truth teach: python -m tests.leaderboard.attack FOLDER."""
 
 import sys
 from pathlib import Path
