@@ -3,9 +3,9 @@
     python -m tests.mutants --count 300 --seed 0 [--only matching --only geometry]
 
 A mutant changes one comparison, operator, constant or condition in a copy of the checkout. It meets
-the test files that run the changed statement, which a first run of the suite finds by probes, in a
-fork of a process that has imported the libraries; files that fail there without a mutant are left
-out. A survivor is printed with its place: it is equivalent, or a test is missing.
+the test files that run the changed statement, in a fork of a process that has imported the
+libraries. A first run of each file finds them by probes; files that fail there are left out. A
+survivor is printed with its place: it is equivalent, or a test is missing.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import os
 import random
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "airzoo_bench"
-TIMEOUT_S = 900
+TIMEOUT_S = 300
 FILES = 12  # that a mutant meets at most: a line that more run is killed by the first
 PAIRS = "Lt LtE, Gt GtE, Eq NotEq, In NotIn, Is IsNot, And Or, Add Sub, Mult Div, USub UAdd"
 SWAPS = {
@@ -112,30 +112,38 @@ def with_probes(source: str, numbers: Mapping[int, int]) -> str:
     return ast.unparse(tree)
 
 
-def find_tests(chosen: Sequence[Mutant], copy: Path) -> list[list[str]]:
-    """Run the whole suite once; return the test files that each mutant will meet."""
+def probed_checkout(chosen: Sequence[Mutant], copy: Path) -> Path:
+    """Copy the checkout with a probe before the statement of each mutant."""
     by_file = defaultdict[Path, dict[int, int]](dict)
     for number, (path, place) in enumerate(chosen):
         by_file[path][place] = number
+    copy_checkout(copy)
     for path, numbers in by_file.items():
         (copy / path).write_text(with_probes((ROOT / path).read_text("utf-8"), numbers), "utf-8")
     (copy / "probes.py").write_text(PROBES.format(place=str(copy / "hits")), "utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-n2", "--dist=loadfile"]
-    subprocess.run(command, cwd=copy, env=env_of(copy), check=False)
+    return copy
+
+
+def find_tests(chosen: Sequence[Mutant], probed: Path, pool: Executor) -> list[list[str]]:
+    """Run each test file once; return those that each mutant will meet."""
+    files = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests").rglob("test_*.py"))
+    passed = dict(zip(files, pool.map(partial(do_pass, probed), files), strict=True))
+    print("left out:", *(file for file in files if not passed[file]), flush=True)  # noqa: T201
+    sound = {file for file in files if passed[file]}
     found: list[set[str]] = [set() for _ in chosen]
-    for line in (copy / "hits").read_text("utf-8").splitlines():
+    for line in (probed / "hits").read_text("utf-8").splitlines():
         number, _, test = line.partition(" ")
         found[int(number)].add(test)
-    return [tests_of(path, tests) for (path, _), tests in zip(chosen, found, strict=True)]
+    return [tests_of(path, met, sound) for (path, _), met in zip(chosen, found, strict=True)]
 
 
-def tests_of(path: Path, found: set[str]) -> list[str]:
+def tests_of(path: Path, met: set[str], sound: set[str]) -> list[str]:
     """Return the first test files that run a statement, those of its room before the goldens."""
     room = f"tests/{path.parts[1]}/"
-    if found <= {""}:  # it runs in no test, or at imports alone
-        found = {str(one.relative_to(ROOT)) for one in (ROOT / room).rglob("test_*.py") if found}
+    if met == {""}:  # it runs at imports alone
+        met = {file for file in sound if file.startswith(room)}
     near = sorted(
-        found - {""}, key=lambda test: (not test.startswith(room), "goldens" in test, test)
+        met & sound, key=lambda test: (not test.startswith(room), "goldens" in test, test)
     )
     return near[:FILES]
 
@@ -144,7 +152,7 @@ def env_of(copy: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
 
 
-def run_tests(copy: Path, tests: list[str]) -> None:
+def run_tests(copy: Path, tests: Sequence[str]) -> None:
     """Run tests in this process, a fork, and end it with 0 where all pass."""
     os.setsid()
     for stream in (1, 2):
@@ -161,7 +169,7 @@ def run_tests(copy: Path, tests: list[str]) -> None:
         os._exit(code)
 
 
-def do_pass(copy: Path, tests: list[str]) -> bool:
+def do_pass(copy: Path, *tests: str) -> bool:
     """Return whether all tests pass in a fork of this process, in time."""
     if not (child := os.fork()):
         run_tests(copy, tests)
@@ -183,14 +191,9 @@ def is_killed(job: tuple[Mutant, list[str]], folder: Path) -> tuple[bool, str]:
     for name, value in changes_of(node).items():
         setattr(node, name, value)
     target.write_text(ast.unparse(tree), "utf-8")
-    survived = not tests or do_pass(copy, tests)
+    survived = not tests or do_pass(copy, *tests)
     target.write_text(source, "utf-8")
     return not survived, f"{path}:{node.lineno}: {before} -> {ast.unparse(node)}"
-
-
-def is_sound(test: str, folder: Path) -> bool:
-    """Return whether a test file passes in a fork without a mutant."""
-    return do_pass(copy_checkout(folder / str(os.getpid())), [test])
 
 
 def copy_checkout(copy: Path) -> Path:
@@ -222,17 +225,13 @@ def main() -> None:
     killed: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        found = find_tests(chosen, copy_checkout(folder / "probed"))
+        (folder / "shared").symlink_to(ROOT.parent / "shared")  # the real scene
+        probed = probed_checkout(chosen, folder / "probed")
         import_libraries()
-        with multiprocessing.get_context("fork").Pool(options.jobs) as pool:
-            files = sorted({test for tests in found for test in tests})
-            passed = dict(
-                zip(files, pool.map(partial(is_sound, folder=folder), files), strict=True)
-            )
-            print("left out:", *(test for test in files if not passed[test]))  # noqa: T201
-            jobs = [(m, [*filter(passed.get, f)]) for m, f in zip(chosen, found, strict=True)]
+        with ProcessPoolExecutor(options.jobs, multiprocessing.get_context("fork")) as pool:
+            jobs = zip(chosen, find_tests(chosen, probed, pool), strict=True)
             work = partial(is_killed, folder=folder)
-            for mutant, (dead, text) in zip(chosen, pool.imap(work, jobs), strict=True):
+            for mutant, (dead, text) in zip(chosen, pool.map(work, jobs), strict=True):
                 killed[mutant[0].parts[1]] += dead
                 print("killed  " if dead else "SURVIVED", text, flush=True)  # noqa: T201
     tried = Counter(path.parts[1] for path, _ in chosen)

@@ -134,14 +134,13 @@ def compare_depths(source: Frame, target: Frame) -> Floats:
     with np.errstate(invalid="ignore"):
         # A whole block of 4 x 4 pixel centres lies around; NaN has none.
         inside = (pixels >= 1.5).all(axis=1) & (pixels < (width - 1.5, height - 1.5)).all(axis=1)
-    surface, smooth = _surface_planes(target, pixels[inside], projected[inside])
-    # The plane n of the surface holds n . X = 1 for its points X.
-    error: Floats = (surface * projected[inside]).sum(axis=1)[smooth] - 1.0
+    inverse, smooth = _inverse_depths(target, pixels[inside])
+    error: Floats = inverse[smooth] * projected[inside][smooth, 2] - 1.0
     return error[error <= OCCLUSION]
 
 
-def _surface_planes(target: Frame, pixels: Floats, projected: Floats) -> tuple[Floats, Bools]:
-    """Tangent planes (M, 3) of the target's surface at pixels (M, 2), and which are smooth (M,)."""
+def _inverse_depths(target: Frame, pixels: Floats) -> tuple[Floats, Bools]:
+    """Return 1/z of the target's surface at pixels (M, 2), and where it is smooth (M,)."""
     corner = np.floor(pixels - 0.5).astype(np.int64)
     row = corner[:, 1, None, None] + _AROUND[:, None]
     column = corner[:, 0, None, None] + _AROUND
@@ -156,11 +155,7 @@ def _surface_planes(target: Frame, pixels: Floats, projected: Floats) -> tuple[F
     smooth: Bools = np.maximum(along_rows, along_columns) <= EDGE * level
     a, b, c, d = np.moveaxis(inverse[:, 1:3, 1:3].reshape(-1, 4), 1, 0)
     x, y = (pixels - 0.5 - corner).T
-    value = (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * c + x * d)
-    slope_x = ((1 - y) * (b - a) + y * (d - c)) * target.camera.focal[0, 0]
-    slope_y = ((1 - x) * (c - a) + x * (d - b)) * target.camera.focal[0, 1]
-    px, py = (projected[:, :2] / projected[:, 2:]).T
-    return np.stack((slope_x, slope_y, value - slope_x * px - slope_y * py), axis=-1), smooth
+    return (1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * c + x * d), smooth
 
 
 @dataclass(frozen=True, eq=False)

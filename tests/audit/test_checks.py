@@ -78,6 +78,11 @@ def test_nothing_is_concluded_from_an_impossible_row() -> None:
     assert sum("it cannot be told which" in note for note in notes) == 1
 
 
+def test_a_given_count_beside_the_one_that_the_values_tell() -> None:
+    notes = audited(rows_of_wide(DEFINITION + "8.94"), parse_counts(["City=322"])).notes
+    assert sum("n = 161" in note and "322" in note for note in notes) == 1
+
+
 # Names of scores, by kind and by whether more is better.
 SCORES = {
     ("hits", True): ["R@1", "Recall@5", "recall@(5m,1deg)", "Acc@10m", "@20m", "R@1%"],

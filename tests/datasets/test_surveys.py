@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from airzoo_bench.core.errors import UsageError
 from airzoo_bench.core.progress import silent
 from airzoo_bench.core.registry import DATASETS
 from airzoo_bench.datasets.scenes import NativeScene
@@ -103,12 +104,12 @@ def write_dji(made: Survey) -> None:
     cx, cy = np.subtract(made.centre, np.divide(SIZE, 2))
     lens = ",".join(map(repr, (made.focal, made.focal, float(cx), float(cy), *made.lens)))
     rows = zip(made.names, made.lonlat, made.centres, gimbal, strict=True)
-    for name, lonlat, centre, angles in rows:
+    for flag, (name, lonlat, centre, angles) in zip((48, 49, 50, 50, 50), rows, strict=True):
         keys = ("GpsLongitude", "GpsLatitude", "RelativeAltitude")
         keys += ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
         values = zip(keys, (*lonlat, centre[2] - GROUND_M, *angles), strict=True)
         texts = {key: f"{value:+.9f}" for key, value in values}
-        texts |= {"RtkFlag": "50", "DewarpFlag": "0", "DewarpData": f"2024-05-01;{lens}"}
+        texts |= {"RtkFlag": str(flag), "DewarpFlag": "0", "DewarpData": f"2024-05-01;{lens}"}
         texts |= {"RtkStdLon": "0.010", "RtkStdLat": "0.010", "RtkStdHgt": "0.020"}
         gps = {5: b"\0", 6: centre[2]}
         write_photo(made.folder / "photos" / name, SIZE, gps, packet(**texts))
@@ -172,3 +173,12 @@ def test_same_truth_as_own_photos(layout: Any, tmp_path: Path, tree: Callable[[s
     assert found.dsm is not None
     assert found.dsm.read_bytes() == (folder / "dsm.tif").read_bytes()
     assert found.unposed == ()
+
+
+def test_a_table_by_which_cameras_look_up_is_refused(
+    tmp_path: Path, tree: Callable[[str], Path]
+) -> None:
+    made = Survey(Path(shutil.copytree(tree("surveys"), tmp_path / "surveys")))
+    made.rotation = made.rotation @ np.diag((1.0, -1.0, -1.0))
+    with pytest.raises(UsageError, match="omega-phi-kappa, 5 of 5 cameras"):
+        pix4d_table(made)

@@ -37,6 +37,7 @@ def member(path: Path, content: bytes, name: str = "a.npy", compress: bool = Fal
         np.asfortranarray(np.arange(6.0).reshape(2, 3)),
         np.arange(6, dtype=">f4").reshape(2, 3),
         np.arange(6, dtype=np.float16).reshape(2, 3),
+        np.arange(6, dtype=np.uint8).reshape(2, 3),
         np.arange(6).reshape(2, 3)[:, ::-1],
         np.array(3.5),
         np.zeros((0, 4), np.float32),

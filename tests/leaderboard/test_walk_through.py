@@ -30,7 +30,9 @@ def test_from_an_empty_repository_to_a_board_and_off_it(board: Board, perfect: A
     for name in ("Vinegar", "Salad"):  # the second begins at the board's branch too
         made = world.run("submit", preds, *world.OPTIONS, "--method", name, "--board", ada)
     push = "git push --force -u origin submit-made-retrieval-salad"
-    assert made.stdout.splitlines()[-2:] == [push, "gh pr create --fill"]
+    *_, checked, pushed, asked = made.stdout.splitlines()
+    assert checked.startswith(str(ada / HOME / "salad"))
+    assert (pushed, asked) == (push, "gh pr create --fill")
     world.git(ada, *push.split()[1:])
     comment, head = board.ci(1, ada), world.git(ada, "rev-parse", "HEAD")
     for said in ("### `Salad` by `Example Lab`", "Rank **1** of 1", "| `Scene east` | 6 |", head):

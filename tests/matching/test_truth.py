@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -247,12 +248,19 @@ def test_points_are_those_of_the_height_field(
     xy = rng.uniform(-1, 21, (80, 2))
     xy[40:] = rng.integers(0, 69, (40, 2)) / 4  # on lines between centres, on centres, borders
     xy[:3] = (NAN, 1.0), (3.0, np.inf), (1e308, -1e308)
-    lifted = lift(xy, dom, path, jobs=2)
+    least = rng.choice([None, -60.0, 0.0])
+    lifted = lift(xy, dom, path, heights_above_m=least, jobs=2)
     on_map = ((xy >= 0) & (xy <= (20, 17))).all(axis=1)
     world = pixel_to_world(dom.transform, np.where(on_map[:, None], xy, NAN))
     colrow = world_to_pixel(grid, world)
     on_dsm = ((colrow >= 0) & (colrow <= heights.shape[::-1])).all(axis=1)
     z = HeightField.read(path).sample(world)
+    if least is not None:  # holes, and heights of 0 for none: all neighbours must be heights
+        ends = np.floor(colrow - 0.5), np.ceil(colrow - 0.5)
+        last = np.array(heights.shape[::-1]) - 1
+        near = [np.clip(np.nan_to_num(end), 0, last).astype(int) for end in ends]
+        for (column, _), (_, row) in product([one.T for one in near], repeat=2):
+            z[~(heights[row, column] > least)] = NAN
     status = np.where(np.isnan(z), LiftStatus.NO_HEIGHT, LiftStatus.LIFTED)
     status[~on_dsm] = LiftStatus.OUTSIDE_DSM
     status[~on_map] = LiftStatus.OUTSIDE_MAP

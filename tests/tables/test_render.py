@@ -9,6 +9,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +147,13 @@ def test_a_terminal_shows_every_number_once_and_within_its_width(width: int) -> 
     words = text.split()
     assert all(words.count(value) == 1 for row in made.texts() for value in row[1:])
     assert words.count("Scene") == 9
+    lines = text.splitlines()
+    assert {line.find("a") for line in lines if re.search("a method|another", line)} == {2}
+    # A scene stands above the first of its scores.
+    for above, line in pairwise(lines):
+        scenes, scores = re.finditer(r"Scene \d", above), re.finditer("R@1 ↑", line)
+        if "Scene" in above:
+            assert [one.end() for one in scenes] == [one.end() for one in scores]
 
 
 @pytest.mark.parametrize("form", FORMATS)

@@ -84,6 +84,22 @@ def test_the_survey_has_its_lines_and_its_orbit() -> None:
     assert np.ptp(np.unwrap(yaw[orbit], period=360.0)) > 300.0
 
 
+# Means of the centres and of one row of the rotations: other flights are another world.
+KNOWN = {
+    "barrel 0": (20906, (301.015594, 301.682116, 169.514241), (-0.025968, -0.009895, -0.566559)),
+    "barrel 1": (18932, (308.994987, 318.950408, 169.010658), (0.022617, 0.01313, -0.572259)),
+    "survey": (11403, (301.346441, 298.87634, 130.0), (0.009627, -0.456723, -0.295658)),
+}
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_flights_stay_what_they_are(name: str) -> None:
+    flight, (frames, centre, down) = FLIGHTS[name], KNOWN[name]
+    assert len(flight.centres) == frames
+    np.testing.assert_allclose((flight.centres - ORIGIN).mean(axis=0), centre, atol=1e-5)
+    np.testing.assert_allclose(flight.rotation[:, 1].mean(axis=0), down, atol=1e-5)
+
+
 # 90 degrees wide and, in height, three quarters of that.
 K = np.array([[[320.0, 0.0, 320.0], [0.0, 320.0, 240.0], [0.0, 0.0, 1.0]]])
 CAMERA = Cameras.from_matrices(K, 640, 480)

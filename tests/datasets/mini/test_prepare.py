@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from airzoo_bench.api.benchmark import load_benchmark
 from airzoo_bench.core.errors import UsageError
 from airzoo_bench.datasets.metadata import noisy_priors
 from airzoo_bench.datasets.mini.build import build_world
 from airzoo_bench.datasets.mini.dataset import mini_photos, mini_protocols, seed_or_key
-from airzoo_bench.datasets.mini.renderer import Raycaster
-from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN
+from airzoo_bench.datasets.mini.renderer import Raycaster, Renderer
+from airzoo_bench.datasets.mini.shading import TIMES, WEATHERS
+from airzoo_bench.datasets.mini.world import REGIONS, SURVEY_SUN, World
 from airzoo_bench.datasets.settings import MiniOptions
 from airzoo_bench.evaluation.evaluate import evaluate
 from airzoo_bench.evaluation.track import Run
@@ -26,13 +30,14 @@ from airzoo_bench.geometry.rasters import world_to_pixel
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
 from airzoo_bench.retrieval.truth import read_truth as read_retrieval
-from tests.datasets.mini.conftest import Prepared
+from tests.datasets.mini.conftest import CAMERA, Prepared
 from tests.datasets.support import hold_crops, hold_tiles
 from tests.processor_truths import fingerprints
 from tests.support import run_main
 
 slow = pytest.mark.slow
 EACH = pytest.mark.parametrize("region", sorted(REGIONS))
+PHOTOS = Path(__file__).with_name("photos.png")
 BYTES = {"city": "973ef2cb90fbe227", "rural": "16fdc6a42e2e5260"}
 TRUTHS = {
     **{"city retrieval": "41580b87fce5", "rural retrieval": "02346c8a0363"},
@@ -41,12 +46,38 @@ TRUTHS = {
 }
 
 
+@cache
+def built(region: str) -> World:
+    return build_world(region, 0)
+
+
 @EACH
 def test_a_world_is_the_same_on_every_machine(region: str) -> None:
     found = hashlib.sha256()
-    for _, array in sorted(build_world(region, 0).arrays.items()):
+    for _, array in sorted(built(region).arrays.items()):
         found.update(np.ascontiguousarray(array).tobytes())
     assert found.hexdigest()[:16] == BYTES[region]
+
+
+def photos_of_city() -> Floats:
+    """Return photos of two places in all conditions, side by side, a fourth as wide and high."""
+    renderer, city = Renderer(built("city")), REGIONS["city"]
+    turns = angles_to_rotations([20.0, 100.0], [-25.0, -30.0], 0.0, convergence_deg=0.0)
+    places = np.array([[300.0, 240.0, 90.0], [150.0, 420.0, 95.0]])
+    views = Poses.from_centres(turns, places + np.array([city.west, city.south, 0.0]))
+    shots = [
+        renderer.render(CAMERA, views.take(view), weather, time, 1)[0]
+        for view, weather, time in product(range(2), WEATHERS, TIMES)
+    ]
+    sheet = np.concatenate(np.concatenate(np.reshape(shots, (6, 5, 120, 160, 3)), 1), 1)
+    return np.asarray(sheet.reshape(180, 4, 200, 4, 3).mean(axis=(1, 3)))
+
+
+def test_photos_look_the_same_in_every_condition() -> None:
+    with Image.open(PHOTOS) as known:
+        away = np.abs(photos_of_city() - np.asarray(known, np.float64))
+    assert away.mean() < 0.3  # 0.25 by rounding to whole levels
+    assert (away > 1.0).mean() < 1e-4
 
 
 @slow
