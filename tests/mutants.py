@@ -140,8 +140,8 @@ def find_tests(chosen: Sequence[Mutant], probed: Path, pool: Executor) -> list[l
 def tests_of(path: Path, met: set[str], sound: set[str]) -> list[str]:
     """Return the first test files that run a statement, those of its room before the goldens."""
     room = f"tests/{path.parts[1]}/"
-    if met == {""}:  # it runs at imports alone
-        met = {file for file in sound if file.startswith(room)}
+    if "" in met:  # it runs at imports, for all tests
+        met = met | {file for file in sound if file.startswith(room)}
     near = sorted(
         met & sound, key=lambda test: (not test.startswith(room), "goldens" in test, test)
     )
