@@ -88,9 +88,8 @@ def hit(number):
     test = os.environ.get("PYTEST_CURRENT_TEST", "").partition("::")[0]
     if (number, test) not in SEEN:
         SEEN.add((number, test))
-        out = os.open({place!r}, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        os.write(out, f"{{number}} {{test}}\\n".encode())
-        os.close(out)
+        with open({place!r}, "a") as out:
+            out.write(f"{{number}} {{test}}\\n")
 """
 
 
@@ -148,17 +147,13 @@ def tests_of(path: Path, met: set[str], sound: set[str]) -> list[str]:
     return near[:FILES]
 
 
-def env_of(copy: Path) -> dict[str, str]:
-    return os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-
-
 def run_tests(copy: Path, tests: Sequence[str]) -> None:
     """Run tests in this process, a fork, and end it with 0 where all pass."""
     os.setsid()
     for stream in (1, 2):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
     os.chdir(copy)
-    os.environ.update(env_of(copy))
+    os.environ.update(PYTHONPATH=str(copy), PYTHONDONTWRITEBYTECODE="1")
     sys.dont_write_bytecode = True
     sys.path[:] = [str(copy), *(place for place in sys.path if place not in ("", str(ROOT)))]
     options = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants"]

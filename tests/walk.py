@@ -1,7 +1,6 @@
-"""Prints how much of the package one command runs: ``python -m tests.walk``.
+"""Prints how many files and functions of the package a command runs: ``python -m tests.walk``.
 
-Files and functions of `airzoo_bench` whose code runs between a command's start and its end
-(bodies of modules and classes are not counted), and modules of the package that are loaded.
+Bodies of modules and classes are not counted.
 """
 
 from __future__ import annotations
@@ -10,13 +9,10 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections import Counter
 from pathlib import Path
 from types import CodeType, FrameType
 
 PACKAGE = Path(__file__).parents[1] / "airzoo_bench"
-ROOMS = ("benchmark", "engines", "evaluation", "formats", "protocol", "retrieval", "storage")
-"""The rooms of the scoring core, of whose files few should run for one score."""
 
 
 def walk(arguments: list[str]) -> dict[str, int]:
@@ -42,13 +38,7 @@ def walk(arguments: list[str]) -> dict[str, int]:
     home = f"{PACKAGE}{os.sep}"
     functions = [one for one in ran if one.co_flags & 1 and one.co_filename.startswith(home)]
     files = {Path(code.co_filename).relative_to(PACKAGE) for code in functions}
-    rooms = Counter(file.parts[0] for file in files)
-    return {
-        "files": len(files),
-        "files of the core's rooms": sum(rooms[room] for room in ROOMS),
-        "functions": len(functions),
-        "modules": sum(name.split(".")[0] == PACKAGE.name for name in sys.modules),
-    }
+    return {"files": len(files), "functions": len(functions)}
 
 
 def walk_template(track: str) -> dict[str, int]:

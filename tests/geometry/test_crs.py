@@ -32,7 +32,6 @@ from tests.geometry.support import write_tif
 A = 6378137.0
 B = A * (1.0 - 1.0 / 298.257223563)
 DULUTH, VIENNA = (-92.0, 46.8), (16.4, 48.2)
-CHANGSHA = np.array((112.93, 28.2))
 
 
 def test_ecef_by_the_textbook() -> None:

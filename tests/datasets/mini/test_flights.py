@@ -60,13 +60,6 @@ def test_the_barrel_roll_sweeps_all_that_it_says() -> None:
     for values, low, high in ((pitch, -90.0, -10.0), (altitude, 130.0, 210.0)):
         assert values.min() == pytest.approx(low, abs=0.01)
         assert values.max() == pytest.approx(high, abs=0.01)
-    # Up and down several times, across the scene and around it.
-    assert np.count_nonzero(np.diff(np.sign(np.diff(altitude[::30])))) >= 8
-    away = np.linalg.norm((flight.centres - ORIGIN)[:, :2] - CITY.side_m / 2, axis=1)
-    assert away.min() < 40.0
-    assert away.max() > 160.0
-    again, other = flights.barrel_roll(CITY, FLOOR_M, 0), FLIGHTS["barrel 1"]
-    assert again.centres.tobytes() == flight.centres.tobytes() != other.centres.tobytes()
 
 
 def test_the_survey_has_its_lines_and_its_orbit() -> None:
@@ -87,7 +80,6 @@ def test_the_survey_has_its_lines_and_its_orbit() -> None:
 # Means of the centres and of one row of the rotations: other flights are another world.
 KNOWN = {
     "barrel 0": (20906, (301.015594, 301.682116, 169.514241), (-0.025968, -0.009895, -0.566559)),
-    "barrel 1": (18932, (308.994987, 318.950408, 169.010658), (0.022617, 0.01313, -0.572259)),
     "survey": (11403, (301.346441, 298.87634, 130.0), (0.009627, -0.456723, -0.295658)),
 }
 

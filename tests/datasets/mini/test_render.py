@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -78,20 +78,18 @@ def test_depth_is_exact_to_the_bit() -> None:
     assert depth[0, 80] == 0.0  # sky above the roof
 
 
-def test_conditions_change_pixels_and_never_depth() -> None:
+def test_conditions_never_change_depth() -> None:
     lens, render = default_camera(80, 60), small.renderer().render
     frames = [render(lens, HORIZON, *given, 5) for given in product(WEATHERS, TIMES)]
-    depth, pictures = frames[0][1], [rgb.astype(float) for rgb, _ in frames]
+    picture, depth = frames[0]
     assert (len(frames), len({other.tobytes() for _, other in frames})) == (15, 1)
-    for first, second in combinations(pictures, 2):
-        assert np.abs(first - second).mean() > 1.0
     up = small.rays(lens, HORIZON).reshape(60, 80, 3)[..., 2] >= 0
     assert not depth[up].any()
     assert (depth[-10:] > 0.0).all()
     # Land goes on to the horizon, where the mesh has ended.
     beyond = (depth == 0.0) & ~up
     assert beyond.any()
-    assert np.abs(pictures[0][beyond].mean(axis=0) - pictures[0][up].mean(axis=0)).max() > 3.0
+    assert np.abs(picture[beyond].mean(axis=0) - picture[up].mean(axis=0)).max() > 3.0
 
 
 def test_a_sunny_day_looks_like_the_orthophoto() -> None:
@@ -110,7 +108,7 @@ def test_a_sunny_day_looks_like_the_orthophoto() -> None:
     assert np.corrcoef(photo.mean(axis=1), dom.mean(axis=1))[0, 1] > 0.9
 
 
-def test_what_conditions_look_like() -> None:
+def test_shadows_are_of_the_sun() -> None:
     """The block stands 12 m high and the sun, in (-6, -10, 15), rises 1.5 m a metre of northing.
 
     North of the wall its shadow so reaches 8 m.
@@ -124,9 +122,3 @@ def test_what_conditions_look_like() -> None:
     for weather, shady in (("sunny", True), ("cloudy", False)):
         picture = shot(NADIR, weather, lens=FINE)
         assert (at(picture, 6.5) < 0.6 * at(picture, 9.5)) == shady
-    day, snow, red = shot(OBLIQUE), shot(OBLIQUE, "snowy"), shot(OBLIQUE, time="sunset")
-    assert shot(OBLIQUE, time="night").mean() < 0.35 * day.mean()
-    assert shot(OBLIQUE, "foggy").std() < 0.7 * day.std()
-    assert np.median(snow) > 130
-    assert np.median(np.ptp(snow, axis=-1)) < 30  # a little blue
-    assert red[..., 0].mean() / red[..., 2].mean() > day[..., 0].mean() / day[..., 2].mean()
