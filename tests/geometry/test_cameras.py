@@ -84,6 +84,11 @@ def test_points_beyond_the_fold_of_the_lens_have_no_image_and_no_ray() -> None:
     twice = np.array([[-0.3, 0.02, 0.0, 0.0, 0.0]])
     xy = np.array([[[np.sqrt(1.297), 0.0], [np.sqrt(1.299), 0.0], [4.0, 0.0]]])
     assert in_range(xy, twice).tolist() == [[True, False, False]]
+    # x + 0.6 x y, y + 0.3 (x^2 + 3 y^2): at y = -0.2 the determinant of its derivatives,
+    # 0.88 * 0.64 - 0.36 x^2, is 0 at x = 1.2508.
+    leaning = np.array([[0.0, 0.0, 0.3, 0.0, 0.0]])
+    xy = np.array([[[1.25, -0.2], [1.252, -0.2]]])
+    assert in_range(xy, leaning).tolist() == [[True, False]]
 
 
 def test_anchor_pixels_in_order() -> None:
