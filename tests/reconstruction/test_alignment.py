@@ -20,6 +20,7 @@ from airzoo_bench.reconstruction.alignment import (
     pair_cameras,
     umeyama,
 )
+from airzoo_bench.reconstruction.checks import alignment_notes
 from airzoo_bench.reconstruction.clouds import cloud_of
 from airzoo_bench.reconstruction.icp import refine
 from tests.geometry.support import quick, seeds
@@ -150,6 +151,25 @@ def flight(count: int, width: float, rng: np.random.Generator) -> PosedCameras:
     across = rng.uniform(-width / 2, width / 2, count)
     high = 80 + rng.normal(0, width / 20, count)
     return cameras(np.stack((np.linspace(0, 600, count), across, high), axis=1), rng)
+
+
+def test_what_is_unusual_of_an_alignment_is_said() -> None:
+    rng = np.random.default_rng(0)
+    truth = flight(20, 100.0, rng)
+    usual = sim3(seen_from(truth, similarity(rng)), truth)
+    assert alignment_notes(usual, "sim3") == []
+    cases: list[tuple[str, dict[str, Any]]] = [
+        ("9 of 20", {"inlier_names": usual.inlier_names[:9]}),
+        ("fewer than 3", {"robust": False}),
+        ("on a line", {"used_orientations": True}),
+        ("179 degrees", {"rotations_deg": {"median": 179.0}}),
+        ("no overlap", {"icp_failure": "no overlap"}),
+        ("2 of 22", {"cameras_missing": 2}),
+        ("no cameras", {"centres": None}),
+    ]
+    for said, changes in cases:
+        [note] = alignment_notes(replace(usual, **changes), "sim3")
+        assert said in note
 
 
 def half_bad(truth: PosedCameras, rng: np.random.Generator) -> PosedCameras:
