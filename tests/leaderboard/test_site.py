@@ -209,6 +209,7 @@ def test_a_run_keeps_its_pictures(track: str, host: Path, tmp_path: Path) -> Non
     kinds = {"clouds"} if track == "reconstruction" else {"maps", "hardest"}
     assert {kind for kind, drawn in shown.items() if drawn} == kinds
     for one in shown["maps"]:
+        assert one["width"] == one["height"] > 256  # of a square map of 256 pixels, enlarged
         dots = [one["paths"][f"{name} dot"].count("M") for name in ("hit", "miss")]
         assert (sum(dots), dots[0]) == (one["queries"], one["hits"]) == (5, one["hits"])
     assert all(card["pictures"] for card in shown["hardest"])
