@@ -193,7 +193,9 @@ def test_from_request_to_board(board: Board, data: Path, perfect: Any, monkeypat
         board.step("keep", found)
     assert "This does not count as a try" in board.comment(found)
     tried = do(board, "try", found)
+    (found.with_name("work") / checks.FETCHED / "of-an-address").mkdir(parents=True)
     board.step("keep", opened := do(board, "sealed", found))
+    assert (board.home / "public" / checks.FETCHED / "of-an-address").is_dir()
     assert "| `average` | 10 |" in board.comment(found, tried, opened)
 
     # A fault that only the truth shows is a try, or whoever finds one could ask without end.
