@@ -54,32 +54,10 @@ def test_a_drone_can_fly_it(name: str) -> None:
     assert np.abs(roll).max() < 1e-6
 
 
-def test_the_barrel_roll_sweeps_all_that_it_says() -> None:
-    flight = FLIGHTS["barrel 0"]
-    (_, pitch, _), altitude = angles(flight), flight.centres[:, 2]
-    for values, low, high in ((pitch, -90.0, -10.0), (altitude, 130.0, 210.0)):
-        assert values.min() == pytest.approx(low, abs=0.01)
-        assert values.max() == pytest.approx(high, abs=0.01)
-
-
-def test_the_survey_has_its_lines_and_its_orbit() -> None:
-    flight = FLIGHTS["five lines"]
-    assert set(np.unique(flight.centres[:, 2])) == {130.0}
-    yaw, pitch, _ = angles(flight)
-    place = (flight.centres - ORIGIN)[:, :2] - CITY.side_m / 2
-    # Five lines at -100, -50, 0, 50, 100 m are crossed where they pass the middle.
-    middle = (pitch < -84.9)[1:] & (np.diff(np.sign(place[:, 1])) != 0)
-    assert np.round(place[1:][middle, 0], -1).tolist() == [-100.0, -50.0, 0.0, 50.0, 100.0]
-    orbit = pitch > -45.05
-    away = np.linalg.norm(place[orbit][5 * FPS :], axis=1)
-    # At 45 degrees the centre of the scene is seen from as far away as high: 130 - 50 m.
-    assert np.abs(away - 80.0).max() < 4.0
-    assert np.ptp(np.unwrap(yaw[orbit], period=360.0)) > 300.0
-
-
 # Means of the centres and of one row of the rotations: other flights are another world.
 KNOWN = {
     "barrel 0": (20906, (301.015594, 301.682116, 169.514241), (-0.025968, -0.009895, -0.566559)),
+    "five lines": (7907, (295.955086, 299.093055, 130.0), (0.054773, -0.395872, -0.335328)),
     "survey": (11403, (301.346441, 298.87634, 130.0), (0.009627, -0.456723, -0.295658)),
 }
 
