@@ -11,10 +11,8 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from rasterio import Affine
 
 from airzoo_bench.core.errors import UsageError, UserError
-from airzoo_bench.geometry.rasters import open_info
 from airzoo_bench.report import draw
 from airzoo_bench.report.figures import (
     Sheet,
@@ -28,7 +26,7 @@ from airzoo_bench.report.figures import (
 )
 from airzoo_bench.report.matching import arrow_factor
 from airzoo_bench.report.reconstruction import error_limit, read_clouds
-from airzoo_bench.report.sections import Place, draw_ground, need_kept, read_sections
+from airzoo_bench.report.sections import need_kept, read_sections
 from airzoo_bench.results.records import Method
 from airzoo_bench.statistics.samples import ResamplingConfig
 from airzoo_bench.tables.breakdown import breakdown_table
@@ -44,7 +42,7 @@ from tests.report.made import (
     write_photo_results,
 )
 from tests.statistics.support import CHAMFER, ERROR, HIT
-from tests.support import run_main, write_raster
+from tests.support import run_main
 
 INF = np.inf
 
@@ -159,18 +157,6 @@ def test_no_error_below_the_limit_has_the_colour_of_those_beyond(limit: float) -
     np.testing.assert_array_equal(beyond, errors >= limit)
     light = error_colours(np.array([0.0, 0.5 * limit, 0.99 * limit]), limit).sum(axis=1)
     assert (np.diff(light.astype(int)) > 0).all()
-
-
-def test_a_map_is_drawn_in_metres(tmp_path: Path) -> None:
-    grid = Affine(0.5, 0.0, 4e5, 0.0, -0.5, 5e6)
-    write_raster(
-        tmp_path / "dom.tif", np.zeros((3, 40, 60), "u1"), crs="EPSG:32615", transform=grid
-    )
-    dom = open_info(tmp_path / "dom.tif")
-    _, axes, metres = draw_ground(Place("east", None, {}, dom), Sheet())
-    assert metres == pytest.approx(0.5, rel=1e-3)
-    ends = [*axes.images[0].get_extent(), *axes.get_xlim(), *axes.get_ylim()]
-    assert ends == pytest.approx([0, 30, 20, 0] * 2, rel=1e-3)
 
 
 def test_scales_are_round_and_fit_nine_of_ten() -> None:

@@ -9,9 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from airzoo_bench.core.errors import PredictionError
 from airzoo_bench.evaluation.evaluate import Evaluation, check, evaluate
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.retrieval.predictions import Descriptors, check_predictions, read_retrieval
+from airzoo_bench.retrieval.predictions import (
+    Descriptors,
+    check_lists,
+    check_predictions,
+    read_retrieval,
+)
 from airzoo_bench.tables.layouts import method_table
 from tests.support import MadeScene, made_protocol, write_benchmark, write_predictions
 
@@ -30,6 +36,16 @@ def test_ids_of_bytes_numbers_of_another_order_and_no_score_beside_an_empty_id(
         assert (read.protocol, read.query_ids.tolist()) == ("p", ["e/a", "e/b"])
     assert isinstance(read.content, Descriptors)
     np.testing.assert_array_equal(read.content.gallery, gallery)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_scores_fall_or_rise_and_the_fewer_lists_are_at_fault(sign: float) -> None:
+    ids, names = np.array([["a", "b", "c"]] * 3), ["q0", "q1", "q2"]
+    scores = sign * np.array([[3.0, 2.0, 1.0], [2.0, 2.0, 1.0], [9.0, 5.0, 5.0]])
+    check_lists(ids, scores, names)
+    scores[1] = scores[1, ::-1]
+    with pytest.raises(PredictionError, match=r"1 of 3 \(q1\)"):
+        check_lists(ids, scores, names)
 
 
 # --- scored ---

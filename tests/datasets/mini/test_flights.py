@@ -57,7 +57,6 @@ def test_a_drone_can_fly_it(name: str) -> None:
 # Means of the centres and of one row of the rotations: other flights are another world.
 KNOWN = {
     "barrel 0": (20906, (301.015594, 301.682116, 169.514241), (-0.025968, -0.009895, -0.566559)),
-    "five lines": (7907, (295.955086, 299.093055, 130.0), (0.054773, -0.395872, -0.335328)),
     "survey": (11403, (301.346441, 298.87634, 130.0), (0.009627, -0.456723, -0.295658)),
 }
 
