@@ -27,8 +27,6 @@ PROCESSORS = {
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX,-AVX2,-FMA,-FMA4,-AVX512F",
     },
 }
-if __cpu_features__.get("AVX512F"):
-    PROCESSORS["SkylakeX"] = {"OPENBLAS_CORETYPE": "SkylakeX", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def made_on(processor: str, *arguments: object) -> str:

@@ -77,16 +77,10 @@ def test_a_method_s_name_is_shown_and_never_obeyed(
         assert evaluated["predictions"]["method"] == "\ufffd]0;x\ufffd[red]\ufffd<b>\ufffd$"
 
 
-@pytest.fixture
-def made(tmp_path: Path) -> Path:
-    """Return a folder with a result and records."""
-    scenes = {"east": {"recall@1": [1.0, 0.0, 1.0]}, "west": {"recall@1": [0.0, 1.0]}}
-    return write_method(tmp_path / "in", made_method(scenes)).parent
-
-
 def test_a_report_that_cannot_be_written_costs_no_work(
-    made: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    made = write_method(tmp_path / "in", made_method({"east": {"recall@1": [1.0, 0.0]}})).parent
     monkeypatch.setattr("airzoo_bench.report.page.make_report", None)
     for out, named in (("x.txt", "x.txt: "), ("in/result.json/x.html", "in/result.json: ")):
         assert run_main("report", made, "-o", made.parent / out) == 2

@@ -108,6 +108,14 @@ def test_on_a_level_or_sloping_dsm_the_hit_is_that_of_the_plane(seed: int) -> No
     assert np.array_equal(hits.status, plane.status)
 
 
+def test_a_saddle_that_falls_before_it_rises_into_the_ray() -> None:
+    # Along the diagonal of the cell the surface is -2 u + 4 u^2, so the ray, from 1 to 0.5, is
+    # 1 + 1.5 u - 4 u^2 above it: nothing at u = (1.5 + sqrt(18.25)) / 8.
+    u = (1.5 + np.sqrt(18.25)) / 8
+    hits = cast((0.5, 0.5, 1.0), (1.0, 1.0, -0.5), field_of([[0.0, -1.0], [-1.0, 2.0]]))
+    assert hits.points[0, 0] == pytest.approx((0.5 + u, 0.5 + u, 1.0 - 0.5 * u), abs=1e-12)
+
+
 @settings(quick, max_examples=8)
 @given(seeds)
 def test_first_crossing_agrees_with_a_fine_march(seed: int) -> None:
