@@ -12,7 +12,7 @@ from airzoo_bench.datasets.mini.shading import TIMES, WEATHERS
 from airzoo_bench.datasets.mini.world import Mesh
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras, project
-from airzoo_bench.geometry.poses import Poses, depth_to_points, world_to_camera
+from airzoo_bench.geometry.poses import Poses, world_to_camera
 from tests.datasets.mini import conftest as small
 from tests.datasets.mini.conftest import BLOCK, CAMERA, CORNER, GROUND_M, HORIZON, NADIR, OBLIQUE
 
@@ -90,22 +90,6 @@ def test_conditions_never_change_depth() -> None:
     beyond = (depth == 0.0) & ~up
     assert beyond.any()
     assert np.abs(picture[beyond].mean(axis=0) - picture[up].mean(axis=0)).max() > 3.0
-
-
-def test_a_sunny_day_looks_like_the_orthophoto() -> None:
-    world, view = small.small_world(), small.pose((48, 48, 70), 0, -90)
-    depth = depth_of(view, FINE).astype(float)
-    points = depth_to_points(depth, depth > 0, FINE, view) - CORNER
-    photo = shot(view, lens=FINE).reshape(-1, 3)[depth.ravel() > 0]
-    inside = ((points[:, :2] > 0) & (points[:, :2] < small.SIDE_M)).all(axis=1)
-    points, photo = points[inside], photo[inside]
-    column, row = (points[:, 0] * 4).astype(int), ((small.SIDE_M - points[:, 1]) * 4).astype(int)
-    on_top = np.abs(world.dsm[row // 2, column // 2] - points[:, 2]) < 0.1
-    photo, dom = photo[on_top], world.dom[row, column][on_top].astype(float)
-    assert on_top.mean() > 0.85
-    np.testing.assert_allclose(photo.mean(axis=0), dom.mean(axis=0), atol=4.0)
-    assert np.median(np.abs(photo - dom)) < 8.0  # grass is rough
-    assert np.corrcoef(photo.mean(axis=1), dom.mean(axis=1))[0, 1] > 0.9
 
 
 def test_shadows_are_of_the_sun() -> None:
