@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -57,13 +56,7 @@ def test_a_wrong_call_exits_2(data: Path, capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.parametrize("form", ["terminal", "latex", "csv", "markdown", "html", "json"])
-def test_a_method_s_name_is_shown_and_never_obeyed(
-    form: str,
-    data: Path,
-    tmp_path: Path,
-    perfect: dict[str, Any],
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_method_s_name_is_shown_and_never_obeyed(form, data, tmp_path, perfect, capsys) -> None:
     path = write_predictions(tmp_path / "p.npz", "made-retrieval", **perfect)
     out = tmp_path / "out"
     name = "\x1b]0;x\x07[red]\n<b>\udcff$"

@@ -39,9 +39,7 @@ def test_a_mistyped_scene_is_named_and_other_options_or_files_do_not_replace_a_f
     assert "uav-visloc-partial" in prepare(0, "--force")
 
 
-def test_camera_to_world_poses_of_oblique_photos_are_noticed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_camera_to_world_poses_of_oblique_photos_are_noticed(tmp_path, capsys, monkeypatch) -> None:
     # Level, 60 degrees off nadir, to the north from the south of the map; taken the wrong way
     # round it looks to the south, whatever its azimuth was.
     sine, cosine = np.sin(np.radians(60)), np.cos(np.radians(60))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from airzoo_bench.datasets.folder import summary_of
 from airzoo_bench.datasets.geometry_checks import scenes_of_benchmark
 from airzoo_bench.datasets.scene_warnings import CHECKS, scene_warnings
 from airzoo_bench.datasets.surveys.survey import PHOTOS, PhotoOptions
+from airzoo_bench.geometry.crs import LOCAL_CRS
 from airzoo_bench.results.result import read_result
 from tests.datasets.support import LEVEL, NAMES, tag, write_photo
 from tests.support import MAP_SIZE_M, NORTH_WEST, Place, run_main, write_raster
@@ -125,6 +127,14 @@ def test_a_missing_surface_model_is_named(place: Place, tmp_path: Path) -> None:
     protocols = PHOTOS.benchmark_protocols(chosen, tmp_path)
     content = make_content(PHOTOS.read(chosen, "park", silent), protocols)
     assert "surface" in summary_of(content, protocols).without_truth["matching"]
+
+
+def test_positions_that_photos_state_are_not_compared_with_a_local_frame(place, tmp_path) -> None:
+    chosen = PhotoOptions("park", place.images, place.poses, place.dom)
+    native = replace(PHOTOS.read(chosen, "park", silent), crs=LOCAL_CRS, dom=None)
+    facts = make_content(native, PHOTOS.benchmark_protocols(chosen, tmp_path)).facts
+    assert facts is not None
+    assert facts.gps is None
 
 
 def test_a_warning_is_printed_and_noted_in_results(place, tmp_path, capsys, monkeypatch) -> None:

@@ -83,12 +83,7 @@ def test_any_engine_gives_the_same_bytes(
     assert saved(track, predictions[track], tmp_path / "out", run) == here[track]
 
 
-def test_resume_goes_on_from_scored_scenes(
-    predictions: dict[str, Path],
-    here: dict[str, tuple[bytes, ...]],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_resume_goes_on_from_scored_scenes(predictions, here, tmp_path, monkeypatch) -> None:
     out, kept, track = tmp_path / "out", tmp_path / "out.unfinished", "matching"
     ask = ["eval", track, predictions[track], "--out", out, "--method", "m", "--resume"]
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from rasterio import Affine
 from scipy.ndimage import map_coordinates
 
-from airzoo_bench.geometry.heightfield import HeightField, median_height
+from airzoo_bench.geometry.heightfield import HeightField, blocked_heights, median_height
 from airzoo_bench.geometry.rasters import pixel_to_world
 
 from .support import quick, seeds, write_tif
@@ -69,11 +69,9 @@ def test_nodata_corners() -> None:
 
 
 @pytest.mark.parametrize(("nodata", "tiled"), [(NAN, True), (-9999.0, False), (None, True)])
-def test_read_nodata_infinity_and_negative_heights(
-    tmp_path: Path, nodata: float | None, tiled: bool
-) -> None:
+def test_read_nodata_infinity_and_negative_heights(tmp_path, nodata, tiled) -> None:
     rng = np.random.default_rng(0)
-    heights = rng.uniform(-40, 40, (70, 90)).astype(np.float32)
+    heights = rng.uniform(-40, 40, (300, 560)).astype(np.float32)
     heights[3:9, 5:40] = NAN if nodata is None else nodata
     heights[60, 80] = np.inf
     blocks = {"tiled": True, "blockxsize": 32, "blockysize": 16} if tiled else {}
@@ -84,6 +82,9 @@ def test_read_nodata_infinity_and_negative_heights(
     assert np.array_equal(field.heights, np.where(valid, heights, NAN), equal_nan=True)
     assert (field.heights[valid] < 0).any()
     assert field.height_range == (heights[valid].min(), heights[valid].max())
+    rows, columns = np.indices(heights.shape)  # of six blocks
+    with blocked_heights(path) as lazy:
+        np.testing.assert_array_equal(lazy.heights_at(columns, rows), field.heights)
 
 
 def test_read_bounds_gives_the_same_surface(tmp_path: Path) -> None:

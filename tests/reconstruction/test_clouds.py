@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.cameras import Cameras
 from airzoo_bench.geometry.poses import Poses
+from airzoo_bench.reconstruction.checks import left_out_notes
 from airzoo_bench.reconstruction.clouds import (
     PreparedCloud,
     VoxelGrid,
@@ -84,6 +86,8 @@ def test_points_left_out_are_counted() -> None:
     points = np.array([[0, 0, 0], [np.nan, 0, 0], [1, 2, np.inf], [5, 5, 5], [0, -1e200, 0]])
     cloud = prepare(points, 2)
     assert (cloud.not_finite, cloud.outside, cloud.thinned) == (3, 0, 0)
+    told = [left_out_notes(replace(cloud, not_finite=n, distrusted=n)) for n in (0, 1)]
+    assert list(map(len, told)) == [0, 2]
     np.testing.assert_array_equal(points_of(cloud), points[[0, 3]])
     # Voxels thin what the crop has left; they begin at 0.191 of 0.5.
     points = np.array([[0.2, 0.1, 0.1], [0.4, 0.1, 0.1], [0.7, 0.1, 0.1], [9, 9, 9.0]])

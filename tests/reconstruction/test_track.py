@@ -346,7 +346,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "icp": {"alignment": {"method": "sim3+icp", "icp_points": 500_000, "icp_iterations": 5}},
     "covered": {"preparation": {"crop": "covered", "crop_margin_m": 2.0}},
     "observed": {"preparation": {"region": "observed"}},
-    "voxels": {"preparation": {"voxel_m": 0.7}, "scores": {"f1_below_m": (2.0, 10.0)}},
+    "voxels": {"preparation": {"voxel_m": 0.7}, "scores": {"f1_below_m": (10.0,)}},
 }
 
 

@@ -20,6 +20,7 @@ from airzoo_bench.report.figures import (
     error_colours,
     figure_bytes,
     label_text,
+    over_scenes,
     parse_length,
     save_figure,
     series_style,
@@ -41,7 +42,7 @@ from tests.report.made import (
     write_methods,
     write_photo_results,
 )
-from tests.statistics.support import CHAMFER, ERROR, HIT
+from tests.statistics.support import CHAMFER, ERROR, HIT, made_method
 from tests.support import run_main
 
 INF = np.inf
@@ -67,6 +68,8 @@ def test_curves_are_means_over_scenes_and_errors_strictly_below() -> None:
     np.testing.assert_allclose(shares, [0, 0.5, 0.5, 0.75, 0.75])
     whole = retrieval_method("a", 3)
     assert draw.recall_curve(whole, 5)[0] == pytest.approx(whole.result.overall["recall@1"])
+    alone = made_method({"s": {HIT.key: [1.0]}})
+    assert [bool(over_scenes([method])) for method in (whole, alone)] == [True, False]
 
 
 def test_a_line_ends_where_the_longest_list_does() -> None:

@@ -21,6 +21,7 @@ from airzoo_bench.results.comparison import (
     floor_note,
     score_intervals,
     tied_with_best,
+    why_untested,
 )
 from airzoo_bench.results.records import Method
 from airzoo_bench.results.result import Reference, ScoreColumn
@@ -95,6 +96,9 @@ def test_by_hand() -> None:
     methods = [made_method({"s": {"error_m": v}}, (ERROR,), name) for name, v in errors.items()]
     [pair] = against(*methods).pairs
     assert (pair.wins, pair.ties, pair.losses, pair.p_mcnemar) == (1, 2, 2, None)
+    # The least p of five signs is 1/16, and Student's t needs five.
+    for unit, needed in (("query", "6 are"), ("scene", "5 are")):
+        assert needed in why_untested(against(*methods).pairs[0].test, unit, 4)
 
 
 def test_who_takes_the_best_has_looked_at_every_pair() -> None:

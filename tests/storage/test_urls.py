@@ -172,15 +172,7 @@ def test_a_bug_of_this_package_is_no_fault_of_the_storage(copies: Path) -> None:
     ("status", "said"), [(403, "denied"), (404, "no such file"), (500, "cannot be read")]
 )
 @pytest.mark.parametrize("where", ["bucket", "web"])
-def test_a_refusal_is_one_message(
-    bucket: Bucket,
-    web: type[Web],
-    where: str,
-    status: int,
-    said: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_refusal_is_one_message(bucket, web, where, status, said, capsys, monkeypatch) -> None:
     code = {403: "AccessDenied", 404: "NoSuchBucket", 500: "InternalError"}[status]
     web.status, web.body = status, f"<Error><Code>{code}</Code></Error>".encode()
     monkeypatch.setenv("AWS_ENDPOINT_URL", web.address)
