@@ -65,8 +65,8 @@ class Similarity:
 
     def apply(self, points: Floats) -> Floats:
         """Transform points (..., 3)."""
-        turned = apply_matrix(self.rotation, points - self.origin)
         with np.errstate(over="ignore", invalid="ignore"):  # such points are counted later
+            turned = apply_matrix(self.rotation, points - self.origin)
             return np.asarray(self.scale * turned + self.translation)
 
     def apply_poses(self, poses: Poses) -> Poses:
