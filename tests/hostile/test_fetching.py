@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 import socket
 import ssl
 import subprocess
@@ -20,6 +21,9 @@ import pytest
 from airzoo_bench.core.errors import SubmissionError
 from airzoo_bench.leaderboard.fetching import fetch
 
+pytestmark = pytest.mark.skipif(
+    shutil.which("openssl") is None, reason="no openssl: apt install openssl"
+)
 HOST, OTHER, PUBLIC = "data.example.org", "cdn.example.net", "93.184.215.14"
 PATH = "/files/preds.npz"
 CONTENT = b"predictions" * 30_000

@@ -23,15 +23,9 @@ NEEDS_CHROMIUM = pytest.mark.skipif(
     BROWSER is None or DRIVER is None, reason="no Chromium: apt install chromium chromium-driver"
 )
 FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--window-size=1280,900",
+    *("--headless=new", "--no-sandbox", "--no-first-run", "--window-size=1280,900"),
+    *("--disable-gpu", "--disable-quic", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update"),
 )
 
 
