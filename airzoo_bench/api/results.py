@@ -213,8 +213,7 @@ def compare(
 
     Its `frame` has a row a score and method, with the difference to the reference, its interval and
     tests; of a single result a row a scene (None for the average) and score. docs/statistics.md
-    explains them. Raises a `UserError` where results cannot be read or compared, and for a score,
-    method or scene that is not there.
+    explains them. Raises a `UserError` for results, scores, methods or scenes that do not fit.
 
     Parameters
     ----------
@@ -230,7 +229,8 @@ def compare(
     if not listed or not all(isinstance(one, kinds) for one in listed):
         raise arg.fault("results", "holds no results", "results, or paths of result.json")
     read = iter(read_methods([one for one in listed if not isinstance(one, Method)]))
-    methods = [one if isinstance(one, Method) else next(read) for one in listed]
+    each = (one if isinstance(one, Method) else next(read, None) for one in listed)
+    methods = [one for one in each if one is not None]  # a path named twice is read once
     if len({one.name for one in methods}) < len(methods):
         fix = "load_result(path, name=...)"
         raise arg.fault("results", "several have one name", "methods of different names", fix)

@@ -136,7 +136,7 @@ def test_comparisons_hold_differences(methods: list[Method], paths: list[Path], 
 
 @pytest.mark.parametrize("methods", ["query"], indirect=True)
 def test_the_numbers_of_a_comparison(methods: list[Method], paths: list[Path], run: Run) -> None:
-    columns, rows, table = read(run, "compare", *paths, "--score", "MRR")
+    columns, rows, table = read(run, "compare", *paths, paths[0], "--score", "MRR")
     row, beside = rows[0], table["uncertainties"][0][columns.index("Difference")]
     assert (row["Score"], row["Method"]) == ("MRR [%] ↑", NAMES[2])  # the best comes first
     assert beside["low"] < row["Difference"] < beside["high"]
