@@ -172,6 +172,20 @@ def test_gta_uav_scores() -> None:
     assert scores["AP"].key == "map"  # scikit-learn's, not the trapezoids'
 
 
+def test_a_distance_at_its_limit_is_no_hit() -> None:
+    places = np.zeros((1, 2)), np.array([[3.0, 4.0]])
+    settings = shipped("gta-uav-cross-area").scores
+    near = settings.distances.model_copy(update={"ma_below_m": (5.0, 6.0)})
+    settings, ranked = settings.model_copy(update={"distances": near}), [["s/t0000"]]
+    truth = made_truth((["1"], ["1"]), places)
+    records = score_images(truth, settings, RankedIds(np.array(ranked), None))
+    assert records[["ma@5m", "ma@6m"]].to_numpy().tolist() == [[0, 1]]
+    order = np.array([[1, 0]], np.int32)
+    limit = score_orders(order, 1, tile_scores())["distance_m"].item()
+    found = score_orders(order, 1, tile_scores(distance_below_m=(limit, 2 * limit)))
+    assert [found[f"distance<{m:g}m"].item() for m in (limit, 2 * limit)] == [0, 1]
+
+
 def test_positives_that_are_not_ranked_are_never_found() -> None:
     truth = made_truth((["1", "2"], ["1", "1", "2", "3"]))
     ranked = RankedIds(np.array([["s/t0003", "s/t0001"], ["", ""]]), None)
@@ -232,6 +246,7 @@ def test_chance_is_the_mean_over_all_orders(n_tiles: int, data: st.DataObject) -
         row[list(place)] = np.arange(n_positives)
         row[np.setdiff1d(np.arange(n_tiles), place)] = np.arange(n_positives, n_tiles)
     expected = score_orders(tiles, n_positives, chosen)
+    assert not expected["cut_short"].any()  # nothing is asked for beyond what is kept
     found = chance_scores(np.array([n_positives]), n_tiles, chosen)
     names = {"map", "mrr", *(name for name in expected if name.startswith(("re", "ap@", "nd")))}
     assert set(found) == names
