@@ -114,7 +114,7 @@ def test_no_room_exceeds_its_limit() -> None:
     found, allowed = weights(HOME), limits()
     assert set(found) == set(allowed)
     over = {room: (count, allowed[room]) for room, count in found.items() if count > allowed[room]}
-    assert over == {}
+    assert over == {}, "see docs/architecture.md, the weight of each room"
 
 
 def test_no_test_imports_another_test_file() -> None:

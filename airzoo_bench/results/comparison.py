@@ -37,7 +37,8 @@ if TYPE_CHECKING:  # records need pandas, which tables of results do without
 FLOOR_MARK = "‡"  # behind the name of a method that is no better than chance or its prior
 _NO_BETTER = "no better than {}, which has {}"
 _UNSURE = f"{_NO_BETTER}: the method's 95 % interval reaches that"
-_WORSE = "worse than {}, which has {}: weak, or reversed ranks (distances as similarities)?"
+GUESS = ": weak, or reversed ranks (distances as similarities)?"  # for the author, not for papers
+_WORSE = "worse than {}, which has {}" + GUESS
 _BEST = "best"
 _SAME_FOLDER = "score all predictions again with the same benchmark folder"
 # How the columns of scores begin that say of a query whether it is answered well enough.
@@ -210,8 +211,7 @@ def score_intervals(
 
 def value_of(method: Method, score: ScoreColumn, scene: str | None = None) -> float:
     """Return a method's value on a scene, or the unweighted mean over scenes."""
-    values = method.result.overall if scene is None else method.result.scenes[scene]
-    return values[score.key]
+    return (method.result.overall if scene is None else method.result.scenes[scene])[score.key]
 
 
 def notes_of(result: Result, wanted: Sequence[str] = ()) -> tuple[str, ...]:

@@ -269,7 +269,7 @@ def hit_columns(
     ap_at: Mapping[int, Sequence[ApVariant]],
     ndcg_at: Sequence[int],
 ) -> dict[str, Floats]:
-    """Return the columns of the records that depend on the ranks of hits."""
+    """Return the columns of the records that depend on ranks of hits, averaged by their mean."""
     columns = {f"recall@{k}": metrics.recall_at(hits, k) for k in recall_at}
     for k, variants in ap_at.items():
         for one in variants:

@@ -11,6 +11,7 @@ import textwrap
 from collections.abc import Sequence
 from itertools import groupby
 
+from airzoo_bench.results.comparison import GUESS
 from airzoo_bench.tables.model import Cell, Column, Row, Table, plain
 
 _SPECIAL = {
@@ -87,9 +88,8 @@ def _foot(notes: Sequence[str], pieces: Sequence[Table], columns: int) -> list[s
     """Return the notes on ‡ and on tests in lines as long as the longest of the table."""
     rows = (row for one in pieces for row in ([c.heading for c in one.columns], *one.texts()))
     width = max(55, *(len("  ".join(row)) for row in rows))
-    said = (
-        line for note in notes if _FEET.search(note) for line in textwrap.wrap(plain(note), width)
-    )
+    feet = (plain(note.replace(GUESS, "")) for note in notes if _FEET.search(note))
+    said = (line for foot in feet for line in textwrap.wrap(foot, width))
     return [rf"\multicolumn{{{columns}}}{{l}}{{\footnotesize {escape(line)}}} \\" for line in said]
 
 

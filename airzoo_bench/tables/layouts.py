@@ -260,12 +260,12 @@ def benchmarks_layout(parts: Sequence[MethodTable]) -> Table:
     by_key = [{(r.floor, r.method, bool(r.reported)): r for r in part.rows} for part in parts]
     rows = []
     for key in sorted(dict.fromkeys(key for part in by_key for key in part), key=lambda k: k[0]):
-        is_floor, name, _ = key
-        found = [part.get(key, MethodRow(name, {})) for part in by_key]
+        found = [part.get(key, MethodRow(key[1], {}, floor=key[0])) for part in by_key]
+        method = Cell(found[0].method, mark=max(row.mark for row in found))
         pairs = zip(found, parts, strict=True)
         cells = (cell for row, part in pairs for cell in row.cells([OVERALL], part.scores))
         reported = "; ".join(dict.fromkeys(row.reported for row in found if row.reported))
-        rows.append(Row((Cell(name), *cells), reported=reported, floor=is_floor))
+        rows.append(Row((method, *cells), reported=reported, floor=found[0].floor))
     scores = [(score, title) for title, part in named for score in part.scores]
     notes = share_notes(((t, note) for t, part in named for note in part.notes), len(parts))
     return Table(

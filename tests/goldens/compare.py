@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 TOLERANCE = 1e-9
-# Poses depend on the C library's cbrt, acos and cos in their last digits (PROTOCOLS.md).
+# Poses depend on the C library's cbrt, acos and cos in their last digits.
 POSE_TOLERANCE = 1e-6
 SOLVED = ("matches", "pairs")
 
