@@ -26,12 +26,10 @@ import pandas as pd
 import pytest
 from typer.testing import Result
 
-from airzoo_bench.matching.metrics import matching_scores
-from airzoo_bench.matching.protocol import MatchingProtocol
+from airzoo_bench.matching.track import TRACK as MATCHING_TRACK
 from airzoo_bench.protocol.model import load_protocol, shipped_protocols
 from airzoo_bench.results.result import ScoreColumn
-from airzoo_bench.retrieval.settings import RetrievalProtocol
-from airzoo_bench.retrieval.track import list_scores
+from airzoo_bench.retrieval.track import TRACK as RETRIEVAL_TRACK
 from airzoo_bench.tables.latex import latex
 from airzoo_bench.tables.layouts import (
     MethodTable,
@@ -255,33 +253,20 @@ def of_paper(label: str) -> dict[tuple[str, str, str], dict[str, str]]:
     # Benchmarks with a shipped protocol are headed by its title.
     names = read_source_file(SOURCE).benchmarks
     benchmarks = {title: HEADS.get(name, name) for title, name in names.items()}
-    by_benchmark = PRINTED[label].layout == "benchmarks"
-    places = {"overall": "Average"}
-    return {
-        (
-            row["method"],
-            benchmarks[row["benchmark"]]
-            if by_benchmark
-            else places.get(row["scene"], row["scene"]),
-            row["metric"],
-        ): row
-        for row in rows()
-        if row["table"] == label
-    }
+    by_benchmark, found = PRINTED[label].layout == "benchmarks", {}
+    for row in (one for one in rows() if one["table"] == label):
+        place = benchmarks[row["benchmark"]] if by_benchmark else row["scene"]
+        found[row["method"], "Average" if place == "overall" else place, row["metric"]] = row
+    return found
 
 
 def scores_of(track: str) -> tuple[ScoreColumn, ...]:
     """Return the scores of a track; those of the paper's reconstruction are F1 alone."""
-    shipped = shipped_protocols()
-    if track == "retrieval":
-        retrieval = load_protocol(shipped["uav-visloc-retrieval"])
-        assert isinstance(retrieval, RetrievalProtocol)
-        return tuple(list_scores(retrieval.scores))
-    if track == "matching":
-        matching = load_protocol(shipped["aerialextrematch-matching"])
-        assert isinstance(matching, MatchingProtocol)
-        return tuple(matching_scores(matching.scores))
-    return (ScoreColumn.share("f1_10m", "F1", headline=True),)
+    if track == "reconstruction":
+        return (ScoreColumn.share("f1_10m", "F1", headline=True),)
+    name = {"retrieval": "uav-visloc-retrieval", "matching": "aerialextrematch-matching"}[track]
+    protocol = load_protocol(shipped_protocols()[name])
+    return tuple({"retrieval": RETRIEVAL_TRACK, "matching": MATCHING_TRACK}[track].scores(protocol))
 
 
 def board_of(label: str, values: Sequence[PrintedValue]) -> MethodTable:
@@ -303,29 +288,21 @@ def rebuilt(label: str) -> Table:
         board_of(label, [value for value in values if value.benchmark == name])
         for name in dict.fromkeys(value.benchmark for value in values)
     ]
-    if how.layout == "benchmarks":
-        made = benchmarks_layout(boards)
-    elif how.layout == "scenes":
-        made = scenes_layout(boards[0])
-    else:
-        made = methods_layout(boards[0])
+    alone = {"scenes": scenes_layout, "methods": methods_layout}.get(how.layout)
+    made = alone(*boards) if alone else benchmarks_layout(boards)
     made = highlight(mark_best(made), how.highlighted)
-    made = add_gains(made, how.baselines)
-    return add_citations(made, ["airzoo-paper"])
+    return add_citations(add_gains(made, how.baselines), ["airzoo-paper"])
 
 
 def cells_of(table: Table) -> dict[tuple[str, str, str], Cell]:
     tracks = ("retrieval", "matching", "reconstruction")
     by_title = {score.title: score.key for track in tracks for score in scores_of(track)}
-    return {
-        (
-            str(row.cells[0].value),
-            column.group or "Average",
-            PAPER_NAMES[by_title[column.title]],
-        ): cell
-        for row in table.rows
-        for column, cell in zip(table.columns[1:], row.cells[1:], strict=True)
-    }
+    found = {}
+    for row in table.rows:
+        for column, cell in zip(table.columns[1:], row.cells[1:], strict=True):
+            name = PAPER_NAMES[by_title[column.title]]
+            found[str(row.cells[0].value), column.group or "Average", name] = cell
+    return found
 
 
 def test_the_numbers_are_the_papers() -> None:
