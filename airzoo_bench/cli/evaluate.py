@@ -53,7 +53,7 @@ def evaluate(
 
     Example: airzoo-bench eval retrieval preds.npz --out results/mymethod
 
-    Example: airzoo-bench eval reconstruction clouds --out results/mymethod --figures
+    Example: airzoo-bench eval reconstruction clouds --out results/myreconstruction --figures
     """
     from airzoo_bench.core.sandbox import Limits
     from airzoo_bench.evaluation.evaluate import check_run_folder, save
