@@ -56,11 +56,7 @@ def table(
     ] = False,
     floors: Annotated[
         bool,
-        cli.option(
-            "Add rows without a method: the chance level, the prior itself.",
-            "--floors",
-            panel=_ROWS,
-        ),
+        cli.option("Add rows for the chance level and the prior itself.", "--floors", panel=_ROWS),
     ] = False,
     intervals: Annotated[
         bool, cli.option("Show 95 % intervals next to the values.", "--intervals", panel=_VALUES)
@@ -153,23 +149,26 @@ def _choose_layout(asked: Any, parts: Sequence[_Part]) -> str:
 
 def _read_parts(asked: Any) -> list[_Part]:
     """Read the results by protocol, and protocols for the numbers that are published on them."""
-    from airzoo_bench.benchmark.folder import data_here
     from airzoo_bench.core.registry import load_track
-    from airzoo_bench.protocol.model import find_protocol, shipped_protocols
+    from airzoo_bench.protocol.model import load_protocol, shipped_protocols
     from airzoo_bench.results.result import read_result, result_paths
     from airzoo_bench.tables.layouts import empty_table, method_table
 
-    names = [name for name in asked.results if asked.published and name in shipped_protocols()]
+    protocols, one_table = shipped_protocols(), asked.layout in ("methods", "scenes")
+    names = [name for name in asked.results if name in protocols and not Path(name).exists()]
+    if names and not asked.published:
+        fix = "add --published for what papers print on it"
+        raise UsageError("a protocol, not a result", where=names[0], fix=fix)
     wanted = asked.scores or (None if asked.every else ())
     groups: dict[str, list[tuple[Any, Path]]] = {}
-    for path in result_paths([one for one in asked.results if one not in names]):
+    for path in result_paths([one for one in asked.results if one not in names], protocols):
         result = read_result(path)
-        groups.setdefault(result.protocol.name, []).append((result, path))
+        groups.setdefault("" if one_table else result.protocol.name, []).append((result, path))
     parts = []
     for pairs in groups.values():
         some, files = zip(*pairs, strict=True)
         parts.append(_Part(method_table(some, paths=files, wanted=wanted), some, files))
-    for protocol in (find_protocol(name, data_here()) for name in names):
+    for protocol in (load_protocol(protocols[name]) for name in names):
         columns = load_track(protocol.track).scores(protocol)
         scores = [column for column in columns if asked.every or asked.scores or column.headline]
         parts.append(_Part(empty_table(protocol, scores)))

@@ -12,14 +12,8 @@ from typing import Any
 import pandas as pd
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark
-from airzoo_bench.core import files
-from airzoo_bench.core.errors import (
-    CameraError,
-    PredictionError,
-    UnreadableError,
-    UsageError,
-    UserError,
-)
+from airzoo_bench.core import errors, files
+from airzoo_bench.core.errors import CameraError, PredictionError, UsageError, UserError
 from airzoo_bench.core.registry import READERS, TRACKS, load_track, resolve
 from airzoo_bench.core.version import versions
 from airzoo_bench.evaluation.predictions import (
@@ -199,7 +193,7 @@ def check(
         found.described, found.notes = _describe(opened), [*opened.notes]
         _, truths = opened.truths or read_truths(opened.protocol, data, sealed=True)
         assignment = opened.track.assign(opened.predictions, truths, opened.protocol)
-    except UnreadableError:
+    except errors.UnreadableError:
         raise
     except (PredictionError, CameraError) as error:
         found.errors.append(error)

@@ -207,8 +207,8 @@ def reader_named(name: str) -> Reader:
     return found
 
 
-def find_reader(path: Path, track: str | None = None) -> str | None:
-    """Return the name of the reader that recognises a path, if one does."""
+def find_reader(path: Path, track: str | None = None) -> tuple[str | None, list[str]]:
+    """Return the name of the reader that recognises a path, if one does, and of all asked."""
     readers, sure = READERS.load_all(), {}
     for name, one in readers.items():
         with READERS.warning(name):
@@ -222,8 +222,8 @@ def find_reader(path: Path, track: str | None = None) -> str | None:
             fix = f"say which: {' or '.join(f'--reader {name}' for name in most)}"
             raise UnreadableError(what, where=path, fix=fix)
         if most:
-            return most[0]
-    return None
+            return most[0], [*sure]
+    return None, [*sure]
 
 
 # --- opening ---
@@ -241,9 +241,11 @@ def open_predictions(
     request: ReadRequest = AS_FOUND,
 ) -> PredictionFile:
     """Open predictions in this process, or in a child under limits where `run` has some."""
-    if not (path.is_file() or path.is_dir()):  # or it would be waited for, or read without end
+    is_empty = path.is_dir() and not any(path.iterdir())
+    if is_empty or not (path.is_file() or path.is_dir()):  # a pipe would be read without end
         near = nearest(path.name, [one.name for one in path.parent.glob("*")])
-        what, fix = f"no such prediction file{near}", "`airzoo-bench template` writes an example"
+        what = "the folder is empty" if is_empty else f"no such prediction file{near}"
+        fix = "`airzoo-bench template` writes an example"
         raise UnreadableError(what, where=path, expected=_list_kinds(track), fix=fix)
     if run.limits is not None:
         return _open_limited(path, data, protocol, run, track=track, request=request)
@@ -255,9 +257,9 @@ def open_predictions(
         chosen = _choose_protocol(path, protocol, stated, [*own, track], data)
         track = chosen.track
     is_own = "query_ids" in fields or path.suffix == ".parquet" or (path / "protocol.txt").is_file()
-    name = request.reader or (None if is_own else find_reader(path, track))
+    name, asked = (request.reader, []) if request.reader or is_own else find_reader(path, track)
     if name is None:
-        track = _track_by_kind(path, fields, track)
+        track = _track_by_kind(path, fields, track, asked)
         predictions = load_track(track).open(path, run.memory_bytes)
         chosen = chosen or _choose_protocol(path, None, predictions.protocol, [track], data)
         return PredictionFile(predictions, protocol=chosen)
@@ -267,8 +269,8 @@ def open_predictions(
         fix = f"airzoo-bench eval {reader.track} {path} --reader {name} --protocol PROTOCOL"
         raise UnreadableError(what, where=path, fix=fix)
     chosen = chosen or _choose_protocol(path, None, None, [reader.track], data)
-    asked = replace(request, reader=name, protocol=chosen, memory_bytes=run.memory_bytes)
-    return _read_native(path, reader, asked, data)
+    request = replace(request, reader=name, protocol=chosen, memory_bytes=run.memory_bytes)
+    return _read_native(path, reader, request, data)
 
 
 def _read_native(path: Path, reader: Reader, asked: ReadRequest, data: Path) -> PredictionFile:
@@ -313,15 +315,17 @@ def _choose_protocol(
     return chosen
 
 
-def _track_by_kind(path: Path, fields: frozenset[str], track: str | None) -> str:
-    """Return the track of a file's own fields, or of its ending, where it has not been named."""
+def _track_by_kind(
+    path: Path, fields: frozenset[str], track: str | None, asked: Sequence[str]
+) -> str:
+    """Return the track of a file's own fields, or of its ending; `asked` are readers' names."""
     infos = [TRACKS.get(name) for name in TRACKS.names() if track in (None, name)]
     for info in sorted(infos, key=lambda info: not fields & {*info.fields}):
         if info.folders if path.is_dir() else path.name.lower().endswith(info.suffixes):
             return str(info.name)
     kind = "a folder" if path.is_dir() else f"a file of kind {path.suffix[:20]!r}"
     expected = f"a method's own files, or {_list_kinds(track)}"
-    added = ", ".join(name for name in READERS.names() if name not in READERS.places)
+    added = ", ".join(name for name in asked if name not in READERS.places)
     what = f"{kind} that no installed reader recognises" + f" ({added} declined it)" * bool(added)
     raise UnreadableError(what, where=path, expected=expected, fix=FIX_READER)
 

@@ -19,7 +19,6 @@ from airzoo_bench.formats.npz import Budget, NpzFile, map_numbers, read_header
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.readers.pictures import MatchRows, Pair, Picture, Pictures, Pixels, matched_pixels
 
-_HEAD = 3
 _CENTRE = 0.5
 _NORMALISED = 1.0 + 1e-6
 _ALL_TAKEN = "all matches are taken, whatever their confidence"
@@ -68,7 +67,7 @@ class PairFiles(Reader):
 
     def recognise(self, path: Path) -> float:
         """See `Reader.recognise`: all of the first few files have this layout."""
-        files = list(islice(_files(path, self.suffix), _HEAD))
+        files = list(islice(_files(path, self.suffix), 3))
         return 0.8 if files and all(self.knows(one) for one in files) else 0.0
 
     def read(self, path: Path, request: ReadRequest) -> PredictionFile:

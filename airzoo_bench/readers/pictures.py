@@ -158,6 +158,7 @@ class MatchRows:
             (x, y), fix = xy[outside][0], "x and y look exchanged: write x, the column, before y"
             if turned.any():
                 fix = "match the files that prepare wrote, and write pixels of their full size"
+                fix += "; for the whole map name files PHOTO_MAP: q0_dom.tif.npz" * bool(picture.of)
             many, size = counted(int(outside.sum()), "pixel"), "x".join(map(str, picture.size))
             what = f"{many} outside {picture.name[:200]!r}, {size} px, the first ({x:.1f}, {y:.1f})"
             raise PredictionError(what, expected="pixels of the picture at its full size", fix=fix)

@@ -7,7 +7,7 @@ checksum over the content tells a result that was edited by hand.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -223,8 +223,8 @@ def read_result(path: Path) -> Result:
 # --- files that people name ---
 
 
-def result_paths(given: Sequence[str | Path]) -> tuple[Path, ...]:
-    """Return the files of results: of a folder the ``result.json`` in it, of a URL a copy."""
+def result_paths(given: Sequence[str | Path], others: Iterable[str] = ()) -> tuple[Path, ...]:
+    """Return the files of results, of folders and URLs; `others` is what else may be mistyped."""
     paths = []
     for location in given:
         url, path = url_of(location), Path(location)
@@ -237,7 +237,7 @@ def result_paths(given: Sequence[str | Path]) -> tuple[Path, ...]:
                 fix = f"name the folder that holds it, perhaps {location}/*"
                 raise ResultError(f"a folder without a {_FILE}", where=location, fix=fix)
         elif not path.exists():
-            near = nearest(path.name, [one.name for one in path.parent.glob("*")])
+            near = nearest(path.name, [*others, *(one.name for one in path.parent.glob("*"))])
             fix = "`airzoo-bench demo` makes airzoo-demo in this folder, `eval --out DIR` others"
             raise ResultError(f"no such result file{near}", where=location, fix=fix)
         elif path.suffix in (".npz", ".parquet"):

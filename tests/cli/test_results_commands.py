@@ -185,7 +185,7 @@ def test_groups_have_their_averages(methods: list[Method], paths: list[Path], ru
 
 WRONG = {
     "compare": "RESULTS",
-    "compare x.json": "x.json: no such result file",
+    "table uav-visloc-retreival --published": "did you mean 'uav-visloc-retrieval'",
     "compare 0 --reference best": "--reference",
     "compare 0 1 2 --all --score MRR": "--all and --score exclude each other",
     "compare 0 1 --reference fair#2": "did you mean 'fair #2'",
@@ -196,9 +196,8 @@ WRONG = {
     "breakdown 0 --by altitude_m --bins nan": "--bins",
     "compare 0 other": "protocol",
     "breakdown 0 other --by scene": "protocol",
-    "table 0 other --layout methods": "layout methods",
-    "table moved.json alone.json": "alone.json",
-    "table alone.json moved.json": "moved.json",
+    "table 0 other --layout methods": "other/result.json",
+    "table moved.json alone.json": "moved.json",
     "table 0 1 --layout result": "layout result",
     "table 0 1 --layout scenes --scene East": "--scene",
     "table 0 1 --baseline weak_1": "did you mean 'weak_1 & co'",

@@ -25,7 +25,7 @@ def errors(found: Any) -> Any:
 
 def test_one_file_is_one_query(worlds, tmp_path, matched) -> None:
     home = worlds.sample("loftr", tmp_path / "f")
-    assert find_reader(home / "q3.npz") == "loftr"
+    assert find_reader(home / "q3.npz")[0] == "loftr"
     found, every = matched(home / "q3.npz"), matched(home)
     assert errors(found)["hills/q3"] == errors(every)["hills/q3"]
     assert found.records["answered"].sum() == 1
@@ -121,7 +121,7 @@ def test_precision_and_files_of_hloc_are_named(dtype, worlds, tmp_path, matched)
             xy = file[name][()].astype(dtype)
             del file[name]
             file[name] = xy
-    assert find_reader(matches) == "hloc"
+    assert find_reader(matches)[0] == "hloc"
     found = matched(matches)
     said = found.result.predictions.reader.conventions
     assert "0.5 was added" in said[0]

@@ -99,16 +99,19 @@ def test_the_example_reads(worlds, tmp_path, monkeypatch, capsys) -> None:
         query, _, tile, _, score, _ = line.split()
         lines.append(f"{query}.jpg,{tile},{score}")
     (tmp_path / "ranks.csv").write_text("\n".join(lines))
-    command = ("eval", "retrieval", tmp_path / "ranks.csv", "--protocol", "made-retrieval")
-    assert run_main(*command, "--data", home / "data") == 0
+    command = ("eval", "retrieval", "--protocol", "made-retrieval", "--data", home / "data")
+    assert run_main(*command, tmp_path / "ranks.csv") == 0
     said = capsys.readouterr()
     assert "read by reader ranks-csv" in said.out + said.err
     assert "100.0" in said.out
-    assert run_main(*command[:2], tmp_path / "package", *command[3:], "--data", home / "data") == 2
+    assert run_main(*command, tmp_path / "package") == 2
     assert "ranks-csv" in capsys.readouterr().err
     monkeypatch.setattr(csv, "DictReader", lambda *_, **__: [{}])  # a slip, inside of `readable`
-    assert run_main(*command, "--data", home / "data") == 2
+    assert run_main(*command, tmp_path / "ranks.csv") == 2
     assert re.search(r"ranks-csv.*similarity.*__init__\.py.*ranks\.csv", capsys.readouterr().err)
+    monkeypatch.delattr(type(READERS.get("ranks-csv")), "title")  # it is left out, with a warning
+    assert run_main(*command, tmp_path / "package") == 2
+    assert "ranks-csv" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

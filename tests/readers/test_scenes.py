@@ -87,7 +87,7 @@ def test_pickles_are_never_opened_and_batches_are_read(worlds, tmp_path, yard, e
     for number, changes in enumerate(({}, batched, few)):
         path = worlds.sample("vggt", tmp_path / str(number))
         change_fields(path / YARD, **changes)
-        assert find_reader(path) == "vggt"
+        assert find_reader(path)[0] == "vggt"
         found = yard((path, path / "yard", path / YARD)[number])
         assert found["f1_0.5m"] == expected["f1_0.5m"]
     # The code has the principal point in the middle of the integer grid, half a pixel off.
@@ -158,7 +158,7 @@ def test_models_that_pycolmap_writes(worlds, tmp_path, yard, expected) -> None:
     count = found.num_points3D()
     (path / "yard").mkdir(parents=True)
     found.write(str(path / "yard"))
-    assert find_reader(path) == "depth-anything-3"
+    assert find_reader(path)[0] == "depth-anything-3"
     record = yard(path)
     assert record["points"] == count
     assert record["chamfer_m"] == pytest.approx(expected["chamfer_m"], abs=1e-4)
