@@ -74,10 +74,10 @@ def test_distances_have_the_limits_of_a_log_normal_mean() -> None:
 
 def test_an_upper_limit_above_ten_times_the_mean_is_not_known() -> None:
     for unit in (1.0, 1e3):
-        found = interval([0.1 * unit, 9.0 * unit, 0.3 * unit, 4.0 * unit, 0.05 * unit])
+        found = interval(list(unit * np.power(ONE, 3.55)))  # 10.3 times the mean
         assert found.low is not None
         assert found.high == math.inf
-        assert interval([value * unit for value in ONE]).high < math.inf
+        assert interval(list(unit * np.power(ONE, 3.5))).high < math.inf  # 9.7 times
     assert "not known" in describe_intervals([found], PLAN, "scene")[0]
 
 
