@@ -64,6 +64,8 @@ BAD = [
     (changed("protocol", "fingerprint"), r"key 'protocol\.fingerprint' is missing"),
     (changed("counts", "s"), "not of the same scenes"),
     (changed("counts", "s", "queries"), "no count of queries"),
+    (changed("counts", "s", queries=2**53 - 1), "changed after it was written"),
+    (changed("counts", "s", queries=2**53), "queries"),
     (changed("versions", "airzoo-bench"), "version of airzoo-bench is not given"),
     (changed("scenes", "s", "recall@1"), "do not fit the columns"),
     (changed("references", "chance", scenes={}), "not of the same scenes"),
