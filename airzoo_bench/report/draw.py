@@ -205,10 +205,7 @@ def condition(
         axes.plot(places, shown[:, number, 0], **style)
         low, high = shown[:, number, 1:].T
         axes.vlines(places, low, high, colors=style["color"], linewidth=0.9)
-    if score.unit == "share":
-        axes.set_ylim(*_PERCENT)
-    else:
-        axes.set_ylim(bottom=0.0)
+    axes.set_ylim(*(_PERCENT if score.unit == "share" else (0.0, None)))
     axes.yaxis.set_major_formatter("{x:g}")
     for edge in np.arange(1, groups) - 0.5:
         axes.axvline(edge, color="0.85", linewidth=0.8, zorder=0)
@@ -264,7 +261,7 @@ def draw_run(
     query: str = "",
 ) -> Figure:
     """Draw a scene's ``map``, a ``query`` or a scene's ``cloud`` of a single run."""
-    section = read_sections(paths)[0]
+    section, sheet = read_sections(paths)[0], sheet or Sheet()
     if len(paths) > 1 or (kind == "cloud") == section.by_query:
         track = "reconstruction" if kind == "cloud" else "retrieval or matching"
         raise UsageError(f"plot {kind} draws a single run", expected=f"one result of {track}")

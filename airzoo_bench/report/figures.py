@@ -92,12 +92,9 @@ def default_style(changes: Any = None) -> Iterator[None]:
 @default_style()
 def new_canvas(width_in: float, height_in: float) -> Figure:
     """Return an empty figure, without pyplot's global state."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
 def finish(figure: Figure, sheet: Sheet, names: Sequence[str] = (), *, lines: bool = True) -> None:
@@ -214,8 +211,8 @@ def add_error_bar(figure: Figure, axes: Any, limit: float, label: str) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    colours = colormaps[_PALETTE]
-    shown = ScalarMappable(Normalize(0, limit), colours.with_extremes(over=COLOURS[1]))
+    colours = colormaps[_PALETTE].with_extremes(over=COLOURS[1])
+    shown = ScalarMappable(Normalize(0, limit), colours)
     figure.colorbar(shown, ax=axes, label=label, extend="max", shrink=0.85, pad=0.02)
 
 

@@ -34,10 +34,10 @@ from airzoo_bench.report.sections import (
     Section,
     draw_ground,
     keep,
+    mark_failures,
     need_kept,
     places_of,
     read_kept,
-    true_window,
 )
 from airzoo_bench.results.records import Method
 
@@ -49,7 +49,6 @@ _MOST_LINES = 200  # of inliers, and of the others
 _LONG_SIDE_PX = 1000
 _LONGEST_ARROW = 0.08  # of the map's longer side, for nine of ten errors
 _FACTORS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-_NO_MATCHES = (np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 def gather_matches(
@@ -62,9 +61,9 @@ def gather_matches(
     inliers and matches, `sizes` (Q,) the matches that were chosen.
     """
     is_drawn = isinstance(content, Correspondences) and content.map_xy is not None
-    none = Correspondences(np.zeros(len(poses) + 1, np.int64), *_NO_MATCHES)
+    none = Correspondences(np.zeros(len(poses) + 1, np.int64), *np.zeros((2, 0, 2)))
     found: Any = content if is_drawn else none
-    parts, counts = [], []
+    parts, counts, names = [], [], ("query_xy", "map_xy", "inliers", "residual_px")
     for row, part in enumerate(found.row_slices()):
         inliers = inlier[part] if is_drawn and inlier is not None else np.zeros(0, np.bool_)
         kinds = [np.flatnonzero(kind) for kind in (~inliers, inliers)]
@@ -84,10 +83,7 @@ def gather_matches(
         "centres": poses.centres,
         "counts": np.array(counts).reshape(-1, 2),
         "sizes": np.array([len(part[0]) for part in parts], np.int64),
-        "query_xy": np.concatenate([part[0] for part in parts]),
-        "map_xy": np.concatenate([part[1] for part in parts]),
-        "inliers": np.concatenate([part[2] for part in parts]),
-        "residual_px": np.concatenate([part[3] for part in parts]),
+        **dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True)),
     }
 
 
@@ -106,12 +102,12 @@ def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
     section = Section([Method(result.predictions.method, result, evaluation.records)], [out])
     for place in places_of(section, evaluation.benchmark):
         if place.dom is not None:
-            save_figure(draw_arrows(section, place), folder / f"{place.scene}_map.png")
+            save_figure(draw_arrows(section, place, Sheet()), folder / f"{place.scene}_map.png")
 
 
-def matches_text(section: Section, number: int, query: str) -> str:
-    """Count the matches of a query that a method's run has left to draw; empty without any."""
-    found = read_kept(section, number)
+def matches_text(section: Section, query: str) -> str:
+    """Count the matches of a query that a run has left to draw; empty without any."""
+    found = read_kept(section)
     if found is None or query not in found["queries"]:
         return ""
     row = found["queries"].tolist().index(query)
@@ -122,16 +118,15 @@ def matches_text(section: Section, number: int, query: str) -> str:
 
 @default_style()
 def draw_matches(
-    section: Section, place: Place, query: str, sheet: Sheet | None = None, *, bare: bool = False
+    section: Section, place: Place, query: str, sheet: Sheet, *, bare: bool = False
 ) -> Figure:
     """Draw a query's photo and its crop, with lines of its matches coloured by residual."""
-    sheet, matches = sheet or Sheet(), need_kept(section)
+    matches, at = need_kept(section), place.row_of(query)
     row = int(np.flatnonzero(matches["queries"] == query)[0])
     part = slice(*matches["offsets"][row : row + 2].tolist())
     limit = float(section.first.protocol.settings["solver"]["max_error_px"])
-    window = true_window(place, query)
-    assert window is not None
-    dom, (x, y, width, height) = window
+    x, y, width, height = place.truth.crops[at].tolist()
+    dom = place.truth.map_of(at).dom
     photo = read_rgb_photo(place.photos[query], _LONG_SIDE_PX)
     crop = read_rgb(dom.path, (x, y, width, height), long_side_px=_LONG_SIDE_PX)
     tall, across = photo.shape[:2]
@@ -143,7 +138,7 @@ def draw_matches(
     axes = figure.add_subplot()
     axes.imshow(photo, extent=(0, across, tall, 0))
     axes.imshow(crop, extent=(shift, right, tall, 0))
-    full = place.truth.queries["width"].iloc[place.row_of(query)]
+    full = place.truth.queries["width"].iloc[at]
     starts = matches["query_xy"][part] * across / full
     ends = (matches["map_xy"][part] - (x, y)) * scale + (shift, 0)
     residual = np.nan_to_num(matches["residual_px"][part], nan=np.inf)
@@ -151,14 +146,18 @@ def draw_matches(
     for one in np.argsort(-residual, kind="stable"):  # the best above
         thick, alpha = (0.8, 0.9) if matches["inliers"][part][one] else (0.5, 0.5)
         line = np.stack([starts[one], ends[one]], axis=1)
+        axes.plot(*line, color="white", linewidth=2.5 * thick, alpha=0.5 * alpha)
         axes.plot(*line, color=colours[one], linewidth=thick, alpha=alpha)
     axes.set(xlim=(0, right), ylim=(tall, 0))
     axes.set_axis_off()
     if bare:
         figure.set_layout_engine("constrained", w_pad=0, h_pad=0)
     else:
-        add_error_bar(figure, axes, limit, "residual under the true pose [px]")
-        finish(figure, sheet.noting(f"{query}: {matches_text(section, 0, query)}"))
+        said, drawn = section.failures[query], matches_text(section, query)
+        if drawn:
+            add_error_bar(figure, axes, limit, "residual under the true pose [px]")
+        said = "; ".join(filter(None, (said, drawn))) or "no matches to draw"
+        finish(figure, sheet.noting(f"{query}: {said}"))
     return figure
 
 
@@ -169,36 +168,30 @@ def arrow_factor(errors_px: Floats, side_px: float) -> int:
     return max(1, *(f for f in _FACTORS if typical * f <= _LONGEST_ARROW * side_px), 1)
 
 
-def estimates_on_map(section: Section, place: Place, number: int = 0) -> Floats | None:
-    """Return where a method puts the queries of a place (Q, 2), in pixels of its map."""
-    matches = read_kept(section, number)
+def estimates_on_map(section: Section, place: Place) -> Floats | None:
+    """Return where the first method puts the queries of a place (Q, 2), in pixels of its map."""
+    matches = read_kept(section)
     if matches is None or place.to_map is None:
         return None
     centres = matches["centres"][np.isin(matches["queries"], list(place.photos))]
-    found, posed = np.full((len(centres), 2), np.nan), np.isfinite(centres).all(axis=1)
-    found[posed] = place.to_map(centres[posed, :2])
-    return found
+    return place.to_map(centres[:, :2])
 
 
 @default_style()
-def draw_arrows(section: Section, place: Place, sheet: Sheet | None = None) -> Figure:
+def draw_arrows(section: Section, place: Place, sheet: Sheet) -> Figure:
     """Draw arrows on the map from true to estimated places, magnified by a stated factor."""
     need_kept(section)
-    sheet = sheet or Sheet()
     figure, axes, metres = draw_ground(place, sheet)
     estimates = estimates_on_map(section, place)
     assert estimates is not None
     assert place.dom is not None
     gaps = estimates - place.centres
     factor = arrow_factor(np.linalg.norm(gaps, axis=1), max(place.dom.width, place.dom.height))
-    starts, failed = place.centres * metres, np.isnan(estimates).any(axis=1)
+    starts, failed = place.centres * metres, mark_failures(section, place, axes, metres)
     style: Any = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.004}
     style |= {"color": COLOURS[4], "edgecolor": "black", "linewidth": 0.4}
     axes.quiver(*starts[~failed].T, *(factor * metres * gaps[~failed]).T, **style)
     axes.plot(*starts[~failed].T, "o", color=COLOURS[5], markersize=4, label="true place")
-    if failed.any():
-        label = f"no pose ({int(failed.sum())})"
-        axes.plot(*starts[failed].T, "X", color=COLOURS[1], markersize=7, label=label)
     axes.legend(loc="best", fontsize=8)
     name = section.names[0]
     finish(figure, sheet.noting(f"{name}, scene {place.scene}; arrows: errors × {factor}"))

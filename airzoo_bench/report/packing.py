@@ -43,7 +43,7 @@ class Blobs:
 
     def __init__(self) -> None:
         self.texts: list[str] = []
-        self.pictures: list[str] = []
+        self.pictures: dict[str, int] = {}
 
     def _add(self, content: bytes, kind: str) -> dict[str, Any]:
         self.texts.append(base64.b64encode(zlib.compress(content, 6)).decode())
@@ -51,18 +51,13 @@ class Blobs:
 
     def picture(self, address: str) -> int:
         """Keep a picture once, and return its number."""
-        if address not in self.pictures:
-            self.pictures.append(address)
-        return self.pictures.index(address)
+        return self.pictures.setdefault(address, len(self.pictures))
 
     def array(self, values: NDArray[Any]) -> dict[str, Any]:
         """Pack an array of integers in the smallest type that holds it."""
-        low, high = (int(values.min()), int(values.max())) if values.size else (0, 0)
-        for kind in ("u1", "u2", "i2", "i4"):
-            limits = np.iinfo(kind)
-            if limits.min <= low and high <= limits.max:
-                break
-        return self._add(np.ascontiguousarray(values, f"<{kind}").tobytes(), f"<{kind}")
+        kinds = ("<u1", "<u2", "<i2", "<i4")
+        kind = next(kind for kind in kinds if (values.astype(kind) == values).all())
+        return self._add(values.astype(kind).tobytes(), kind)
 
     def json(self, value: Any) -> dict[str, Any]:
         """Pack anything that JSON holds."""

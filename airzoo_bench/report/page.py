@@ -41,11 +41,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_TRACKS = {
-    "retrieval": "Aerial image retrieval",
-    "matching": "Cross-view matching",
-    "reconstruction": "Multi-view reconstruction",
-}
 _SCRIPTS = ("core.js", "tables.js", "queries.js", "map.js", "clouds.js", "main.js")
 _STYLES = ("style.css", "pictures.css", "report.css")
 _SHEET = Sheet(5.0)  # letters can be read on a phone and beside another picture
@@ -104,7 +99,7 @@ def _part(
     return {
         "id": key,
         "section": section,
-        "track": _TRACKS.get(section.track, section.track),
+        "track": section.track.capitalize(),
         "facts": [*facts, f"truth {first.truth.fingerprint[:12]}"],
         "headline": 1 + [*headings].index(main.key),
         "summary": summary,
@@ -157,7 +152,7 @@ def _render(parts: list[dict[str, Any]], blobs: packing.Blobs) -> str:
     style = "\n".join(map(packing.read_part, _STYLES))
     code = "\n".join(map(packing.read_part, _SCRIPTS))
     script = f'(function () {{\n"use strict";\n{code}}})();\n'
-    data = {"parts": [part["data"] for part in parts], "pictures": blobs.pictures}
+    data = {"parts": [part["data"] for part in parts], "pictures": [*blobs.pictures]}
     values = {"parts": parts, "blobs": blobs.texts, "tied": TIED, "version": __version__}
     values |= {"style": style, "script": script, "policy": packing.content_policy(script, style)}
     values |= {"data": packing.page_json(data | {"palette": error_palette()})}

@@ -16,8 +16,8 @@ from airzoo_bench.geometry.rasters import gsd_m, read_rgb
 from airzoo_bench.report.figures import Sheet, error_label, figure_bytes
 from airzoo_bench.report.matching import arrow_factor, draw_matches, estimates_on_map, matches_text
 from airzoo_bench.report.packing import Blobs, data_uri
-from airzoo_bench.report.retrieval import first_tiles, read_tile
-from airzoo_bench.report.sections import Place, Section, jpeg, true_window
+from airzoo_bench.report.retrieval import first_tiles, query_pictures
+from airzoo_bench.report.sections import Place, Section, jpeg
 from airzoo_bench.results.comparison import is_hit
 from airzoo_bench.results.result import ScoreColumn
 from airzoo_bench.tables.breakdown import UNKNOWN, condition_title, number_texts
@@ -39,23 +39,32 @@ def pack_queries(section: Section, blobs: Blobs) -> dict[str, Any]:
         packed = blobs.codes(values.to_numpy(), _condition_texts if numeric else list)
         conditions.append(packed | {"title": condition_title(name), "numeric": numeric})
     for score in section.query_scores:
-        packed = blobs.codes(_values(section, score), _writer(section, score))
-        title = score.title if is_hit(section.track, score) else error_label(score)
+        packed = blobs.codes(_values(section, score.key), _writer(section, score))
         best = "descending" if score.higher_is_better else "ascending"
-        packed |= {"title": title, "best": best, "judges": is_hit(section.track, score)}
-        scores.append(packed)
+        judges = is_hit(section.track, score)
+        scores.append(packed | {"title": _title(section, score), "best": best, "judges": judges})
+    counts = [n for n in ("matches", "inliers") if all(n in m.records for m in section.methods)]
+    for place, name in enumerate(counts, 1):
+        packed = blobs.codes(_values(section, name), number_texts)
+        scores.insert(place, packed | {"title": name, "best": "descending", "judges": False})
+    failures = np.array([[*one.failures.values()] for one in section.alone])
     return {
         "count": len(records),
         "ids": blobs.json(records["query"].tolist()),
         "scene": blobs.array(np.array([scenes.index(one) for one in records["scene"]], np.int64)),
         "conditions": conditions,
         "scores": scores,
+        "failures": blobs.codes(failures, list),
     }
 
 
-def _values(section: Section, score: ScoreColumn) -> Floats:
+def _values(section: Section, name: str) -> Floats:
     """Return the values (M, Q) of all methods."""
-    return np.array([m.records[score.key].to_numpy(np.float64) for m in section.methods])
+    return np.array([method.records[name].to_numpy(np.float64) for method in section.methods])
+
+
+def _title(section: Section, score: ScoreColumn) -> str:
+    return score.title if is_hit(section.track, score) else error_label(score)
 
 
 def _writer(section: Section, score: ScoreColumn) -> Callable[[list[Any]], list[str]]:
@@ -106,7 +115,7 @@ def _pack_map(section: Section, place: Place, side: int, blobs: Blobs) -> dict[s
         "outlines": pack(place.outlines),
         "centres": pack(place.centres),
     }
-    tiles, hits = first_tiles(section, place)
+    tiles, hits = map(np.array, zip(*(first_tiles(m, place) for m in section.alone), strict=True))
     if tiles.size:
         # Rank by rank, method by method: neighbours are then alike, and pack well.
         tiles = np.moveaxis(tiles, 2, 0)
@@ -119,7 +128,7 @@ def _pack_map(section: Section, place: Place, side: int, blobs: Blobs) -> dict[s
             "ranked": blobs.array(codes),
             "hits": blobs.array((hits << np.arange(len(tiles))).sum(axis=2)),
         }
-    estimates = [estimates_on_map(section, place, n) for n in range(len(section.methods))]
+    estimates = [estimates_on_map(one, place) for one in section.alone]
     if any(one is not None for one in estimates):
         nothing = np.full(place.centres.shape, np.nan)
         gaps = np.array([nothing if one is None else one for one in estimates]) - place.centres
@@ -137,13 +146,13 @@ def hardest_rows(section: Section, count: int) -> NDArray[np.intp]:
     errors = [score for score in others if score.unit != "share"][: first.unit == "share"]
     keys = []
     for score in (first, *errors):
-        values = _values(section, score) * (-1.0 if score.higher_is_better else 1.0)
+        values = _values(section, score.key) * (-1.0 if score.higher_is_better else 1.0)
         if score.unit != "share":
             values = np.array([np.searchsorted(np.sort(v), v).astype(np.float64) for v in values])
         keys.append(-values.mean(axis=0))
     order = np.lexsort(keys[::-1])
     if is_hit(section.track, first):
-        order = order[_values(section, first).min(axis=0)[order] < 1]
+        order = order[_values(section, first.key).min(axis=0)[order] < 1]
     return order[:count]
 
 
@@ -151,11 +160,13 @@ def hardest(section: Section, places: Sequence[Place], count: int) -> list[dict[
     """Return cards of the hardest queries, with pictures where the folder has them."""
     by_scene = {place.scene: place for place in places}
     records, score = section.methods[0].records, section.query_scores[0]
-    values, cards = _values(section, score), []
+    values, title, cards = _values(section, score.key), _title(section, score), []
     for row in hardest_rows(section, count).tolist():
         query, place = str(records["query"].iloc[row]), by_scene.get(records["scene"].iloc[row])
         texts = _writer(section, score)(values[:, row].tolist())
-        named = list(zip(section.names, texts, strict=True))
+        pairs = zip(texts, (one.failures[query] for one in section.alone), strict=True)
+        texts = [", ".join(filter(None, pair)) for pair in pairs]
+        named = [(f"{n}, {title}", text) for n, text in zip(section.names, texts, strict=True)]
         pictures = []
         for read, about in _sources(section, place, query) if place else ():
             with suppress(UserError):  # one that cannot be read is left out
@@ -170,25 +181,11 @@ def _sources(
     section: Section, place: Place, query: str
 ) -> Iterator[tuple[Callable[[], bytes | NDArray[np.uint8]], dict[str, Any]]]:
     """Yield functions that read pictures, and what is said of each."""
-    texts = [matches_text(section, n, query) for n in range(len(section.methods))]
-    if any(texts):
-        number = texts.index(next(filter(None, texts)))
-        alone = Section(section.methods[number:], section.folders[number:])
+    if drawn := next((one for one in section.alone if matches_text(one, query)), None):
         limit = f"{section.first.protocol.settings['solver']['max_error_px']:g} px"
-        title = f"matches of {section.names[number]}: {texts[number]}"
-        draw = partial(draw_matches, alone, place, query, Sheet(_MATCHES_IN), bare=True)
+        title = f"matches of {drawn.names[0]}: {matches_text(drawn, query)}"
+        draw = partial(draw_matches, drawn, place, query, Sheet(_MATCHES_IN), bare=True)
         about = {"title": title, "kind": "wide", "limit": limit}
         yield lambda: figure_bytes(draw(), "jpg", 90), about
-        return
-    photo = place.photos[query]
-    yield partial(read_rgb, photo, long_side_px=_SIDE_PX), {"title": "photo"}
-    if window := true_window(place, query):
-        dom, part = window
-        about = {"title": "the place on the map"}
-        yield partial(read_rgb, dom.path, part, long_side_px=_SIDE_PX), about
-    found, hits = (array[0, place.row_of(query)] for array in first_tiles(section, place))
-    for rank, (tile, hit) in enumerate(zip(found.tolist(), hits.tolist(), strict=True), 1):
-        if tile >= 0:
-            title, kind = str(place.truth.tiles["id"].iloc[tile]), "hit" if hit else "miss"
-            shown = {"title": title, "rank": rank, "kind": kind}
-            yield partial(read_tile, place, tile, _TILE_PX), shown
+    else:
+        yield from query_pictures(section, place, query, _SIDE_PX, _TILE_PX)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from airzoo_bench.core.errors import UsageError, UserError
 from airzoo_bench.evaluation.evaluate import Evaluation
 from airzoo_bench.evaluation.track import Run
-from airzoo_bench.formats.clouds.cloud import CloudSource
 from airzoo_bench.geometry.arrays import Floats
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.reconstruction.track import CloudComparison
@@ -48,7 +47,8 @@ def gather_clouds(scene: CloudComparison) -> Arrays:
 
     Points are relative to `origin`; `curve` (3, K) has distances, precision and recall below them.
     """
-    points = [_points(cloud.source) for cloud in scene.clouds]
+    pieces = [[p.points for p in cloud.source.pieces(_PIECE)] for cloud in scene.clouds]
+    points = [np.concatenate([np.zeros((0, 3)), *part]) for part in pieces]
     errors = (scene.distances.to_truth, scene.distances.to_prediction)
     origin = np.floor(points[1].mean(axis=0)) if len(points[1]) else np.zeros(3)
     steps = [max(1, -(-len(part) // _MOST_POINTS)) for part in points]
@@ -59,14 +59,9 @@ def gather_clouds(scene: CloudComparison) -> Arrays:
     return dict(zip(names, (origin, *near, *kept, curve), strict=True))
 
 
-def _points(source: CloudSource) -> Floats:
-    pieces = [piece.points for piece in source.pieces(_PIECE)]
-    return np.concatenate([np.zeros((0, 3)), *pieces])
-
-
-def read_clouds(section: Section, number: int = 0) -> dict[str, Arrays]:
-    """Read by scene what `gather_clouds` gathered in a method's run; empty where it did not."""
-    kept = read_kept(section, number) or {"scenes": np.zeros(0, str)}
+def read_clouds(section: Section) -> dict[str, Arrays]:
+    """Read by scene what `gather_clouds` gathered in the first run; empty where it did not."""
+    kept = read_kept(section) or {"scenes": np.zeros(0, str)}
     return {
         scene: {n.rpartition("_")[0]: kept[n] for n in kept if n.endswith(f"_{place}")}
         for place, scene in enumerate(kept["scenes"].tolist())
@@ -83,7 +78,7 @@ def draw_figures(evaluation: Evaluation, run: Run, out: Path) -> None:
     folder, result = keep(out, "reconstruction", arrays), evaluation.result
     section = Section([Method(result.predictions.method, result, evaluation.records)], [out])
     for name in scenes:
-        save_figure(draw_clouds(section, name), folder / f"{name}_cloud.png")
+        save_figure(draw_clouds(section, name, Sheet()), folder / f"{name}_cloud.png")
 
 
 def error_limit(errors: Floats) -> float:
@@ -95,13 +90,12 @@ def error_limit(errors: Floats) -> float:
 
 
 @default_style()
-def draw_clouds(section: Section, scene: str, sheet: Sheet | None = None) -> Figure:
+def draw_clouds(section: Section, scene: str, sheet: Sheet) -> Figure:
     """Draw both clouds from above, coloured by their errors, and precision and recall."""
     need_kept(section)
     found = read_clouds(section).get(scene)
     if found is None:
         raise UsageError(f"this run has left no clouds of scene {scene} to draw")
-    sheet = sheet or Sheet()
     wide = sheet.wide(10.0)
     figure = new_canvas(wide, 0.36 * wide)
     left, right, last = figure.subplots(1, 3)
@@ -151,7 +145,7 @@ def pack_clouds(section: Section, places: Sequence[Place], blobs: Blobs) -> list
     """Pack predicted and true cloud of each scene and method, where runs have kept them."""
     if section.track != "reconstruction":
         return []
-    kept = {name: read_clouds(section, number) for number, name in enumerate(section.names)}
+    kept = dict(zip(section.names, map(read_clouds, section.alone), strict=True))
     photos = {place.scene: _photo(place) for place in places}
     most, packed = _PAGE_POINTS // max(1, sum(map(len, kept.values()))), []
     kinds = (("predicted", "truth", "precision_m"), ("true", "prediction", "recall_m"))

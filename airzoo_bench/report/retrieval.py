@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from airzoo_bench.core.errors import UsageError
 from airzoo_bench.geometry.arrays import Bools
 from airzoo_bench.geometry.rasters import read_rgb
 from airzoo_bench.report.figures import COLOURS, Sheet, default_style, finish, new_canvas
-from airzoo_bench.report.sections import Place, Section, draw_ground, true_window
+from airzoo_bench.report.sections import Place, Section, draw_ground, mark_failures, true_window
 from airzoo_bench.retrieval.metrics import hit_matrix
 from airzoo_bench.retrieval.track import RANKED_TILE
 
@@ -21,27 +22,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_RANKS, _TILE_PX = 5, 300
-_BLUE, _ORANGE, _SKY = COLOURS[0], COLOURS[1], COLOURS[5]
+_ORANGE, _SKY = COLOURS[1], COLOURS[5]
+_FRAMES = {"hit": (COLOURS[0], "-"), "miss": (_ORANGE, "--")}  # of tiles: colour and line
 
 
 @lru_cache(maxsize=8)
 def first_tiles(section: Section, place: Place) -> tuple[NDArray[np.int32], Bools]:
-    """Return the first tiles (M, Q, D) of each list, rows of the truth's or -1, and which answer.
+    """Return the first tiles (Q, D) of the first method, rows of the truth's or -1, and which hit.
 
-    M methods, Q queries of the place, D ranks: none of other tracks.
+    Q queries of the place, D ranks: none of other tracks.
     """
-    methods, rows = section.methods, section.rows_of(place.scene)
-    names = [f"{RANKED_TILE}{rank}" for rank in range(1, _MOST_RANKS + 1)]
-    named = [name for name in names if all(name in m.records for m in methods)]
-    shape = (len(methods), len(rows), len(named))
-    tiles, hits = np.full(shape, -1, np.int32), np.zeros(shape, np.bool_)
-    if named:
-        index, positives = pd.Index(place.truth.tiles["id"]), place.truth.positives
-        for number, method in enumerate(methods):
-            for rank, name in enumerate(named):
-                tiles[number, :, rank] = index.get_indexer(method.records[name].iloc[rows])
-            hits[number] = hit_matrix(tiles[number], positives.offsets, positives.tiles, len(index))
-    return tiles, hits
+    records = section.methods[0].records.iloc[section.rows_of(place.scene)]
+    names = (f"{RANKED_TILE}{rank}" for rank in range(1, _MOST_RANKS + 1))
+    named = [name for name in names if name in records]
+    tiles = np.full((len(records), len(named)), -1, np.int32)
+    if not named:
+        return tiles, tiles >= 0
+    index, positives = pd.Index(place.truth.tiles["id"]), place.truth.positives
+    for rank, name in enumerate(named):
+        tiles[:, rank] = index.get_indexer(records[name])
+    return tiles, hit_matrix(tiles, positives.offsets, positives.tiles, len(index))
 
 
 def read_tile(place: Place, tile: int, long_side_px: int) -> NDArray[np.uint8]:
@@ -54,16 +54,32 @@ def read_tile(place: Place, tile: int, long_side_px: int) -> NDArray[np.uint8]:
     return read_rgb(place.gallery, (x, y, width, height), long_side_px=long_side_px)
 
 
+def query_pictures(
+    section: Section, place: Place, query: str, side_px: int, tile_px: int
+) -> Iterator[tuple[Callable[[], NDArray[np.uint8]], dict[str, Any]]]:
+    """Yield functions that read photo, true place and first tiles of a query, each with a title."""
+    yield partial(read_rgb, place.photos[query], long_side_px=side_px), {"title": "photo"}
+    if window := true_window(place, query):
+        read = partial(read_rgb, window[0].path, window[1], long_side_px=side_px)
+        yield read, {"title": "true place"}
+    found, hits = (array[place.row_of(query)] for array in first_tiles(section, place))
+    for rank, (tile, hit) in enumerate(zip(found.tolist(), hits.tolist(), strict=True), 1):
+        if tile >= 0:
+            title, kind = str(place.truth.tiles["id"].iloc[tile]), "hit" if hit else "miss"
+            about = {"title": title, "rank": rank, "kind": kind}
+            yield partial(read_tile, place, tile, tile_px), about
+
+
 @default_style()
-def draw_hits(section: Section, place: Place, sheet: Sheet | None = None) -> Figure:
+def draw_hits(section: Section, place: Place, sheet: Sheet) -> Figure:
     """Draw on the map what photos show, by whether the first tile answers."""
-    sheet = sheet or Sheet()
     figure, axes, metres = draw_ground(place, sheet)
     tiles, hits = first_tiles(section, place)
-    if not tiles.shape[2]:
+    if not tiles.shape[1]:
         raise UsageError("the records name no tiles", fix="score the predictions again")
-    hit = hits[0, :, 0]
-    for kind, colour, marker, name in ((~hit, _ORANGE, "x", "miss"), (hit, _SKY, "o", "hit")):
+    hit, failed = hits[:, 0], mark_failures(section, place, axes, metres)
+    missed = ~hit & ~failed
+    for kind, colour, marker, name in ((missed, _ORANGE, "x", "miss"), (hit, _SKY, "o", "hit")):
         style: Any = {"color": colour, "marker": marker, "linestyle": "none"}
         axes.plot(*(place.centres[kind] * metres).T, label=f"{name} ({int(kind.sum())})", **style)
     axes.legend(loc="best", fontsize=8)
@@ -73,26 +89,20 @@ def draw_hits(section: Section, place: Place, sheet: Sheet | None = None) -> Fig
 
 
 @default_style()
-def draw_tiles(section: Section, place: Place, query: str, sheet: Sheet | None = None) -> Figure:
+def draw_tiles(section: Section, place: Place, query: str, sheet: Sheet) -> Figure:
     """Draw a query's photo, its true place on the map, and the first tiles of its list."""
-    pictures = [(read_rgb(place.photos[query], long_side_px=_TILE_PX), "photo", "0.3")]
-    window = true_window(place, query)
-    if window is not None:
-        truth = read_rgb(window[0].path, window[1], long_side_px=_TILE_PX)
-        pictures.append((truth, "true place", "0.3"))
-    tiles, hits = (found[0, place.row_of(query)] for found in first_tiles(section, place))
-    for rank, (tile, hit) in enumerate(zip(tiles.tolist(), hits.tolist(), strict=True), 1):
-        if tile >= 0:
-            title, colour = (f"{rank} hit", _BLUE) if hit else (f"{rank} miss", _ORANGE)
-            pictures.append((read_tile(place, tile, _TILE_PX), title, colour))
-    sheet = sheet or Sheet()
+    found = query_pictures(section, place, query, _TILE_PX, _TILE_PX)
+    pictures = [(read(), about) for read, about in found]
     wide = sheet.wide(1.6 * len(pictures))
-    tallest = max(len(picture) / picture.shape[1] for picture, _, _ in pictures)
+    tallest = max(len(picture) / picture.shape[1] for picture, _ in pictures)
     figure = new_canvas(wide, wide / len(pictures) * tallest + 0.4)
     panels = figure.subplots(1, len(pictures), squeeze=False)[0]
-    for axes, (picture, title, colour) in zip(panels, pictures, strict=True):
+    for axes, (picture, about) in zip(panels, pictures, strict=True):
+        kind = about.get("kind", "")
         axes.imshow(picture)
-        axes.set(xticks=[], yticks=[], title=title)
-        axes.spines[:].set(color=colour, linewidth=2.5, linestyle="--" if "miss" in title else "-")
-    finish(figure, sheet.noting(f"{query}: first tiles of {section.names[0]}"))
+        axes.set(xticks=[], yticks=[], title=f"{about['rank']} {kind}" if kind else about["title"])
+        colour, dashes = _FRAMES.get(kind, ("0.3", "-"))
+        axes.spines[:].set(color=colour, linewidth=2.5, linestyle=dashes)
+    said = section.failures[query] or f"first tiles of {section.names[0]}"
+    finish(figure, sheet.noting(f"{query}: {said}"))
     return figure

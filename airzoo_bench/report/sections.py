@@ -5,24 +5,26 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from airzoo_bench.benchmark.folder import Benchmark, find_benchmark, needed
 from airzoo_bench.core.errors import BenchmarkError, UsageError
 from airzoo_bench.core.files import atomic_write, fingerprint, write_npz
 from airzoo_bench.core.registry import TRACKS
 from airzoo_bench.formats.npz import NpzFile
-from airzoo_bench.geometry.arrays import Floats
+from airzoo_bench.geometry.arrays import Bools, Floats
 from airzoo_bench.geometry.crs import LONLAT_CRS
 from airzoo_bench.geometry.rasters import RasterInfo, gsd_m, open_info, read_rgb, to_map_pixels
+from airzoo_bench.matching.solving import Status
 from airzoo_bench.matching.truth import read_truth as read_matching
 from airzoo_bench.reconstruction.truth import read_truth as read_reconstruction
-from airzoo_bench.report.figures import Sheet, new_canvas
+from airzoo_bench.report.figures import COLOURS, Sheet, new_canvas
 from airzoo_bench.results.comparison import check_same_queries, choose_scores, same_in_all
 from airzoo_bench.results.records import Method, read_records
 from airzoo_bench.results.result import Result, ScoreColumn, method_names, read_result, result_paths
@@ -39,6 +41,12 @@ Arrays = dict[str, NDArray[Any]]
 _KEPT = {"matching": "matches.npz", "reconstruction": "clouds.npz"}
 _LIMIT_BYTES = 1 << 30
 _LONG_SIDE_PX = 1000
+_FAILURES: dict[object, str] = {  # by the status of a query, or by whether it is answered
+    False: "no answer",
+    Status.MISSING: f"no answer: {Status.MISSING}",
+    Status.TOO_FEW_MATCHES: f"no pose: {Status.TOO_FEW_MATCHES} ({{}})",
+    **{status: status.value for status in (Status.NO_POSE, Status.NOT_GIVEN)},
+}
 
 
 @dataclass(eq=False)
@@ -89,6 +97,19 @@ class Section:
         names = condition_names(self.methods[0]) if self.by_query else []
         return [name for name in names if same_in_all(self.methods, name)]
 
+    @cached_property
+    def alone(self) -> list[Section]:
+        """A section of each method."""
+        return [Section([m], self.folders[n : n + 1]) for n, m in enumerate(self.methods)]
+
+    @cached_property
+    def failures(self) -> dict[str, str]:
+        """Why queries of the first method have no answer or pose; empty where they have."""
+        records, nothing = self.methods[0].records, [""] * len(self.methods[0].records)
+        status = records.get("status", records.get("answered", nothing))
+        rows = zip(records["query"], status, records.get("lifted", nothing), strict=True)
+        return {query: _FAILURES.get(one, "").format(lifted) for query, one, lifted in rows}
+
     def rows_of(self, scene: str) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
         """Return the rows of a scene's records."""
         return np.flatnonzero((self.methods[0].records["scene"] == scene).to_numpy(bool))
@@ -128,24 +149,17 @@ def keep(out: Path, track: str, arrays: Mapping[str, NDArray[Any]]) -> Path:
     return folder
 
 
-def read_kept(section: Section, number: int) -> Arrays | None:
-    """Read what a method's run has left; None where it has not."""
-    if section.track not in _KEPT or not section.folders:
-        return None
-    path = section.folders[number] / "figures" / _KEPT[section.track]
-    return _read(path, path.stat().st_mtime_ns) if path.is_file() else None
-
-
 @lru_cache(maxsize=16)
-def _read(path: Path, written: int) -> Arrays:
-    del written  # a file that was written anew is read anew
-    file = NpzFile(path, _LIMIT_BYTES)
-    return {name: file.read(name) for name in file.names()}
+def read_kept(section: Section) -> Arrays | None:
+    """Read what the first method's run has left; None where it has not."""
+    paths = [one / "figures" / _KEPT.get(section.track, "") for one in section.folders[:1]]
+    files = [NpzFile(path, _LIMIT_BYTES) for path in paths if path.is_file()]
+    return {name: files[0].read(name) for name in files[0].names()} if files else None
 
 
 def need_kept(section: Section) -> Arrays:
     """Read what the first method's run has left, or say how to have it."""
-    found = read_kept(section, 0)
+    found = read_kept(section)
     if found is None:
         fix = f"score again with `eval {section.track} ... --out DIR --figures`"
         raise UsageError("this run has left nothing to draw", where=section.folders[0], fix=fix)
@@ -226,7 +240,7 @@ def _matching(benchmark: Benchmark, scene: str) -> Place:
     if truth.map_per_query:  # there is no map that all queries are on
         return Place(scene, truth, photos)
     dom = truth.maps[0].dom
-    to_map = to_map_pixels(benchmark.scene(scene).crs, dom)
+    to_map = partial(_on_map, dom, crs=benchmark.scene(scene).crs)
     centres = to_map(truth.poses.centres[:, :2])
     unknown = np.full((len(centres), 4, 2), np.nan)
     return Place(scene, truth, photos, dom, outlines=unknown, centres=centres, to_map=to_map)
@@ -242,21 +256,20 @@ def _photos(queries: pd.DataFrame, benchmark: Benchmark, scene: str) -> dict[str
     return {i: folder / str(n) for i, n in zip(queries["id"], queries["image"], strict=True)}
 
 
-def _on_map(dom: RasterInfo, lonlat: Floats) -> Floats:
-    """Take degrees (..., 2) to pixels of the map; NaN stays."""
-    flat = lonlat.reshape(-1, 2)
+def _on_map(dom: RasterInfo, places: Floats, crs: Any = LONLAT_CRS) -> Floats:
+    """Take places (..., 2) in a CRS, of degrees where none is given, to pixels; NaN stays."""
+    flat = places.reshape(-1, 2)
     known = np.isfinite(flat).all(axis=1)
     pixels = np.full(flat.shape, np.nan)
-    pixels[known] = to_map_pixels(LONLAT_CRS, dom)(flat[known])
-    return pixels.reshape(lonlat.shape)
+    pixels[known] = to_map_pixels(crs, dom)(flat[known])
+    return pixels.reshape(places.shape)
 
 
 def true_window(place: Place, query: str) -> tuple[RasterInfo, Window] | None:
     """Return the map and the part of it that a query shows; None where that is not known."""
     row = place.row_of(query)
     if hasattr(place.truth, "crops"):
-        x, y, width, height = place.truth.crops[row].tolist()
-        return place.truth.map_of(row).dom, (x, y, width, height)
+        return place.truth.map_of(row).dom, tuple(place.truth.crops[row].tolist())
     if place.dom is None or not np.isfinite(place.outlines[row]).all():
         return None
     corners = np.clip(place.outlines[row], 0, (place.dom.width, place.dom.height))
@@ -267,8 +280,6 @@ def true_window(place: Place, query: str) -> tuple[RasterInfo, Window] | None:
 
 def jpeg(pixels: NDArray[np.uint8], quality: int = 70) -> bytes:
     """Write a picture (height, width, 3) as JPEG."""
-    from PIL import Image
-
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "JPEG", quality=quality, optimize=True)
     return stream.getvalue()
@@ -287,3 +298,14 @@ def draw_ground(place: Place, sheet: Sheet) -> tuple[Figure, Axes, float]:
     axes.set(xlabel="metres from the left of the map", ylabel="metres from its top")
     axes.set(xlim=extent[:2], ylim=extent[2:], autoscale_on=False)
     return figure, axes, metres
+
+
+def mark_failures(section: Section, place: Place, axes: Axes, metres: float) -> Bools:
+    """Mark and count where the first method has no answer or pose; return of which queries."""
+    kinds = np.array([section.failures[query].partition(":")[0] for query in place.photos])
+    for kind in np.unique(kinds[kinds != ""]):
+        marker, colour = ("s", COLOURS[3]) if kind == "no answer" else ("X", COLOURS[1])
+        style: Any = {"color": colour, "markersize": 7, "markeredgecolor": "white"}
+        found = place.centres[kinds == kind] * metres
+        axes.plot(*found.T, marker, label=f"{kind} ({len(found)})", **style)
+    return np.asarray(kinds != "")

@@ -72,10 +72,8 @@ class Opened:
     def status(self, inside: str) -> str:
         return str(self.one(f"{inside} [role=status]").text)
 
-    def pixels(self) -> str:
-        return str(
-            self.driver.execute_script("return document.querySelector('canvas').toDataURL()")
-        )
+    def pixels(self) -> Any:
+        return self.driver.execute_script("return document.querySelector('canvas').toDataURL()")
 
     def titles(self, inside: str) -> list[str]:
         return [head.text for head in self.all(f"{inside} h4")[:1]]

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from airzoo_bench.results.records import Method, read_methods
@@ -32,12 +31,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _make_page(folder: Path) -> None:
     data, results = write_photo_results(folder, NAMES)
-    made = [
-        reconstruction_method("cloud", 0, scenes=5),
-        retrieval_method("made", 0),
-        far_method("far"),
-    ]
-    others = write_methods(folder, made)
+    made = [retrieval_method("made", 0), far_method("far")]
+    others = write_methods(folder, [reconstruction_method("cloud", 0, scenes=5), *made])
     done = run("report", *results, *others, "--data", data, "-o", folder / "report.html")
     assert done.exit_code == 0, done.exception
 
@@ -45,23 +40,16 @@ def _make_page(folder: Path) -> None:
 def far_method(name: str) -> Method:
     """Return a method whose median errors span decades, and of one group are infinite."""
     made = retrieval_method(name, 0, truth="f" * 64)
-    by = {"sunny": 0.7, "rainy": np.inf, None: 300.0}
-    errors = np.array([by[None if pd.isna(w) else w] for w in made.records["weather"]])
-    rolls = np.where(np.arange(len(errors)) % 2, -1e-6, -0.5)
-    records = made.records.assign(error_m=errors, altitude_m=50.0, roll_deg=rolls)
+    errors = made.records["weather"].map({"sunny": 0.7, "rainy": np.inf}).fillna(300.0)
+    records = made.records.assign(error_m=errors)
     settings = made.result.protocol.settings
     result = made_result(records, (HIT, ERROR), name, settings=settings, truth="f" * 64)
     return Method(name, result, records)
 
 
 @pytest.fixture(scope="session")
-def records(page: Path) -> list[Any]:
-    results = sorted((page.parent / "results").glob("*/result.json"))
-    found = []
-    for method in read_methods(results):
-        method.records.attrs["name"] = method.name
-        found.append(method.records)
-    return found
+def shown(page: Path) -> list[Method]:
+    return read_methods(sorted((page.parent / "results").glob("*/result.json")))
 
 
 @pytest.fixture(scope="module")

@@ -85,14 +85,14 @@ def write_methods(folder: Path, methods: list[Method]) -> list[Path]:
 
 
 def write_photo_results(folder: Path, names: list[str]) -> tuple[Path, list[Path]]:
-    """Return the data root of 30 photos, and the results of a random prediction for each name."""
+    """Return the data root of 30 photos, and results of random predictions that lack the first."""
     random = np.random.default_rng(0)
     places = {f"p{number:02d}.jpg": tuple(random.uniform(60, 196, 2)) for number in range(30)}
     place = make_place(folder / "sources", places)
     data = folder / "data"
     assert run_main(*place.arguments(out=data / "park")) == 0
     home = next((data / "park" / "scenes").iterdir())
-    queries = pd.read_csv(home / "queries.csv")["id"].tolist()
+    queries = pd.read_csv(home / "queries.csv")["id"].tolist()[1:]
     tiles = pd.read_parquet(home / "retrieval" / "tiles.parquet")["id"].to_numpy()
     results = []
     for number, name in enumerate(names):
@@ -105,9 +105,6 @@ def write_photo_results(folder: Path, names: list[str]) -> tuple[Path, list[Path
         assert run_main(*ask) == 0
         results.append(out / "result.json")
     return data, results
-
-
-TYPES = {"<u1": np.uint8, "<u2": np.uint16, "<i2": np.int16, "<i4": np.int32}
 
 
 class Page(HTMLParser):
@@ -157,13 +154,10 @@ class Page(HTMLParser):
         """Return the texts of a table, heads first, with the marks before them."""
         return self.tables[place][number][1]
 
-    @staticmethod
-    def unpack_text(text: str) -> bytes:
-        return zlib.decompress(base64.b64decode(text))
-
     def unpack(self, packed: dict[str, Any]) -> Any:
-        content, kind = self.unpack_text(self.blobs[packed["blob"]]), packed["type"]
-        return json.loads(content) if kind == "json" else np.frombuffer(content, TYPES[kind])
+        content = zlib.decompress(base64.b64decode(self.blobs[packed["blob"]]))
+        kind = packed["type"]
+        return json.loads(content) if kind == "json" else np.frombuffer(content, kind)
 
 
 def made_page(folder: Path, *arguments: object) -> Page:

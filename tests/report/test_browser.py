@@ -7,11 +7,11 @@ chromium-driver; PyPI: selenium).
 from __future__ import annotations
 
 import re
-from typing import Any
 from urllib.parse import quote
 
 import pytest
 
+from airzoo_bench.results.records import Method
 from tests.report.browser import NEEDS_CHROMIUM, Opened, webdriver
 from tests.report.made import HOSTILE
 
@@ -22,7 +22,7 @@ def unfold(opened: Opened, fold: str) -> None:
     opened.driver.execute_script("document.getElementById(arguments[0]).open = true", fold)
 
 
-def test_every_view_is_shown_without_an_error(opened: Opened, records: list[Any]) -> None:
+def test_every_view_is_shown_without_an_error(opened: Opened, shown: list[Method]) -> None:
     for fold in opened.all("details.fold"):
         opened.driver.execute_script("arguments[0].open = true", fold)
     opened.until(lambda: all(s.text for s in opened.all(".counted")))
@@ -34,7 +34,7 @@ def test_every_view_is_shown_without_an_error(opened: Opened, records: list[Any]
     assert len(opened.all("#part1-hardest .card")) == 12
     counts = re.search(r"(\d+) hits and (\d+) misses", opened.status("#part1-queries"))
     assert counts
-    assert int(counts[1]) + int(counts[2]) == 30 == len(records[0])
+    assert int(counts[1]) + int(counts[2]) == 30 == len(shown[0].records)
     assert " ".join(HOSTILE.split()) in opened.column("#part1-summary", 1)
     assert opened.driver.title == "Results"
     assert opened.all("img[src=x]") == []
@@ -60,9 +60,9 @@ def test_tables_sort_and_panes_are_chosen(opened: Opened) -> None:
     assert "by weather" in shown.text
 
 
-def test_an_address_opens_its_query_with_its_tiles(opened: Opened, records: list[Any]) -> None:
+def test_an_address_opens_its_query_with_its_tiles(opened: Opened, shown: list[Method]) -> None:
     first = opened.column("#part1-summary .pane:not([hidden])", 1)[0]
-    mine = next(one for one in records if one.attrs["name"] == first).set_index("query")
+    mine = next(one.records for one in shown if one.name == first).set_index("query")
     query = mine.index[mine["first_hit_rank"] > 0][0]
     opened.go(f"#part1-query={quote(query, safe='')}")
     opened.until(lambda: opened.titles("#part1-queries .chosen") == [query])
@@ -71,8 +71,13 @@ def test_an_address_opens_its_query_with_its_tiles(opened: Opened, records: list
         [str(rank), mine.loc[query, f"tile@{rank}"]] for rank in range(1, 6)
     ]
     assert [item[-1] for item in listed].index("hit") + 1 == mine.loc[query, "first_hit_rank"]
+    opened.go("#part1-query=park%2Fp00")
+    chosen = opened.one("#part1-queries .chosen")
+    opened.until(lambda: "✗ miss, no answer" in chosen.text)
+    assert opened.column("#part1-queries .listed", 2)[:1] == ["✗ miss, no answer"]
+    assert not opened.all("#part1-queries .tiles li")
     opened.go("#part1-query=nothing%20%3Cb%3E")
-    opened.until(lambda: "no query nothing <b>" in opened.one("#part1-queries .chosen").text)
+    opened.until(lambda: "no query nothing <b>" in chosen.text)
     opened.go("#part1-query=x%E0%A4")
     opened.go("#part9-query=x")
 

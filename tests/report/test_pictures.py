@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from airzoo_bench.core.errors import UsageError, UserError
+from airzoo_bench.matching.solving import Status
 from airzoo_bench.report import draw
 from airzoo_bench.report.figures import (
     Sheet,
@@ -191,7 +192,12 @@ def test_every_kind_is_drawn_by_the_command(tmp_path: Path, ask: tuple[object, .
 
 def test_matches_and_errors_of_a_run_are_kept_drawn_and_reported(tmp_path: Path) -> None:
     world = matching.make_world(tmp_path / "world")
-    path, out = world.write(tmp_path / "m.npz", world.matches()), tmp_path / "out"
+    fields = world.matches()
+    # The fourth query has two matches, the last is missing.
+    cut = {"query_ids": 4, "query_xy": (end := fields["offsets"][3] + 2), "map_xy": end}
+    fields |= {name: fields[name][:count] for name, count in cut.items()}
+    fields["offsets"] = np.append(fields["offsets"][:4], end)
+    path, out = world.write(tmp_path / "m.npz", fields), tmp_path / "out"
     ask = ("--data", world.root, "--out", out, "--figures")
     assert run_main("eval", "matching", path, *ask) == 0
     assert {one.name for one in (out / "figures").iterdir()} == {"hills_map.png", "matches.npz"}
@@ -199,17 +205,24 @@ def test_matches_and_errors_of_a_run_are_kept_drawn_and_reported(tmp_path: Path)
     assert found["queries"].tolist() == world.truth.queries["id"].tolist()
     # Matches of the world are exact, up to the rounding of the surface between its pixels.
     assert np.nanmedian(found["residual_px"]) < 0.5
-    np.testing.assert_allclose(found["centres"], world.truth.poses.centres, atol=0.5)
+    np.testing.assert_allclose(found["centres"][:3], world.truth.poses.centres[:3], atol=0.5)
     assert (found["counts"][:, 0] <= found["counts"][:, 1]).all()
     assert len(found["inliers"]) == found["offsets"][-1] <= 5 * 400
 
     figure = draw.draw_run("query", [out], data=world.root, query="hills/q0")
-    lines = figure.axes[0].lines
+    lines = figure.axes[0].lines[1::2]  # each above an outline
     assert len(lines) == found["offsets"][1]
     # All are below the limit, so none is vermilion.
     assert not any(np.allclose(line.get_color(), np.array((213, 94, 0)) / 255) for line in lines)
-    said = texts_of(draw.draw_run("map", [out], data=world.root))
-    assert f"errors × {arrow_factor(np.array([0.001]), 600)}" in said
+    figure = draw.draw_run("map", [out], data=world.root)
+    assert f"errors × {arrow_factor(np.array([0.001]), 600)}" in texts_of(figure)
+    labels = figure.axes[0].get_legend_handles_labels()[1]
+    assert labels[:2] == ["no answer (1)", "no pose (1)"]
+    few, missing = "no pose: too few matches (2)", f"no answer: {Status.MISSING}"
+    for query, failure, panels in (("hills/q3", few, 2), ("hills/q4", missing, 1)):
+        figure = draw.draw_run("query", [out], data=world.root, query=query)
+        assert failure in texts_of(figure)
+        assert len(figure.axes) == panels  # with a scale of colours where there are lines
     with pytest.raises(UsageError, match="did you mean"):
         draw.draw_run("query", [out], data=world.root, query="hills/qO")
 
@@ -217,7 +230,12 @@ def test_matches_and_errors_of_a_run_are_kept_drawn_and_reported(tmp_path: Path)
     [packed] = page.parts[0]["maps"]
     centres, tips = (page.unpack(packed[name]).reshape(-1, 2) for name in ("centres", "tips"))
     assert packed["factor"] > 1
-    assert np.abs(tips.astype(int) - centres).max() < 0.1 * 4 * packed["width"]
+    assert np.abs(tips.astype(int) - centres)[:3].max() < 0.1 * 4 * packed["width"]
+    queries = page.parts[0]["queries"]
+    texts, codes = (page.unpack(queries["failures"][name]) for name in ("texts", "codes"))
+    assert [texts[code] for code in codes] == ["", "", "", few, missing]
+    assert [score["title"] for score in queries["scores"][1:3]] == ["matches", "inliers"]
+    assert f"translation error [m]</span> <b>inf, {few}</b>" in page.text
 
     (out / "figures" / "matches.npz").unlink()
     done = run("plot", "map", out, "--data", world.root, "-o", tmp_path / "x.png")
@@ -228,12 +246,14 @@ def test_matches_and_errors_of_a_run_are_kept_drawn_and_reported(tmp_path: Path)
 
 def test_tiles_and_hits_of_retrieval_are_drawn(tmp_path: Path) -> None:
     data, [result] = write_photo_results(tmp_path, ["first"])
-    out = tmp_path / "x.png"
-    for ask in (("map",), ("query", "--query", "park/p00")):
-        done = run("plot", ask[0], result, *ask[1:], "--data", data, "-o", out)
-        assert done.exit_code == 0, (done.output, done.exception)
-        assert out.stat().st_size > 10_000
-    drawn = draw.draw_run("query", [result], data=data, query="park/p00").axes
+    ask = ("--query", "park/p01", "--data", data, "-o", tmp_path / "x.png")
+    assert run("plot", "query", result, *ask).exit_code == 0
+    assert (tmp_path / "x.png").stat().st_size > 10_000
+    figure = draw.draw_run("map", [result], data=data)
+    assert figure.axes[0].get_legend_handles_labels()[1][0] == "no answer (1)"
+    figure = draw.draw_run("query", [result], data=data, query="park/p00")
+    assert (texts_of(figure), len(figure.axes)) == ("park/p00: no answer", 2)
+    drawn = draw.draw_run("query", [result], data=data, query="park/p01").axes
     titles = [axes.get_title() for axes in drawn]
     assert titles[:2] == ["photo", "true place"]
     assert {title.split()[1] for title in titles[2:]} <= {"hit", "miss"}

@@ -267,6 +267,7 @@ function mapView({ part, table, state, isHit, choose, rows }, box) {
     const place = view.map?.placeOf.get(row);
     if (place === undefined || !view.map.ranks) return null;
     const found = tilesAt(place);
+    if (!found.length) return null;
     const said = found.map(({ rank, id, hit }) =>
       el(
         "li",

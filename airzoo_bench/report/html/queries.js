@@ -11,6 +11,7 @@ async function loadQueries(packed) {
     scene: await unpack(packed.scene),
     conditions: await Promise.all(packed.conditions.map(load)),
     scores: await Promise.all(packed.scores.map(load)),
+    failures: await load(packed.failures),
   };
 }
 
@@ -30,7 +31,12 @@ async function queriesView(part, box) {
   let rows = [];
 
   const codeOf = (score, method, row) => score.codes[method * count + row];
-  const textOf = (score, method, row) => score.texts[codeOf(score, method, row)];
+  const failureOf = (method, row) => table.failures.texts[codeOf(table.failures, method, row)];
+  // What a score is; beside the first one, or one that stands alone, why there is no better.
+  const textOf = (score, method, row, alone = score === table.scores[0]) => {
+    const why = alone ? failureOf(method, row) : "";
+    return score.texts[codeOf(score, method, row)] + (why ? `, ${why}` : "");
+  };
   const isHit = (row, method = state.method) =>
     !judged || codeOf(table.scores[hits], method, row) === table.scores[hits].hit;
   const context = { part, table, state, isHit, choose, rows: () => rows };
@@ -48,7 +54,8 @@ async function queriesView(part, box) {
 
   function wordsOf(row) {
     const words = table.conditions.filter((column) => !column.numeric);
-    return [table.ids[row], ...words.map((column) => column.texts[column.codes[row]])]
+    const texts = words.map((column) => column.texts[column.codes[row]]);
+    return [table.ids[row], failureOf(state.method, row), ...texts]
       .join(" ")
       .toLowerCase();
   }
@@ -71,16 +78,16 @@ async function queriesView(part, box) {
     const place = Number(state.show.slice(1));
     const value = (packed, at) => (row) =>
       packed.texts[packed.codes[at + row]] === "–" ? null : packed.codes[at + row];
-    const pairs =
-      state.show[0] === "s"
-        ? part.methods.map((name, method) => [name, table.scores[place], method])
-        : table.scores.map((score) => [score.title, score, place]);
+    const alone = state.show[0] === "s" || undefined;
+    const pairs = alone
+      ? part.methods.map((name, method) => [name, table.scores[place], method])
+      : table.scores.map((score) => [score.title, score, place]);
     return [
       { title: "Query", value: (row) => row, best: "ascending" },
       ...pairs.map(([title, score, method]) => ({
         title,
         value: value(score, method * count),
-        show: (row) => textOf(score, method, row),
+        show: (row) => textOf(score, method, row, alone),
         best: score.best,
       })),
       ...table.conditions.map((column) => ({
