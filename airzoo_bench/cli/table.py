@@ -161,6 +161,7 @@ def _read_parts(asked: Any) -> list[_Part]:
         raise UsageError("a protocol, not a result", where=names[0], fix=fix)
     wanted = asked.scores or (None if asked.every else ())
     groups: dict[str, list[tuple[Any, Path]]] = {}
+    # What cannot share the table that is asked for is named by `method_table`.
     for path in result_paths([one for one in asked.results if one not in names], protocols):
         result = read_result(path)
         groups.setdefault("" if one_table else result.protocol.name, []).append((result, path))
