@@ -301,7 +301,7 @@ def draw_ground(place: Place, sheet: Sheet) -> tuple[Figure, Axes, float]:
 
 
 def mark_failures(section: Section, place: Place, axes: Axes, metres: float) -> Bools:
-    """Mark and count where the first method has no answer or pose; return of which queries."""
+    """Mark and count the queries without an answer or pose of the first method; return a mask."""
     kinds = np.array([section.failures[query].partition(":")[0] for query in place.photos])
     for kind in np.unique(kinds[kinds != ""]):
         marker, colour = ("s", COLOURS[3]) if kind == "no answer" else ("X", COLOURS[1])

@@ -224,7 +224,7 @@ def read_result(path: Path) -> Result:
 
 
 def result_paths(given: Sequence[str | Path], others: Iterable[str] = ()) -> tuple[Path, ...]:
-    """Return the files of results, of folders and URLs; `others` is what else may be mistyped."""
+    """Return the files of results, of folders and URLs; a typo may be meant for one of `others`."""
     paths = []
     for location in given:
         url, path = url_of(location), Path(location)
