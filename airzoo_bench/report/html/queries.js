@@ -78,7 +78,7 @@ async function queriesView(part, box) {
     const place = Number(state.show.slice(1));
     const value = (packed, at) => (row) =>
       packed.texts[packed.codes[at + row]] === "–" ? null : packed.codes[at + row];
-    const alone = state.show[0] === "s" || undefined;
+    const alone = state.show[0] === "s"; // one score, of all methods
     const pairs = alone
       ? part.methods.map((name, method) => [name, table.scores[place], method])
       : table.scores.map((score) => [score.title, score, place]);
@@ -87,7 +87,7 @@ async function queriesView(part, box) {
       ...pairs.map(([title, score, method]) => ({
         title,
         value: value(score, method * count),
-        show: (row) => textOf(score, method, row, alone),
+        show: (row) => textOf(score, method, row, alone || score === table.scores[0]),
         best: score.best,
       })),
       ...table.conditions.map((column) => ({
